@@ -1,0 +1,234 @@
+"""Coverage study: how often the intervals of the fit hold the truth, and how wide they are for it.
+
+Makes seeded sessions of each contact law (:mod:`benchmarks.sessions`), fits each with skincal's default options as
+``skincal fit`` does, and compares with the truth *as the positions tell it*. From the project's root::
+
+    python -m benchmarks.coverage --sessions 100 --out coverage.json
+
+Every finished session is appended to ``coverage.jsonl`` beside the output; run again, the study goes on from there,
+or grows when ``--sessions`` does. Session i of a law depends on the seed, the law and i only, so neither the number of
+workers nor an interruption changes a number. Each worker fits one session at a time on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.coverage_store import Store
+from benchmarks.coverage_tables import as_text, summary
+from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make_session
+from skincal import __version__
+from skincal.calibrate import calibrate
+from skincal.calibrate.workers import available_cores
+from skincal.errors import SkincalError
+from skincal.fit.options import FitOptions, GridSteps
+from skincal.fit.result import PARAMETERS, FitResult
+from skincal.fit.valley import interval
+
+Record = dict[str, Any]
+Floats = NDArray[np.float64]
+
+LAWS: tuple[Law, ...] = get_args(Law)
+LEVELS = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995)
+QUANTILES = (
+    0.0,
+    0.0025,
+    0.005,
+    0.01,
+    0.025,
+    0.05,
+    0.1,
+    0.25,
+    0.5,
+    0.75,
+    0.9,
+    0.95,
+    0.975,
+    0.99,
+    0.995,
+    0.9975,
+    1.0,
+)
+
+
+COARSE = GridSteps(1.2e-3, 0.5e-3, math.radians(5.0), 12)
+"""A grid a tenth of the default's size; what follows it, and so the intervals, is the default's."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One session to make and to fit."""
+
+    seed: int
+    law: Law
+    index: int
+    options: FitOptions = field(default_factory=FitOptions)
+    layers: LayerRanges = field(default_factory=LayerRanges)
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """What the session goes by in the study."""
+        return self.law, self.index
+
+
+def run_job(job: Job) -> Record:
+    """Makes a session, fits it, and says how the result stands to the truth."""
+    rng = np.random.default_rng([job.seed, LAWS.index(job.law), job.index])
+    session, truth = make_session(rng, job.law, layers=job.layers)
+    record: Record = {"law": job.law, "index": job.index, "truth": truth.plain()}
+    start = time.perf_counter()
+    try:
+        result = calibrate(session, options=job.options, seed=job.index, workers=1).result
+    except SkincalError as error:
+        return record | {"failed": str(error)}
+    seconds = time.perf_counter() - start
+    # The table of levels is worth nothing if the fit makes its intervals in another way.
+    if intervals_at(result, job.options.level) != {n: list(result.intervals[n]) for n in PARAMETERS}:
+        raise RuntimeError("intervals_at no longer makes the intervals as the fit does; bring it up to date")
+    return record | {"seconds": seconds} | compared(result, truth)
+
+
+def compared(result: FitResult, truth: Truth) -> Record:
+    """What a fit found beside the truth, in the fit's own units [m, rad, Pa/m, 1/N]."""
+    told = told_values(truth)
+    clouds = contact_laws(result)
+    return {
+        "told": told,
+        "best": dict(result.best),
+        "intervals": {name: list(result.intervals[name]) for name in PARAMETERS},
+        "levels": {str(level): intervals_at(result, level) for level in LEVELS},
+        "quantiles": {n: [np.quantile(c[n], QUANTILES).tolist() for c in clouds] for n in PARAMETERS},
+        "rank": {n: [float((c[n] < told[n]).mean()) for c in clouds] for n in PARAMETERS},
+        "box": asdict(result.box),
+        "mse_counts2": result.mse_counts2,
+        "valley_mse_counts2": result.valley_mse_counts2,
+        "sigmas": asdict(result.sigmas),
+        "law_spread_m": result.law_spread_m,
+        "effective_draws": result.effective_draws,
+        "presses_used": len(result.problem),
+        "findings": [finding.code for finding in result.findings],
+    }
+
+
+def contact_laws(result: FitResult) -> list[dict[str, Floats]]:
+    """The draws of a fit by parameter, for each contact law: the foundation, and one that spreads pressure."""
+    return [dict(zip(PARAMETERS, half.T, strict=True)) for half in np.array_split(result.draws, 2)]
+
+
+def intervals_at(result: FitResult, level: float) -> dict[str, list[float]]:
+    """The intervals that the fit would have given at another level."""
+    clouds = contact_laws(result)
+    return {
+        n: list(interval(n, [c[n] for c in clouds], result.best[n], result.box, level)) for n in PARAMETERS
+    }
+
+
+def told_values(truth: Truth) -> dict[str, float]:
+    """The truth as the positions tell it, by the names of the fit's parameters."""
+    told = truth.as_positions_tell
+    pose = (float(np.radians(told.beta_deg)) * CYLINDER_RADIUS_M, told.y_m, float(np.radians(told.alpha_deg)))
+    return dict(zip(PARAMETERS, (*pose, told.elasticity_pa_per_m, told.scale_per_n), strict=True))
+
+
+def run_all(
+    store: Store,
+    jobs: Sequence[Job],
+    workers: int,
+    progress: Callable[[Iterable[Record], int], Iterable[Record]],
+) -> None:
+    """Runs what is not done yet; each session is kept as soon as it is."""
+    done = store.done
+    missing = [job for job in jobs if job.key not in done]
+    for record in progress(_finished(missing, workers), len(missing)):
+        store.add(record)
+
+
+def _finished(jobs: Sequence[Job], workers: int) -> Iterator[Record]:
+    if workers == 1 or len(jobs) < 2:
+        yield from map(run_job, jobs)
+        return
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        try:
+            for done in as_completed([pool.submit(run_job, job) for job in jobs]):
+                yield done.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def strict_json(value: Any) -> Any:
+    """The same with None for numbers that JSON does not have: NaN and infinity."""
+    if isinstance(value, dict):
+        return {key: strict_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [strict_json(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _bar(records: Iterable[Record], total: int) -> Iterable[Record]:
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(records, "sessions", total=total, console=Console(stderr=True))
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    add = parser.add_argument
+    pair = {"type": float, "nargs": 2, "metavar": ("LOW", "HIGH")}
+    add("--law", choices=(*LAWS, "both"), default="both", help="contact law of the sessions")
+    add("--sessions", type=int, default=100, help="sessions of each law (default 100)")
+    add("--seed", type=int, default=0)
+    add(
+        "--coarse-grid",
+        action="store_true",
+        help="the grid only gives starting points: 9 000 combinations do",
+    )
+    add("--workers", type=int, default=available_cores(), help="default: one a core")
+    add("--out", type=Path, default=Path("coverage.json"), help="summary to write (default coverage.json)")
+    add("--thickness-mm", **pair, default=(1.0, 2.5), help="of the layers (default 1 2.5)")
+    add("--poisson", **pair, default=(0.3, 0.45), help="of the layers (default 0.3 0.45)")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the study; returns the exit status."""
+    given = _parser().parse_args(arguments)
+    laws: tuple[Law, ...] = LAWS if given.law == "both" else (given.law,)
+    options = FitOptions(steps=COARSE) if given.coarse_grid else FitOptions()
+    thin, thick = given.thickness_mm
+    layers = LayerRanges((thin * 1e-3, thick * 1e-3), tuple(given.poisson))
+    jobs = [Job(given.seed, law, index, options, layers) for index in range(given.sessions) for law in laws]
+    study = {"seed": given.seed, "version": __version__, "options": asdict(options), "layers": asdict(layers)}
+    try:
+        store = Store(given.out.with_suffix(".jsonl"), study | {"quantiles": QUANTILES})
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+    run_all(store, jobs, given.workers, _bar)
+    found = summary(store.of(job.key for job in jobs), options.level)
+    content = json.dumps(strict_json({"study": study, "laws": found}), indent=1)
+    given.out.write_text(content + "\n", encoding="utf-8")
+    print(as_text(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,181 @@
+"""Results of benchmarks as tables, or the words "not measured" where there are none.
+
+``{results} FILE.json`` shows any file in the folder of results, ``{coverage} FILE.json`` that of the coverage study,
+``{speed} FILE.json`` that of the model's speed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+
+def tables(content: Any, title: str = "") -> list[str]:
+    """A JSON value as Markdown: numbers by name in one table, lists of objects and objects of objects each in one."""
+    if not isinstance(content, Mapping):
+        content = {"": content}
+    plain = {key: value for key, value in content.items() if not _is_table(value)}
+    lines = [f"**{_words(title)}**", ""] if title else []
+    if plain:
+        lines += [
+            "| | |",
+            "|---|---|",
+            *(f"| {_words(key)} | {_cell(value)} |" for key, value in plain.items()),
+            "",
+        ]
+    for key, value in content.items():
+        if _is_table(value):
+            lines += [f"**{_words(key)}**", "", *_table(value), ""]
+    return lines
+
+
+def _is_table(value: Any) -> bool:
+    rows = list(value.values()) if isinstance(value, Mapping) else value
+    return isinstance(rows, list) and bool(rows) and all(isinstance(row, Mapping) for row in rows)
+
+
+def _table(value: Any) -> list[str]:
+    rows = [{"": key, **row} for key, row in value.items()] if isinstance(value, Mapping) else value
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    head = ["| " + " | ".join(_words(column) for column in columns) + " |", "|" + "---|" * len(columns)]
+    return head + ["| " + " | ".join(_cell(row.get(column, "")) for column in columns) + " |" for row in rows]
+
+
+def _words(name: Any) -> str:
+    return str(name).replace("_", " ")
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "–"}[value]
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    if isinstance(value, list):
+        return ", ".join(_cell(item) for item in value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{_words(key)}: {_cell(item)}" for key, item in value.items())
+    return str(value).replace("|", "\\|")
+
+
+PARAMETERS = {
+    "across_m": "β, as arc",
+    "y_m": "y",
+    "alpha_rad": "α",
+    "elasticity_pa_per_m": "E",
+    "scale_per_n": "S",
+}
+LAWS = {"foundation": "The contact law of the model", "layer": "An elastic layer, which the model is not"}
+
+
+def coverage(content: Mapping[str, Any]) -> list[str]:
+    """The coverage study as Markdown: a sentence and a table for each contact law."""
+    lines = []
+    for law, title in LAWS.items():
+        if law in content["laws"]:
+            lines += _law(title, content["laws"][law])
+    steps = content.get("study", {}).get("options", {}).get("steps")
+    if steps:
+        lines += [
+            f"The grid, which only gives starting points, had steps of {1e3 * steps['across_m']:g} mm of arc, "
+            f"{1e3 * steps['y_m']:g} mm, {math.degrees(steps['alpha_rad']):g}° and {steps['elasticities']} "
+            "elasticities.",
+            "",
+        ]
+    return lines
+
+
+def _law(title: str, found: Mapping[str, Any]) -> list[str]:
+    failed = f", {found['failed']} of them without a result" if found["failed"] else ""
+    return [
+        f"**{title}**: {found['sessions']} sessions{failed}, intervals of {100 * found['level']:g} %.",
+        "",
+        "| | held the truth | 95 % interval of that | median width | RMS error of the best |",
+        "|---|---|---|---|---|",
+        *(_coverage_row(name, figures) for name, figures in found.get("parameters", {}).items()),
+        "",
+    ]
+
+
+def _coverage_row(name: str, figures: Mapping[str, Any]) -> str:
+    low, high = (100 * share for share in figures["coverage_95"])
+    width, error = (_cell(figures[key]) for key in ("median_width", "rms_error"))
+    return (
+        f"| {PARAMETERS.get(name, name)} | {100 * figures['coverage']:.0f} % | {low:.0f} to {high:.0f} % "
+        f"| {width} {figures['unit']} | {error} {figures['unit']} |"
+    )
+
+
+def speed(content: Mapping[str, Any]) -> list[str]:
+    """Speed of the model against the plain method as Markdown."""
+    lines = [
+        f"{content['cpu']}, one core, {content['tactile_points']} tactile points, {content['presses']} presses in a "
+        "batch. Milliseconds of processor time an image, and how many times faster than the plain method.",
+        "",
+        "| | plain method | skincal, in a batch | skincal, one by one |",
+        "|---|---|---|---|",
+    ]
+    for case in content["cases"]:
+        seconds, times = case["seconds_an_image"], case["times_faster"]
+        ours = [
+            f"{1e3 * seconds[way]:.3f} ms, {times[way]['plain']:.0f} ×"
+            for way in ("ours_batch", "ours_single")
+        ]
+        lines.append(f"| {case['case']} | {1e3 * seconds['plain']:.1f} ms | {' | '.join(ours)} |")
+    return [*lines, ""]
+
+
+class Results(SphinxDirective):
+    """The tables of one file in the folder of results."""
+
+    required_arguments = 1
+    option_spec: ClassVar = {"keys": directives.unchanged}
+
+    def run(self) -> list[nodes.Node]:
+        """The tables; ``keys`` picks some of them."""
+        path = Path(self.config.results_folder, self.arguments[0])
+        if not path.is_file():
+            return self.parse_text_to_nodes(
+                f"**Not measured**: there is no `benchmarks/results/{path.name}`."
+            )
+        self.env.note_dependency(path)
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if keys := self.options.get("keys", "").split():
+            content = {key: content[key] for key in keys}
+        return self.parse_text_to_nodes("\n".join(self.lines(content)))
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return tables(content)
+
+
+class Coverage(Results):
+    """The tables of the coverage study."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return coverage(content)
+
+
+class Speed(Results):
+    """The table of the model's speed."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return speed(content)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Registers the directives."""
+    app.add_config_value("results_folder", "", "env")
+    app.add_directive("results", Results)
+    app.add_directive("coverage", Coverage)
+    app.add_directive("speed", Speed)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,5 @@
+"""``python -m skincal``."""
+
+from skincal.cli.main import main
+
+main()

@@ -1,0 +1,7 @@
+"""From a dataset to a calibration: the fit, with workers, checkpoints and the words of the files."""
+
+from skincal.calibrate.problem import fit_problem, search_box
+from skincal.calibrate.run import Outcome, calibrate
+from skincal.calibrate.way import METHODS, Method, Way, choose_way
+
+__all__ = ["METHODS", "Method", "Outcome", "Way", "calibrate", "choose_way", "fit_problem", "search_box"]

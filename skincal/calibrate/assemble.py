@@ -1,0 +1,117 @@
+"""A fit's result as a calibration: the names, units and tables of the files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.calibrate.problem import moved
+from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.dataset import Dataset
+from skincal.fit.problem import USED
+from skincal.fit.result import PARAMETERS, FitResult
+from skincal.units import deg
+
+Columns = dict[str, NDArray[Any]]
+
+
+def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) -> Calibration:
+    """The calibration that a fit of a dataset gives.
+
+    Args:
+        result: of the fit.
+        dataset: that was fitted.
+        provenance: where it comes from.
+    """
+    names, factors = _file_units(result)
+    best = {names[n]: v * factors[n] for n, v in result.best.items()}
+    intervals: dict[str, Interval] = {
+        names[n]: (low * factors[n], high * factors[n]) for n, (low, high) in result.intervals.items()
+    }
+    per_taxel = result.scale_per_taxel_per_n
+    return Calibration.of_dataset(
+        dataset,
+        model=ModelParameters(
+            **best, scale_per_taxel_per_n=None if per_taxel is None else tuple(per_taxel.tolist())
+        ),
+        intervals=intervals,
+        loss=_loss(result),
+        provenance=provenance,
+        findings=tuple(Finding(f.code, f.severity, f.text, f.advice) for f in result.findings),
+        draws={names[n]: result.draws[:, i] * factors[n] for i, n in enumerate(PARAMETERS)},
+        grid=_grid_columns(result, names, factors),
+        slack=_slack_columns(result, dataset),
+    )
+
+
+def _file_units(result: FitResult) -> tuple[dict[str, str], dict[str, float]]:
+    """Names of the files for the names of the fit, and the factors between their units."""
+    radius = result.problem.rig.arc_radius_m
+    names = {n: n for n in PARAMETERS} | {"alpha_rad": "alpha_deg", "across_m": "x_m"}
+    factors = dict.fromkeys(PARAMETERS, 1.0) | {"alpha_rad": deg(1.0)}
+    if radius is not None:
+        names["across_m"] = "beta_deg"
+        factors["across_m"] = deg(1.0 / radius)
+    return names, factors
+
+
+def _loss(result: FitResult) -> Loss:
+    return Loss(
+        result.mse_counts2,
+        result.valley_mse_counts2,
+        len(result.problem),
+        extra={
+            "valley_bound": result.bound,
+            "presses_dropped": len(result.problem.status) - len(result.problem),
+            "position_sigma_m": result.sigmas.position_m,
+            "force_sigma_relative": result.sigmas.force,
+            "noise_sigma_counts": result.sigmas.noise_counts,
+            "contact_law_spread_m": result.law_spread_m,
+            "effective_draws": result.effective_draws,
+        },
+    )
+
+
+def _grid_columns(result: FitResult, names: dict[str, str], factors: dict[str, float]) -> Columns:
+    evaluated = result.grid
+    grid = evaluated.grid
+    axes = np.meshgrid(grid.alpha_rad, np.exp(grid.log_elasticity), grid.across_m, grid.y_m, indexing="ij")
+    columns: Columns = {
+        names[n]: a.ravel() * factors[n]
+        for n, a in zip(("alpha_rad", "elasticity_pa_per_m", "across_m", "y_m"), axes, strict=True)
+    }
+    return columns | {
+        "scale_per_n": evaluated.scale_per_n.ravel(),
+        "mse_counts2": evaluated.mse_counts2.ravel(),
+        "slack_rms_m": evaluated.slack_rms_m.ravel(),
+        "in_valley": evaluated.in_valley.ravel().astype(np.int64),
+    }
+
+
+def _slack_columns(result: FitResult, dataset: Dataset) -> Columns:
+    problem, presses = result.problem, result.presses
+    count = len(problem.status)
+    used = np.array([status == USED for status in problem.status])
+
+    def spread(values: NDArray[Any], fill: Any = np.nan) -> NDArray[Any]:
+        column = np.full(count, fill, dtype=values.dtype)
+        column[problem.rows] = values
+        return column
+
+    slack = presses.slack_m
+    points = moved(dataset, problem.rig.surface, problem.rows, np.asarray(slack, dtype=np.float64))
+    return {
+        "press": np.asarray(dataset.presses.press),
+        "used": used,
+        "reason": np.array(["" if s == USED else s for s in problem.status], dtype=object),
+        "active_taxels": problem.active.astype(np.int64),
+        "x_m": spread(points[:, 0]),
+        "y_m": spread(points[:, 1]),
+        "z_m": spread(points[:, 2]),
+        "slack_across_m": spread(slack[:, 0]),
+        "slack_along_m": spread(slack[:, 1]),
+        "residual_rms_counts": spread(presses.rmse_counts),
+        "good": spread(presses.good, fill=False),
+    }

@@ -1,0 +1,69 @@
+"""What an interrupted fit has evaluated, kept beside its output until it is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skincal import __version__
+from skincal.fit.grid import GridSlab
+from skincal.fit.options import FitOptions, SearchBox
+
+_FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
+
+
+def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBox) -> str:
+    """What the evaluated grid depends on, as a hash; other settings may change between runs."""
+    depends: dict[str, Any] = {
+        "version": __version__,
+        "dataset": dataset_sha256,
+        "method": method,
+        "steps": None if options.steps is None else asdict(options.steps),
+        "active": [options.active_counts, options.min_active],
+        "box": asdict(box),
+    }
+    return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
+
+
+class Checkpoint:
+    """A folder with one file a turn of the grid.
+
+    Args:
+        folder: where; made when the first turn is kept.
+        key: of the fit; turns of another fit are not used.
+    """
+
+    def __init__(self, folder: Path, key: str) -> None:
+        self.folder, self.key = folder, key
+
+    def load(self) -> dict[int, GridSlab]:
+        """The turns that have been kept for this fit; a damaged file counts as not there."""
+        slabs: dict[int, GridSlab] = {}
+        for file in sorted(self.folder.glob("turn-*.npz")) if self.folder.is_dir() else []:
+            try:
+                # Opened here, as numpy does not close a file that turns out to be damaged.
+                with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+                    if str(arrays["key"]) == self.key:
+                        slabs[int(arrays["turn"])] = GridSlab(*(arrays[name] for name in _FIELDS))
+            except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+                continue
+        return slabs
+
+    def keep(self, turn: int, slab: GridSlab) -> None:
+        """Keeps one turn, whole or not at all."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        temporary = self.folder / f"turn-{turn:03d}.tmp"
+        with temporary.open("wb") as stream:
+            np.savez(stream, key=self.key, turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
+        temporary.replace(self.folder / f"turn-{turn:03d}.npz")
+
+    def remove(self) -> None:
+        """Removes the folder; the fit is done."""
+        shutil.rmtree(self.folder, ignore_errors=True)

@@ -1,0 +1,175 @@
+"""A dataset as a fit sees it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.calibrate.way import Way, choose_way
+from skincal.dataset import IDLE, Dataset, active_taxels
+from skincal.errors import InputError, Problem, WorkError
+from skincal.fit.general_contacts import MARGIN_M, ContactMap
+from skincal.fit.observe import Readout
+from skincal.fit.options import FitOptions, SearchBox
+from skincal.fit.problem import FitProblem, PressTable, Rig, pose_problem
+from skincal.model import Cylinder, FlatPunch, Indenter, MeshSurface, Surface, TaxelLayout
+from skincal.units import rad
+
+Floats = NDArray[np.float64]
+
+FEWEST_IDLE = 20
+"""Idle frames that are needed to take the level at rest from them."""
+
+
+def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -> FitProblem:
+    """Chooses the presses to fit and cleans their values.
+
+    Args:
+        dataset: a session.
+        options: thresholds.
+        way: fast or general; None to choose.
+
+    Returns:
+        The problem. It may hold no press; its status says why.
+
+    Raises:
+        WorkError: the session cannot tell the parameters, whatever its presses are.
+    """
+    way = way or choose_way(dataset)
+    rig, kinds = _rig(dataset)
+    presses = dataset.presses
+    across, along = unroll(rig.arc_radius_m, presses.position_m)
+    table = PressTable(
+        presses.press.astype(np.intp),
+        across,
+        along,
+        presses.force_n,
+        presses.counts,
+        kinds,
+        _idle_means(dataset),
+        active_taxels(dataset, options.active_counts).sum(axis=1),
+    )
+    problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
+    if way.method == "fast":
+        return problem
+    half = rig.slack_m + MARGIN_M
+    return replace(
+        problem,
+        contacts=ContactMap.of(rig.surface, presses.position_m, problem.rows, half, presses.normals),
+    )
+
+
+def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
+    meta, layout, surface = dataset.meta, dataset.layout(), dataset.surface()
+    indenters, kinds = _indenters(dataset)
+    _refuse_uniform(indenters, layout)
+    sensor = meta.sensor
+    readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
+    position, radius = meta.position, _mesh_radius(dataset, surface)
+    return Rig(layout, surface, indenters, readout, position.sigma_m, position.slack_m, radius), kinds
+
+
+def _mesh_radius(dataset: Dataset, surface: Surface) -> float | None:
+    """How far a mesh is from the finger's axis where the sensor nominally lies [m]; None for other surfaces."""
+    if not isinstance(surface, MeshSurface):
+        return None
+    try:
+        points, _ = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))
+    except ValueError as error:
+        raise WorkError(f"the nominal pose in [mount] does not lie on the surface: {error}") from error
+    return float(np.hypot(points[0, 0], points[0, 2]))
+
+
+def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], NDArray[np.intp]]:
+    radii = np.round(dataset.indenter_radii_m(), 7)
+    if np.isnan(radii).all():
+        return (dataset.indenter(),), np.zeros(len(radii), dtype=np.intp)
+    different, kinds = np.unique(radii, return_inverse=True)
+    return tuple(dataset.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
+
+
+def _refuse_uniform(indenters: tuple[Indenter, ...], layout: TaxelLayout) -> None:
+    half = float(np.hypot(*np.abs(layout.bounds_m).max(axis=0)))
+    if all(isinstance(i, FlatPunch) and i.radius_m > half for i in indenters):
+        raise WorkError(
+            "every press is a flat punch larger than the patch: such uniform pressure looks the same for every "
+            "pose and every elasticity, so neither can be found from it. Press with an indenter smaller than the "
+            "patch (a sphere of about one pitch in radius) at several places. Per-taxel gains and everything that "
+            "changes over time can still be seen in these data: `skincal dataset show`"
+        )
+
+
+def _idle_means(dataset: Dataset) -> Floats | None:
+    """Mean counts of untouched taxels (J,) from idle frames; None where there are too few."""
+    frames = dataset.frames
+    if frames is None:
+        return None
+    idle = frames.phase == IDLE
+    if idle.sum() < FEWEST_IDLE:
+        return None
+    counts = frames.counts[idle]
+    alive = np.isfinite(counts).any(axis=0)
+    means = np.full(counts.shape[1], np.nan)
+    means[alive] = np.nanmean(counts[:, alive], axis=0)
+    return means
+
+
+def unroll(arc_radius_m: float | None, points_m: Floats) -> tuple[Floats, Floats]:
+    """Arc round the finger R beta (x where there is no R) and position along y of points (K, 3) [m].
+
+    On a mesh these are labels of places: R is the mesh's at the sensor's nominal pose, and the same everywhere.
+    """
+    if arc_radius_m is None:
+        return points_m[:, 0].copy(), points_m[:, 1].copy()
+    return arc_radius_m * np.arctan2(points_m[:, 0], points_m[:, 2]), points_m[:, 1].copy()
+
+
+def moved(dataset: Dataset, surface: Surface, rows: NDArray[np.intp], slack_m: Floats) -> Floats:
+    """Contact points (K, 3) [m] of presses ``rows`` (K,), moved along the surface by slacks (K, 2) [m]."""
+    return surface.offset(dataset.presses.position_m[rows], slack_m[:, 0], slack_m[:, 1])
+
+
+def search_box(
+    dataset: Dataset,
+    *,
+    y_m: tuple[float, float] | None = None,
+    across: tuple[float, float] | None = None,
+    alpha_deg: tuple[float, float] | None = None,
+    elasticity_pa_per_m: tuple[float, float] | None = None,
+) -> SearchBox:
+    """The ranges to search: those given, else those of the dataset's ``[mount]``.
+
+    Args:
+        dataset: a session.
+        y_m: low and high of y [m].
+        across: low and high of beta [°]; on a plane of x [m].
+        alpha_deg: low and high of alpha [°].
+        elasticity_pa_per_m: low and high of E [Pa/m].
+
+    Raises:
+        InputError: a range has its low end above its high end.
+    """
+    mount, surface = dataset.meta.mount, dataset.surface()
+    given = {"y": y_m, "beta or x": across, "alpha": alpha_deg, "E": elasticity_pa_per_m}
+    wrong = [
+        Problem(f"range of {name}", "low below high", f"{r[0]:g} and {r[1]:g}")
+        for name, r in given.items()
+        if r is not None and not (np.isfinite(r).all() and r[0] < r[1])
+    ]
+    if elasticity_pa_per_m is not None and elasticity_pa_per_m[0] <= 0:
+        wrong.append(Problem("range of E", "positive values [Pa/m]", f"{elasticity_pa_per_m[0]:g}"))
+    if wrong:
+        raise InputError(wrong)
+    radius = surface.radius_m if isinstance(surface, Cylinder) else _mesh_radius(dataset, surface)
+    if radius is not None:
+        low, high = across or mount.beta_range_deg or (0.0, 0.0)
+        arc = (rad(low) * radius, rad(high) * radius)
+    else:
+        arc = across or mount.x_range_m or (0.0, 0.0)
+    alpha = alpha_deg or mount.alpha_range_deg
+    box = SearchBox(arc, y_m or mount.y_range_m, (rad(alpha[0]), rad(alpha[1])))
+    if elasticity_pa_per_m is None:
+        return box
+    return SearchBox(box.across_m, box.y_m, box.alpha_rad, elasticity_pa_per_m)

@@ -1,0 +1,120 @@
+"""Fit a dataset: the whole of ``skincal fit`` but the command line and the report."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from skincal import __version__
+from skincal.calibrate.assemble import calibration_of
+from skincal.calibrate.checkpoint import Checkpoint, fit_key
+from skincal.calibrate.problem import fit_problem, search_box
+from skincal.calibrate.way import Method, Way, choose_way
+from skincal.calibrate.workers import mapper
+from skincal.calibration import Calibration, Provenance
+from skincal.dataset import Dataset
+from skincal.errors import WorkError
+from skincal.fit.options import FitOptions, SearchBox
+from skincal.fit.problem import USED, FitProblem
+from skincal.fit.result import FitResult
+from skincal.fit.solve import FitError, Progress, default_steps, plan_fit, solve
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A calibration and the fit that it comes from.
+
+    Attributes:
+        calibration: what is written.
+        result: what the report draws.
+        resumed: turns of the grid that an earlier, interrupted run had evaluated.
+        way: that was taken.
+    """
+
+    calibration: Calibration
+    result: FitResult
+    resumed: int
+    way: Way
+
+
+def calibrate(
+    dataset: Dataset,
+    *,
+    options: FitOptions | None = None,
+    box: SearchBox | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    checkpoint: Path | None = None,
+    command: str = "",
+    method: Method = "auto",
+    progress: Progress = lambda _stage, _done, _total: None,
+) -> Outcome:
+    """Fits the skin model to a dataset.
+
+    Args:
+        dataset: a session.
+        options: settings; None for the defaults.
+        box: ranges to search; None for those of the dataset's ``[mount]``.
+        seed: of the draws.
+        workers: processes; None for one a core. The result does not depend on it.
+        checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.
+        command: command line, for the provenance.
+        method: "fast" for tables and Gauss-Newton, where the surface looks the same everywhere; "nlopt" for the
+            skin model itself, on any geometry; "auto" for the fast one where it can be used.
+        progress: told how far the work is.
+
+    Returns:
+        The calibration with its fit.
+
+    Raises:
+        WorkError: the presses do not allow a fit; says why and what to do.
+    """
+    options, box, way = options or FitOptions(), box or search_box(dataset), choose_way(dataset, method)
+    problem = fit_problem(dataset, options, way)
+    options = replace(options, steps=options.steps or default_steps(problem))
+    sha = dataset.sha256 or ""
+    kept = None if checkpoint is None else Checkpoint(checkpoint, fit_key(sha, way.method, options, box))
+    slabs = {} if kept is None else kept.load()
+    try:
+        plan = plan_fit(problem, box, options)
+        with mapper(workers) as spread:
+            result = solve(
+                plan,
+                box,
+                options,
+                np.random.default_rng(seed),
+                mapper=spread,
+                slabs=slabs,
+                on_slab=(lambda _turn, _slab: None) if kept is None else kept.keep,
+                progress=progress,
+            )
+    except FitError as error:
+        raise WorkError(f"{error}. {why_dropped(problem)}") from error
+    provenance = Provenance(
+        dataset_sha256=sha,
+        dataset="" if dataset.folder is None else dataset.folder.name,
+        version=__version__,
+        command=command,
+        seed=seed,
+        time=datetime.now(UTC).replace(microsecond=0),
+        options={"method": way.method} | _plain_options(options, box),
+    )
+    return Outcome(calibration_of(result, dataset, provenance), result, len(slabs), way)
+
+
+def why_dropped(problem: FitProblem) -> str:
+    """How many presses were not used, and why, in one sentence."""
+    reasons = Counter(status for status in problem.status if status != USED)
+    if not reasons:
+        return f"All {len(problem.status)} presses were used."
+    told = "; ".join(f"{count} with {reason}" for reason, count in reasons.most_common())
+    return f"Of {len(problem.status)} presses {sum(reasons.values())} were not used: {told}."
+
+
+def _plain_options(options: FitOptions, box: SearchBox) -> dict[str, object]:
+    plain = asdict(options) | {"box": asdict(box)}
+    return {key: value for key, value in plain.items() if value is not None}

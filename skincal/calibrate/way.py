@@ -1,0 +1,89 @@
+"""Which way a dataset is fitted: the fast one, or the general one that any geometry allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from skincal.dataset import Dataset
+from skincal.errors import InputError, Problem
+from skincal.model import Cylinder, Surface
+from skincal.units import deg, rad
+
+Method = Literal["auto", "fast", "nlopt"]
+METHODS: tuple[Method, ...] = ("auto", "fast", "nlopt")
+
+TILT_RAD = rad(2.0)
+"""Measured normals that differ by more than this from the surface's own (root mean square) are another geometry."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a dataset is fitted.
+
+    Attributes:
+        method: "fast", by tables and Gauss-Newton on a surface that looks the same everywhere; or "nlopt", by the
+            skin model itself.
+        why: the reason, where it is not the fast one.
+    """
+
+    method: Literal["fast", "nlopt"]
+    why: str = ""
+
+
+def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
+    """The way that a dataset is fitted: the fast one where it can be used, unless told otherwise.
+
+    Args:
+        dataset: a session.
+        method: what was asked for.
+
+    Raises:
+        InputError: the fast way was asked for and cannot be used, or there is no such method.
+    """
+    if method not in METHODS:
+        raise InputError([Problem("--method", "one of " + ", ".join(METHODS), method)])
+    if method == "nlopt":
+        return Way("nlopt", "it was asked for")
+    why = _why_not_fast(dataset)
+    if not why:
+        return Way("fast")
+    if method == "fast":
+        raise InputError(
+            [
+                Problem(
+                    "--method", "auto or nlopt for these data", "fast", f"the fast way cannot be used: {why}"
+                )
+            ]
+        )
+    return Way("nlopt", why)
+
+
+def _why_not_fast(dataset: Dataset) -> str:
+    if dataset.meta.surface.kind == "mesh":
+        return "the surface is a mesh, which does not look the same everywhere"
+    normals = dataset.presses.normals
+    if normals is None or not np.isfinite(normals).all(axis=1).any():
+        return ""
+    tilt = _tilt(dataset.surface(), dataset.presses.position_m, normals, dataset.meta.position.sigma_m)
+    if tilt <= TILT_RAD:
+        return ""
+    return f"the measured contact normals are tilted against the surface by {deg(tilt):.1f}°"
+
+
+def _tilt(surface: Surface, points_m: np.ndarray, normals: np.ndarray, sigma_m: float) -> float:
+    """Root mean square tilt [rad] of measured normals (K, 3) against the surface, beyond what position errors make.
+
+    On a curved surface a press whose position is off by d has a normal that is off by d / R, and is no less one
+    along the surface's own normal.
+    """
+    given = np.isfinite(normals).all(axis=1) & np.isfinite(points_m).all(axis=1)
+    own = surface.normal_at(points_m[given])
+    away = normals[given] - np.einsum("ki,ki->k", normals[given], own)[:, None] * own
+    along = away[:, 1]
+    across = np.linalg.norm(away - along[:, None] * [0.0, 1.0, 0.0], axis=1)
+    bend = sigma_m / surface.radius_m if isinstance(surface, Cylinder) else 0.0
+    squares = float((along**2).mean()) + max(0.0, float((across**2).mean()) - bend**2)
+    return float(np.sqrt(squares))

@@ -1,0 +1,73 @@
+"""Worker processes for independent pieces of work."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Generator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
+
+from skincal.fit.tasks import Mapper
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def mapper(workers: int | None = None) -> Generator[Mapper]:
+    """A mapper that spreads work over processes.
+
+    Args:
+        workers: how many processes; None for one a core; 1 for none but this one.
+
+    Yields:
+        The mapper. Results come in the order of the arguments and do not depend on the number of workers.
+    """
+    count = available_cores() if workers is None else workers
+    if count <= 1:
+        yield map
+        return
+    # Workers are started afresh: a fork would copy the locks of threads that draw the progress.
+    context = multiprocessing.get_context("spawn")
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
+        try:
+            yield pool.map
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            _end(pool)
+            raise
+        pool.shutdown()
+
+
+def _ignore_interrupt() -> None:
+    """Ctrl-C goes to every process of the terminal; only the first one shall act on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    processes: dict[int, BaseProcess] = getattr(pool, "_processes", None) or {}
+    for process in list(processes.values()):
+        process.terminate()
+
+
+@contextmanager
+def _one_thread_each() -> Generator[None]:
+    """Workers inherit the environment: one thread each for linear algebra, as there is a worker a core."""
+    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,201 @@
+"""A calibration in memory, and the model's objects that it describes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.calibration.parts import Effect, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.dataset import (
+    Dataset,
+    IndenterSpec,
+    MountSpec,
+    PositionSpec,
+    SensorSpec,
+    SurfaceSpec,
+    TaxelPositions,
+)
+from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
+from skincal.errors import Problem, WorkError
+from skincal.model import (
+    Converter,
+    Indenter,
+    Patch,
+    SensorPose,
+    Skin,
+    SkinParameters,
+    Surface,
+    TaxelLayout,
+)
+from skincal.units import rad
+
+FloatArray = NDArray[np.float64]
+Columns = Mapping[str, NDArray[Any]]
+"""A table: arrays of one length by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a fit found: the best skin, how far to trust it, and why (contract ``skincal-calibration/1``).
+
+    Attributes:
+        sensor: taxels and converter, as in the dataset.
+        surface: what carries the sensor.
+        indenter: what pressed.
+        model: best parameters.
+        intervals: low and high of each of them, by name; infinite where the data say nothing.
+        loss: how well it fits.
+        provenance: where it comes from.
+        effects: what was added beyond the base model; empty at first.
+        findings: what a person should know.
+        mount: what was known of the pose before the fit; None: not said.
+        position: what the measured contact positions were worth; None: not said.
+        draws: draws from the valley, parameters by name, one row a draw; None: none kept.
+        grid: the evaluated grid, one row a combination; None: not kept.
+        slack: one row a press (:data:`skincal.calibration.SLACK_COLUMNS`); None: not kept.
+        positions: the taxels of a layout that is no grid; None for a grid.
+        meshes: content of the mesh files that ``surface`` and ``indenter`` name, by file name.
+        extra: keys that skincal does not know.
+        warnings: what a person should know of the files it was read from.
+        folder: where it was read from; None for one made in memory.
+    """
+
+    sensor: SensorSpec
+    surface: SurfaceSpec
+    indenter: IndenterSpec
+    model: ModelParameters
+    intervals: Mapping[str, Interval]
+    loss: Loss
+    provenance: Provenance
+    effects: tuple[Effect, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    mount: MountSpec | None = None
+    position: PositionSpec | None = None
+    draws: Columns | None = None
+    grid: Columns | None = None
+    slack: Columns | None = None
+    positions: TaxelPositions | None = None
+    meshes: Mapping[str, bytes] = field(default_factory=dict[str, bytes])
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    warnings: tuple[Problem, ...] = ()
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        # Plain dictionaries of its own, not proxies: a calibration goes to worker processes by pickle.
+        object.__setattr__(self, "intervals", dict(self.intervals))
+        for name in ("draws", "grid", "slack"):
+            columns: Columns | None = getattr(self, name)
+            if columns is not None:
+                frozen = {key: _read_only(column) for key, column in columns.items()}
+                object.__setattr__(self, name, frozen)
+
+    @classmethod
+    def of_dataset(
+        cls,
+        dataset: Dataset,
+        *,
+        model: ModelParameters,
+        intervals: Mapping[str, Interval],
+        loss: Loss,
+        provenance: Provenance,
+        **rest: Any,
+    ) -> Self:
+        """A calibration of the sensor that a dataset describes.
+
+        Args:
+            dataset: gives sensor, surface, indenter, mount, position, and the files that they name.
+            model: best parameters.
+            intervals: low and high of each.
+            loss: how well it fits.
+            provenance: where it comes from.
+            rest: the other attributes.
+        """
+        meta = dataset.meta
+        return cls(
+            sensor=meta.sensor,
+            surface=meta.surface,
+            indenter=meta.indenter,
+            mount=meta.mount,
+            position=meta.position,
+            positions=dataset.positions,
+            meshes=dataset.meshes,
+            model=model,
+            intervals=intervals,
+            loss=loss,
+            provenance=provenance,
+            **rest,
+        )
+
+    def pose(self) -> SensorPose:
+        """The best pose of the patch."""
+        model = self.model
+        return SensorPose(
+            y_m=model.y_m,
+            alpha_rad=rad(model.alpha_deg),
+            beta_rad=rad(model.beta_deg or 0.0),
+            x_m=model.x_m or 0.0,
+        )
+
+    def layout(self) -> TaxelLayout:
+        """The taxels' layout."""
+        return layout_of(self.sensor, self.positions)
+
+    def surface_model(self) -> Surface:
+        """The surface that carries the sensor."""
+        return surface_of(self.surface, self.meshes)
+
+    def indenter_model(self, radius_m: float | None = None) -> Indenter:
+        """What pressed; a radius [m] goes before that of ``[indenter]``."""
+        return indenter_of(self.indenter, self.meshes, radius_m)
+
+    def converter(self) -> Converter:
+        """The sensor's converter."""
+        return converter_of(self.sensor)
+
+    def parameters(self) -> SkinParameters:
+        """E and the scale of the best skin."""
+        scale = self.model.scale_per_taxel_per_n
+        return SkinParameters(
+            elasticity_pa_per_m=self.model.elasticity_pa_per_m,
+            scale_per_n=self.model.scale_per_n if scale is None else np.array(scale),
+        )
+
+    def skin(self, resolution_m: float = 0.25e-3, margin_m: float = 8e-3) -> Skin:
+        """The best skin, ready for the simulator.
+
+        Args:
+            resolution_m: longest edge of a tactile point's cell [m].
+            margin_m: how far the skin goes on around the taxels [m].
+
+        Raises:
+            WorkError: the calibration has an effect that this version of skincal cannot simulate; without it
+                the images would not be those that the calibration stands for.
+        """
+        if self.effects:
+            names = ", ".join(effect.name for effect in self.effects)
+            raise WorkError(
+                f"the calibration has effects that this version of skincal cannot simulate: {names}. "
+                "Use a newer version, or the calibration from before they were added."
+            )
+        patch = Patch.build(self.surface_model(), self.layout(), self.pose(), resolution_m, margin_m)
+        return Skin(patch, self.parameters(), self.converter())
+
+    def identified(self, name: str) -> bool:
+        """Whether the data bound a parameter on both sides.
+
+        Args:
+            name: a key of ``intervals``: ``y_m``, ``elasticity_pa_per_m``.
+        """
+        return bool(np.isfinite(self.intervals.get(name, (-np.inf, np.inf))).all())
+
+
+def _read_only(column: NDArray[Any]) -> NDArray[Any]:
+    """A read-only view; the caller's own array stays as writable as it was."""
+    view = np.asarray(column).view()
+    view.flags.writeable = False
+    return view

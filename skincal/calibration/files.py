@@ -1,0 +1,97 @@
+"""A calibration as a folder: read with every fault named, written whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import tomli_w
+
+from skincal.calibration.calibration import Calibration
+from skincal.calibration.tables import TABLE_FILES, Tables, check_tables, read_tables
+from skincal.calibration.toml_file import FILE, meta_from, plain_meta
+from skincal.dataset.companions import read_meshes, read_positions
+from skincal.dataset.findings import Findings
+from skincal.dataset.meta_tables import load_toml
+from skincal.dataset.position_table import position_columns
+from skincal.dataset.table_file import write_table
+from skincal.files import whole_folder
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """Reads a calibration's folder (contract ``skincal-calibration/1``) and checks all of it.
+
+    Args:
+        path: the folder, or the ``calibration.toml`` in it. Grid, slack and draws may be missing.
+
+    Returns:
+        The calibration; its ``warnings`` say what does not forbid its use.
+
+    Raises:
+        InputError: anything in it is wrong; ``problems`` holds every violation, with file and key.
+    """
+    folder = Path(path)
+    if folder.name == FILE and folder.is_file():
+        folder = folder.parent
+    findings = Findings()
+    if not folder.is_dir():
+        got = "a file" if folder.exists() else "no such folder"
+        findings.error(str(folder), "a calibration's folder", got)
+    findings.raise_errors()
+    values = load_toml(folder / FILE, findings, what="calibration")
+    meta = None if values is None else meta_from(values, findings)
+    tables = read_tables(folder, findings)
+    if meta is None:
+        findings.raise_errors()
+        raise AssertionError("a file that is missing or no TOML is an error")
+    meshes = read_meshes(folder, FILE, meta.surface, meta.indenter, findings)
+    positions = read_positions(folder, FILE, meta.sensor, findings)
+    findings.raise_errors()
+    return Calibration(
+        **vars(meta),
+        **vars(tables),
+        positions=positions,
+        meshes=meshes,
+        warnings=tuple(findings.warnings),
+        folder=folder.resolve(),
+    )
+
+
+def write_calibration(
+    calibration: Calibration,
+    path: str | Path,
+    *,
+    force: bool = False,
+    beside: Callable[[Path], None] | None = None,
+) -> None:
+    """Writes a calibration as a folder (contract ``skincal-calibration/1``); numbers come back exactly.
+
+    Args:
+        calibration: what to write. It is checked as a file would be, so that it can be read back.
+        path: the folder to make.
+        force: whether an existing calibration there is replaced.
+        beside: writes further files (the report) into the folder that it is given, before that is moved to
+            its place.
+
+    Raises:
+        InputError: the folder exists and ``force`` is not given, or the calibration is not a possible one.
+        OSError: the disk is full, or not writable; then nothing is left behind.
+    """
+    plain = plain_meta(calibration)
+    tables = Tables(calibration.grid, calibration.slack, calibration.draws)
+    findings = Findings()
+    meta_from(plain, findings)
+    check_tables(tables, findings)
+    findings.raise_errors()
+    with whole_folder(path, force=force, marker=FILE) as folder:
+        (folder / FILE).write_bytes(tomli_w.dumps(plain).encode())
+        for name, file in TABLE_FILES.items():
+            if (columns := getattr(tables, name)) is not None:
+                write_table(folder / file, columns)
+        if calibration.positions is not None:
+            columns = position_columns(calibration.sensor, calibration.positions)
+            write_table(folder / str(calibration.sensor.positions), columns)
+        for name, content in calibration.meshes.items():
+            (folder / name).write_bytes(content)
+        if beside is not None:
+            beside(folder)

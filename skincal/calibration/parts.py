@@ -1,0 +1,130 @@
+"""The parts of a calibration, as frozen objects: best parameters, loss, effects, findings, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Final, Literal
+
+Interval = tuple[float, float]
+"""Low and high; infinite on a side on which the data say nothing."""
+
+Numbers = float | tuple[float, ...]
+Severity = Literal["info", "warning", "error"]
+
+SEVERITIES: Final = ("info", "warning", "error")
+
+
+@dataclass(frozen=True)
+class ModelParameters:
+    """The best parameters of the skin model (paper, section III).
+
+    Attributes:
+        y_m: centre of the patch along the finger [m].
+        alpha_deg: turn of the patch about its normal [°].
+        elasticity_pa_per_m: stress over penetration, E [Pa/m].
+        scale_per_n: counts over taxel load, S, common to all taxels [1/N].
+        beta_deg: centre of the patch round the fingertip [°]; None on a plane.
+        x_m: centre of the patch across the finger [m]; on a plane only.
+        scale_per_taxel_per_n: scale of each taxel, S_j [1/N], J numbers by the flat index; goes before
+            ``scale_per_n``. None: one scale for all.
+    """
+
+    y_m: float
+    alpha_deg: float
+    elasticity_pa_per_m: float
+    scale_per_n: float
+    beta_deg: float | None = None
+    x_m: float | None = None
+    scale_per_taxel_per_n: tuple[float, ...] | None = None
+
+    def best(self) -> dict[str, float]:
+        """The single figures by name, in the order of the contract: the pose, E, S."""
+        across = {"x_m": self.x_m} if self.beta_deg is None else {"beta_deg": self.beta_deg}
+        values = {
+            "y_m": self.y_m,
+            **across,
+            "alpha_deg": self.alpha_deg,
+            "elasticity_pa_per_m": self.elasticity_pa_per_m,
+            "scale_per_n": self.scale_per_n,
+        }
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Loss:
+    """How well the best parameters and the valley fit.
+
+    Attributes:
+        mse_counts2: mean square of the residual per taxel at the best parameters [counts²].
+        valley_mse_counts2: bound of that loss which the valley lies under [counts²].
+        presses_used: number of presses in it.
+        extra: further figures that a fit wants to keep, by a name with its unit.
+    """
+
+    mse_counts2: float
+    valley_mse_counts2: float
+    presses_used: int
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What the skin does beyond the base model.
+
+    Attributes:
+        name: one of the contract's names, a key of :data:`skincal.calibration.EFFECT_NAMES`.
+        parameters: a number, or one number a taxel, by a name with its unit.
+        intervals: low and high of some of the parameters, of the same shape as the parameter.
+        extra: what else is said of the effect.
+    """
+
+    name: str
+    parameters: Mapping[str, Numbers] = field(default_factory=dict[str, Numbers])
+    intervals: Mapping[str, tuple[Numbers, Numbers]] = field(
+        default_factory=dict[str, tuple[Numbers, Numbers]]
+    )
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that a person should know of a calibration, and what to do about it.
+
+    Attributes:
+        code: a word that programs can ask for: ``edge``, ``flat``, ``few_presses``.
+        severity: ``info``, ``warning`` or ``error``.
+        text: what was found.
+        advice: what to do; empty where there is nothing to do.
+    """
+
+    code: str
+    severity: Severity
+    text: str
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a calibration comes from.
+
+    Attributes:
+        dataset_sha256: hash of the dataset (:func:`skincal.dataset.dataset_hash`).
+        dataset: name of its folder.
+        version: version of skincal that made it.
+        command: the command line.
+        seed: seed of the randomness; None where there was none.
+        time: when it was made.
+        options: settings of the fit by name.
+        extra: what else is said.
+    """
+
+    dataset_sha256: str
+    dataset: str = ""
+    version: str = ""
+    command: str = ""
+    seed: int | None = None
+    time: datetime | None = None
+    options: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])

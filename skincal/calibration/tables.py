@@ -1,0 +1,126 @@
+"""The tables beside ``calibration.toml``: grid, slack, draws. Reading and what must hold of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.calibration.calibration import Columns
+from skincal.calibration.effects import EFFECT_NAMES
+from skincal.dataset.columns import ANY, NOT_NEGATIVE, ColumnReader
+from skincal.dataset.findings import Findings, Sheet
+from skincal.dataset.table_file import RawTable, read_table
+
+TABLE_FILES: Final = {"grid": "grid.parquet", "slack": "slack.csv", "draws": "draws.parquet"}
+"""File of each table."""
+
+SLACK_COLUMNS: Final = {
+    "press": "number of the press, as in the dataset",
+    "used": "whether the fit used it",
+    "reason": "why it did not; empty where it did",
+    "x_m": "estimated contact point, fingertip frame [m]; with y_m, z_m; NaN where the press was not used",
+    "y_m": "see x_m",
+    "z_m": "see x_m",
+    "slack_across_m": "estimated minus measured contact point, arc towards growing beta (on a plane +x) [m]",
+    "slack_along_m": "estimated minus measured contact point, along +y [m]",
+    "residual_rms_counts": "root mean square of the residual over the taxels [counts]",
+    "good": "whether the press fits: a person should look at the others",
+}
+"""Columns of ``slack.csv``, one row a press; a fit may add others."""
+
+PARAMETERS: Final = ("y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n")
+"""Columns that ``draws.parquet`` may have, beside ``effects.NAME.PARAMETER``."""
+
+_FLAGS: Final = ("used", "good")
+_NUMBERS: Final = ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m")
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of a calibration; None for one that is not kept."""
+
+    grid: Columns | None
+    slack: Columns | None
+    draws: Columns | None
+
+
+def read_tables(folder: Path, findings: Findings) -> Tables:
+    """The tables in a calibration's folder; what is wrong with them adds errors."""
+    tables: dict[str, Columns | None] = {}
+    for name, file in TABLE_FILES.items():
+        path = folder / file
+        raw = read_table(path, findings) if path.is_file() else None
+        tables[name] = None if raw is None else _CHECKS[name](raw)
+    return Tables(**tables)
+
+
+def check_tables(tables: Tables, findings: Findings) -> None:
+    """Adds an error for everything in tables in memory that could not be read back."""
+    for name, file in TABLE_FILES.items():
+        columns: Columns | None = getattr(tables, name)
+        if columns is None:
+            continue
+        lengths = {len(column) for column in columns.values()}
+        if len(lengths) != 1:
+            findings.error(file, "columns of one length", f"lengths {sorted(lengths) or 'of no column'}")
+            continue
+        _CHECKS[name](RawTable(Sheet(findings, file, None), lengths.pop(), columns))
+
+
+def check_grid(table: RawTable) -> Columns:
+    """The evaluated grid: numbers only."""
+    reader = ColumnReader(table)
+    return {name: reader.numbers(name) for name in table.columns}
+
+
+def check_draws(table: RawTable) -> Columns:
+    """Draws from the valley: known parameters, finite numbers, one row or more."""
+    reader = ColumnReader(table)
+    unknown = [name for name in table.columns if not _is_parameter(name)]
+    if unknown or not table.columns:
+        expected = f"columns {', '.join(PARAMETERS)}, or effects.NAME.PARAMETER"
+        reader.sheet.findings.error(reader.sheet.file, expected, ", ".join(unknown) or "no columns")
+    if not reader.rows:
+        reader.sheet.findings.error(reader.sheet.file, "one draw or more", "no rows")
+    return {name: reader.checked(name, ANY, may_be_nan=False) for name in table.columns}
+
+
+def check_slack(table: RawTable) -> Columns:
+    """One row a press, with :data:`SLACK_COLUMNS`; other columns are kept as they are."""
+    reader = ColumnReader(table)
+    reader.require(tuple(SLACK_COLUMNS))
+    columns: dict[str, NDArray[Any]] = {}
+    for name, column in table.columns.items():
+        if name == "press":
+            columns[name] = reader.whole(name, "a whole number, 0 or more", low=0)
+        elif name in _FLAGS:
+            columns[name] = _flag(reader, name, column)
+        elif name == "reason":
+            columns[name] = reader.text(name)
+        elif name in _NUMBERS:
+            columns[name] = reader.checked(name, ANY)
+        elif name == "residual_rms_counts":
+            columns[name] = reader.checked(name, NOT_NEGATIVE)
+        else:
+            columns[name] = column
+    return columns
+
+
+_CHECKS: Final = {"grid": check_grid, "slack": check_slack, "draws": check_draws}
+
+
+def _flag(reader: ColumnReader, name: str, column: NDArray[Any]) -> NDArray[np.bool_]:
+    if column.dtype == np.bool_:
+        return column
+    reader.sheet.findings.error(reader.sheet.column(name), "true or false in every row", "something else")
+    return np.zeros(reader.rows, dtype=np.bool_)
+
+
+def _is_parameter(name: str) -> bool:
+    head, _, parameter = name.removeprefix("effects.").partition(".")
+    is_effect = name.startswith("effects.") and head in EFFECT_NAMES and bool(parameter)
+    return name in PARAMETERS or is_effect

@@ -1,0 +1,237 @@
+"""``calibration.toml``: strict reading, and writing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date, datetime
+from typing import Any, Final, cast
+
+from skincal.calibration.calibration import Calibration
+from skincal.calibration.effect_tables import effects_from, findings_from, plain_effect
+from skincal.calibration.parts import Effect, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.values import number_list, shown, toml_value
+from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
+from skincal.dataset.findings import Findings
+from skincal.dataset.meta_tables import (
+    check_format,
+    indenter_from,
+    mount_from,
+    plain_table,
+    position_from,
+    sensor_from,
+    surface_from,
+    table_of,
+)
+from skincal.dataset.toml_table import MILLIMETRES, TomlTable
+
+FILE: Final = "calibration.toml"
+FORMAT: Final = "skincal-calibration/1"
+
+_SHARED: Final = ("sensor", "surface", "indenter", "mount", "position")
+_TOP: Final = ("format", *_SHARED, "model", "intervals", "loss", "effects", "findings", "provenance")
+_MODEL: Final = (
+    "y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n", "scale_per_taxel_per_n",
+)  # fmt: skip
+_LOSS: Final = ("mse_counts2", "valley_mse_counts2", "presses_used")
+_OPEN: Final = ("loss", "provenance")
+"""Tables in which a fit may leave what it likes; other keys elsewhere are worth a warning."""
+_PROVENANCE: Final = ("dataset_sha256", "dataset", "version", "command", "seed", "time", "options")
+
+
+@dataclass(frozen=True)
+class Meta:
+    """All of ``calibration.toml``; see :class:`skincal.calibration.Calibration`."""
+
+    sensor: SensorSpec
+    surface: SurfaceSpec
+    indenter: IndenterSpec
+    mount: MountSpec | None
+    position: PositionSpec | None
+    model: ModelParameters
+    intervals: Mapping[str, Interval]
+    loss: Loss
+    effects: tuple[Effect, ...]
+    findings: tuple[Finding, ...]
+    provenance: Provenance
+    extra: Mapping[str, Any]
+
+
+def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
+    """The content of ``calibration.toml``.
+
+    Args:
+        values: the file as TOML.
+        findings: where errors and warnings go; with an error, placeholders stand in the result.
+    """
+    top = TomlTable(findings, FILE, "", values, _TOP)
+    check_format(top, FORMAT)
+    shared = {
+        name: table_of(top, findings, FILE, name, optional=name in ("mount", "position")) for name in _SHARED
+    }
+    sensor, surface = sensor_from(shared["sensor"]), surface_from(shared["surface"])
+    return Meta(
+        sensor=sensor,
+        surface=surface,
+        indenter=indenter_from(shared["indenter"]),
+        mount=mount_from(shared["mount"], surface.kind) if top.has("mount") else None,
+        position=position_from(shared["position"]) if top.has("position") else None,
+        model=_model(_own(top, findings, "model", _MODEL), surface.kind, sensor.taxels),
+        intervals=_intervals(_own(top, findings, "intervals", _MODEL[:-1]), surface.kind),
+        loss=_loss(_own(top, findings, "loss", _LOSS), _others(top, "loss", _LOSS)),
+        effects=effects_from(top, findings, FILE),
+        findings=findings_from(top, findings, FILE),
+        provenance=_provenance(
+            _own(top, findings, "provenance", _PROVENANCE), _others(top, "provenance", _PROVENANCE)
+        ),
+        extra=top.extra,
+    )
+
+
+def plain_meta(calibration: Calibration) -> dict[str, Any]:
+    """The content of ``calibration.toml`` as plain tables; what is None is left out."""
+    shared = {name: getattr(calibration, name) for name in _SHARED}
+    plain: dict[str, Any] = {
+        "format": FORMAT,
+        **{name: plain_table(spec) for name, spec in shared.items() if spec is not None},
+        "model": _plain_model(calibration.model),
+        "intervals": {name: [float(v) for v in pair] for name, pair in calibration.intervals.items()},
+        "loss": {**{key: getattr(calibration.loss, key) for key in _LOSS}, **calibration.loss.extra},
+        "effects": [plain_effect(effect) for effect in calibration.effects],
+        "findings": [
+            {"code": f.code, "severity": f.severity, "text": f.text, "advice": f.advice}
+            for f in calibration.findings
+        ],
+        "provenance": _plain_provenance(calibration.provenance),
+    }
+    return toml_value(plain | dict(calibration.extra))
+
+
+def _plain_model(model: ModelParameters) -> dict[str, Any]:
+    scales = model.scale_per_taxel_per_n
+    best = {name: float(value) for name, value in model.best().items()}
+    return best | ({} if scales is None else {"scale_per_taxel_per_n": list(scales)})
+
+
+def _plain_provenance(provenance: Provenance) -> dict[str, Any]:
+    values = {key: getattr(provenance, key) for key in _PROVENANCE}
+    values["options"] = dict(provenance.options)
+    return {key: v for key, v in values.items() if v is not None} | dict(provenance.extra)
+
+
+def _own(top: TomlTable, findings: Findings, name: str, known: tuple[str, ...]) -> TomlTable:
+    """A table that only calibrations have; an empty one, and an error, where it is missing."""
+    values = top.raw(name)
+    if isinstance(values, dict):
+        table = cast("dict[str, Any]", values)
+        if name in _OPEN:
+            table = {key: value for key, value in table.items() if key in known}
+        return TomlTable(findings, FILE, name, table, known)
+    top.error(f"[{name}]", f"a table [{name}]", "nothing" if values is None else values)
+    return TomlTable(Findings(), FILE, name, {}, known)
+
+
+def _others(top: TomlTable, name: str, known: tuple[str, ...]) -> dict[str, Any]:
+    """What an open table holds beside its known keys."""
+    values = top.raw(name)
+    table = cast("dict[str, Any]", values) if isinstance(values, dict) else {}
+    return {key: value for key, value in table.items() if key not in known}
+
+
+def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
+    plane = surface == "plane"
+    table.absent(
+        *(("beta_deg", "on a plane it is x_m") if plane else ("x_m", "off the plane it is beta_deg"))
+    )
+    return ModelParameters(
+        y_m=_centre(table, "y_m"),
+        beta_deg=None if plane or not surface else table.number("beta_deg", "an angle in degrees"),
+        x_m=_centre(table, "x_m") if plane else None,
+        alpha_deg=table.number("alpha_deg", "an angle in degrees"),
+        elasticity_pa_per_m=_positive(table, "elasticity_pa_per_m", "E [Pa/m]"),
+        scale_per_n=_positive(table, "scale_per_n", "S [1/N]"),
+        scale_per_taxel_per_n=_scales(table, taxels),
+    )
+
+
+def _centre(table: TomlTable, key: str) -> float:
+    expected = f"{key[0]} of the patch's centre [m]"
+    return table.length_m(key, expected, low=0.0, high=1.0, positive=False)
+
+
+def _positive(table: TomlTable, key: str, what: str) -> float:
+    return table.number(key, f"{what}, a number above 0", low=5e-324)
+
+
+def _scales(table: TomlTable, taxels: int) -> tuple[float, ...] | None:
+    key = "scale_per_taxel_per_n"
+    if not table.has(key):
+        return None
+    values = number_list(table.raw(key))
+    if values is None or (taxels and len(values) != taxels) or min(values, default=-1.0) < 0.0:
+        table.error(key, f"S_j [1/N], {taxels} numbers, 0 or more", shown(table.raw(key)))
+        return None
+    return values
+
+
+def _intervals(table: TomlTable, surface: str) -> dict[str, Interval]:
+    across = "x_m" if surface == "plane" else "beta_deg"
+    names = ("y_m", across, "alpha_deg", "elasticity_pa_per_m", "scale_per_n") if surface else ()
+    other = "beta_deg" if surface == "plane" else "x_m"
+    table.absent(other, f"on this surface it is {across}")
+    return {name: _interval(table, name) for name in names}
+
+
+def _interval(table: TomlTable, name: str) -> Interval:
+    expected = "[low, high], in ascending order; -inf or inf where the data say nothing"
+    nothing = (float("-inf"), float("inf"))
+    if not table.has(name):
+        table.error(name, expected, "nothing", f"Add {name} = [..., ...] to [intervals].")
+        return nothing
+    values = number_list(table.raw(name), infinite=True)
+    if values is None or len(values) != 2 or not values[0] <= values[1]:
+        table.error(name, expected, table.raw(name))
+        return nothing
+    if name in ("y_m", "x_m") and any(1.0 < abs(v) < float("inf") for v in values):
+        table.error(name, "[low, high] in metres, within ±1", table.raw(name), MILLIMETRES)
+    return values
+
+
+def _loss(table: TomlTable, extra: Mapping[str, Any]) -> Loss:
+    return Loss(
+        mse_counts2=table.number("mse_counts2", "a mean square [counts²], 0 or more", low=0.0),
+        valley_mse_counts2=table.number(
+            "valley_mse_counts2", "a mean square [counts²], 0 or more, or inf", low=0.0, inf=True
+        ),
+        presses_used=table.whole("presses_used", "a whole number, 0 or more", low=0),
+        extra=extra,
+    )
+
+
+def _provenance(table: TomlTable, extra: Mapping[str, Any]) -> Provenance:
+    seed = table.raw("seed")
+    if seed is not None and (not isinstance(seed, int) or isinstance(seed, bool)):
+        table.error("seed", "a whole number", seed)
+    options = table.raw("options")
+    if options is not None and not isinstance(options, dict):
+        table.error("options", "a table", shown(options))
+    return Provenance(
+        dataset_sha256=table.text("dataset_sha256", "the dataset's hash"),
+        dataset=table.text("dataset", "a text", default=""),
+        version=table.text("version", "a text", default=""),
+        command=table.text("command", "a text", default=""),
+        seed=seed,
+        time=_time(table),
+        options=cast("dict[str, Any]", options) if isinstance(options, dict) else {},
+        extra=extra,
+    )
+
+
+def _time(table: TomlTable) -> datetime | None:
+    value = table.raw("time")
+    if value is None or isinstance(value, datetime):
+        return value
+    if isinstance(value, date):
+        return datetime(value.year, value.month, value.day)
+    table.error("time", "a date and time like 2026-11-20T12:00:00Z", shown(value))
+    return None

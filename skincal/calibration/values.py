@@ -1,0 +1,52 @@
+"""Values of a TOML file as the numbers they should be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import PurePath
+from typing import Any, cast
+
+import numpy as np
+
+
+def number_list(value: object, *, infinite: bool = False) -> tuple[float, ...] | None:
+    """A list of numbers as floats; None where it is something else.
+
+    Args:
+        value: the value as TOML has it.
+        infinite: whether -inf and inf are allowed; NaN never is.
+    """
+    if not isinstance(value, list):
+        return None
+    items = cast("list[object]", value)
+    if not all(is_number(item, infinite=infinite) for item in items):
+        return None
+    return tuple(float(cast(float, item)) for item in items)
+
+
+def is_number(value: object, *, infinite: bool = False) -> bool:
+    """Whether a value is a number; ``true`` is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return not math.isnan(value) if infinite else math.isfinite(value)
+
+
+def toml_value(value: Any) -> Any:
+    """A value as TOML has it: numpy's numbers and arrays, tuples and paths turned, what is None left out."""
+    if isinstance(value, Mapping):
+        items = cast("Mapping[Any, Any]", value).items()
+        return {str(key): toml_value(item) for key, item in items if item is not None}
+    if isinstance(value, np.ndarray | np.generic):
+        return toml_value(cast(Any, value).tolist())
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, list | tuple | set | frozenset):
+        return [toml_value(item) for item in cast("Iterable[Any]", value)]
+    return value
+
+
+def shown(value: Any) -> str:
+    """A value for a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -1,0 +1,169 @@
+"""``skincal dataset``: check a dataset, or show what is in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import DatasetArgument, ForceOption, JsonOption, example, print_json, say, warn
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from skincal.dataset import Dataset
+    from skincal.dataset.summary import Summary
+    from skincal.errors import Problem
+
+app = typer.Typer(no_args_is_help=True, help="Check a dataset, or show what is in it.")
+
+
+@app.command(
+    epilog=example("skincal dataset check data/paper-like", "skincal dataset check data/paper-like --json")
+)
+def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
+    """Check every file of a dataset, and name everything that is wrong, with file, column and row.
+
+    Exit status 0: it can be used, perhaps with warnings; 2: it cannot.
+    """
+    from skincal.dataset import check_dataset
+    from skincal.errors import InputError
+
+    found = check_dataset(dataset)
+    warn(found.warnings)
+    if as_json:
+        errors, warnings = _problems(found.errors), _problems(found.warnings)
+        print_json({"dataset": dataset, "ok": not found.errors, "errors": errors, "warnings": warnings})
+    if found.errors:
+        raise InputError(found.errors)
+    if not as_json and found.dataset is not None:
+        frames = found.dataset.frames
+        count = "no frames" if frames is None else f"{len(frames)} frames"
+        typer.echo(f"{dataset}: good, {len(found.dataset.presses)} presses, {count}")
+
+
+@app.command(epilog=example("skincal dataset show data/paper-like --out paper.png"))
+def show(
+    dataset: DatasetArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Picture to write (PNG, PDF or SVG) [default: NAME.png here]", show_default=False
+        ),
+    ] = None,
+    threshold: Annotated[
+        float,
+        typer.Option("--threshold", min=0.0, help="Counts above the level at rest that make a taxel active."),
+    ] = 5.0,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Show what is in a dataset: a summary, and a picture of the presses, forces and answers."""
+    from skincal.dataset import read_dataset
+    from skincal.dataset.summary import summarise
+    from skincal.files import refuse_existing, whole_file
+    from skincal.report.dataset import dataset_figure
+    from skincal.report.style import checked_suffix, save
+
+    picture = checked_suffix(out or Path(f"{dataset.resolve().name}.png"))
+    refuse_existing(picture, force=force)
+    data = read_dataset(dataset)
+    summary = summarise(data, threshold)
+    with whole_file(picture, force=force) as temporary:
+        save(dataset_figure(data, threshold), temporary)
+    warn(data.warnings)
+    if as_json:
+        print_json({"dataset": dataset, **_as_json(data, summary), "picture": picture})
+        return
+    from rich.console import Console
+
+    Console().print(_table(dataset, data, summary))
+    say(f"picture: {picture}")
+
+
+def _problems(problems: tuple[Problem, ...]) -> list[dict[str, str]]:
+    return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
+
+
+def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
+    sensor = data.meta.sensor
+    low, median, high = summary.force_n
+    return {
+        "sha256": data.sha256,
+        "source": data.meta.source,
+        "assumed": data.meta.assumed,
+        "sensor": {"rows": sensor.rows, "cols": sensor.cols},
+        "surface": data.meta.surface.kind,
+        "indenter": data.meta.indenter.kind,
+        "presses": summary.presses,
+        "sites": summary.sites,
+        "frames": summary.frames,
+        "phases": summary.phases,
+        "session_s": summary.session_s,
+        "force_n": {"min": low, "median": median, "max": high},
+        "active_taxels": {
+            "threshold_counts": summary.threshold_counts,
+            "presses_by_number": summary.active,
+            "presses_with_two": summary.usable,
+        },
+        "silent_taxels": summary.silent,
+        "dead_taxels": summary.dead,
+        "labels": summary.labels,
+        "columns": summary.columns,
+        "warnings": _problems(data.warnings),
+    }
+
+
+def _table(path: Path, data: Dataset, summary: Summary) -> Table:
+    from rich.table import Table
+
+    table = Table(title=str(path), title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    for name, text in _lines(data, summary):
+        # Text from the file is not markup.
+        table.add_row(name, text.replace("[", r"\["))
+    return table
+
+
+def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
+    meta, sensor = data.meta, data.meta.sensor
+    low, median, high = summary.force_n
+    lines = [
+        ("source", meta.source or "not said"),
+        (
+            "sensor",
+            f"{sensor.rows} x {sensor.cols} taxels on a {_shape(meta.surface.kind, meta.surface.radius_m)}",
+        ),
+        ("indenter", _shape(meta.indenter.kind, meta.indenter.radius_m)),
+        ("presses", str(summary.presses) + ("" if summary.sites is None else f" at {summary.sites} targets")),
+        ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
+        (
+            "answered",
+            f"{summary.usable} presses by two taxels or more (over {summary.threshold_counts:g} counts)",
+        ),
+    ]
+    if summary.frames:
+        phases = ", ".join(f"{count} {phase}" for phase, count in summary.phases.items())
+        lines.append(("frames", f"{summary.frames}: {phases}"))
+    if summary.session_s is not None:
+        lines.append(("session", f"{summary.session_s:.4g} s"))
+    lines += [(name, _counts(values)) for name, values in summary.labels.items()]
+    for name, taxels in (("silent", summary.silent), ("dead", summary.dead)):
+        if taxels:
+            shown = ", ".join(taxels[:8]) + (f" and {len(taxels) - 8} more" if len(taxels) > 8 else "")
+            lines.append((f"{name} taxels", shown))
+    if meta.assumed:
+        lines.append(("assumed", ", ".join(meta.assumed)))
+    return lines
+
+
+def _shape(kind: str, radius_m: float | None) -> str:
+    return kind if radius_m is None else f"{kind} of radius {radius_m * 1e3:g} mm"
+
+
+def _counts(values: Any) -> str:
+    shown = list(values.items())[:8]
+    more = f" and {len(values) - 8} more" if len(values) > 8 else ""
+    return ", ".join(f"{value}: {count}" for value, count in shown) + more

@@ -1,0 +1,130 @@
+"""``skincal export-dr``: randomization ranges from a calibration."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, example, print_json, say, warn
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from skincal.calibration import Calibration
+    from skincal.ranges import Narrowing, Ranges
+
+
+class Preset(StrEnum):
+    """The presets, named here so that help need not import them."""
+
+    iros24 = "iros24"
+    icra26 = "icra26"
+
+
+EPILOG = example(
+    "skincal export-dr cal --out ranges.toml",
+    "skincal export-dr cal --out ranges.yaml --preset icra26 --joint",
+)
+
+
+def export_dr(
+    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="File to write: .toml, .json or .yaml.", show_default=False),
+    ],
+    preset: Annotated[
+        Preset, typer.Option("--preset", help="Published ranges for what the calibration does not know.")
+    ] = Preset.iros24,
+    joint: Annotated[
+        bool,
+        typer.Option("--joint", help="Also keep the valley's cloud: its parameters are then drawn together."),
+    ] = False,
+    draws: Annotated[
+        int, typer.Option("--draws", min=1, help="With --joint: keep at most so many draws of the cloud.")
+    ] = 500,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Write the ranges that a policy should be trained over.
+
+    What the calibration knows comes from it (`source = "calibrated"`), the rest from a preset (`"assumed"`).
+    """
+    from skincal.calibration import read_calibration
+    from skincal.files import refuse_existing
+    from skincal.ranges import from_calibration, narrowing, write_ranges
+    from skincal.ranges import preset as published
+    from skincal.ranges.files import file_format
+
+    file_format(out)
+    refuse_existing(out, force=force)
+    calibration = read_calibration(cal)
+    ranges = from_calibration(calibration, preset.value, joint=joint, draws=draws)
+    write_ranges(ranges, out, force=force)
+    warn((*calibration.warnings, *ranges.warnings))
+    _say_findings(calibration)
+    rows = narrowing(ranges, published(preset.value))
+    if as_json:
+        print_json(_as_json(out, preset.value, calibration, ranges, rows))
+        return
+    from rich.console import Console
+
+    Console().print(_table(preset.value, rows))
+    typer.echo(_summary(out, ranges, preset.value))
+
+
+def _say_findings(calibration: Calibration) -> None:
+    """What the fit found wrong holds for the ranges too."""
+    for finding in calibration.findings:
+        if finding.severity != "info":
+            advice = f" {finding.advice}" if finding.advice else ""
+            say(f"skincal: {finding.severity} of the calibration: {finding.text}{advice}")
+
+
+def _summary(out: Path, ranges: Ranges, preset: str) -> str:
+    known = len(ranges.calibrated())
+    cloud = f", {len(ranges.joint)} draws of the valley" if ranges.joint else ""
+    return f"{out}: {known} parameters calibrated, {len(ranges) - known} assumed from {preset}{cloud}"
+
+
+def _as_json(
+    out: Path, preset: str, calibration: Calibration, ranges: Ranges, rows: tuple[Narrowing, ...]
+) -> dict[str, Any]:
+    return {
+        "ranges": out,
+        "preset": preset,
+        "calibrated": {row.path: {**row.parameter.figures(), "of_preset": row.ratio} for row in rows},
+        "assumed": [path for path, parameter in ranges.items() if parameter.source == "assumed"],
+        "joint_draws": len(ranges.joint) if ranges.joint else 0,
+        "findings": [finding.code for finding in calibration.findings],
+        "warnings": [
+            {"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in ranges.warnings
+        ],
+    }
+
+
+def _table(preset: str, rows: tuple[Narrowing, ...]) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("calibrated", no_wrap=True)
+    for title in ("range", preset, "width of it"):
+        table.add_column(title)
+    for row in rows:
+        before = "–" if row.published is None else _figures(row.published)
+        ratio = "–" if row.ratio != row.ratio else f"{row.ratio:.0%}"
+        table.add_row(row.path.removeprefix("skin."), _figures(row.parameter), before, ratio)
+    return table
+
+
+def _figures(parameter: Any) -> str:
+    """The figures of a parameter, short: its bounds, or its value."""
+    if parameter.distribution == "constant":
+        value = parameter.value
+        return f"{len(value)} values" if isinstance(value, tuple) else f"{value:g}"
+    if isinstance(parameter.low, tuple):
+        return f"{len(parameter.low)} ranges"
+    return f"{parameter.low:g} … {parameter.high:g}"

@@ -1,0 +1,265 @@
+"""``skincal fit``: calibrate the simulated skin against a dataset."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from skincal.cli.common import (
+    DatasetArgument,
+    ForceOption,
+    JsonOption,
+    OutOption,
+    SeedOption,
+    example,
+    print_json,
+    progress,
+    say,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
+    from skincal.calibrate import Method, Outcome, Way
+    from skincal.fit.options import FitOptions, GridSteps
+
+EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
+
+Pair = tuple[float, float]
+
+
+def _range(name: str, what: str) -> typer.models.OptionInfo:
+    return typer.Option(name, help=f"Low and high of {what}, instead of [mount].", show_default=False)
+
+
+def _step(name: str, least: float, what: str, defaults: str) -> typer.models.OptionInfo:
+    fast, general = defaults.split("; ")
+    return typer.Option(name, min=least, help=what, show_default=f"{fast}; {general} with nlopt")
+
+
+def fit(
+    dataset: DatasetArgument,
+    out: OutOption,
+    y_range_mm: Annotated[Pair | None, _range("--y-range-mm", "y [mm]")] = None,
+    beta_range_deg: Annotated[Pair | None, _range("--beta-range-deg", "beta [°] (cylinder, mesh)")] = None,
+    x_range_mm: Annotated[Pair | None, _range("--x-range-mm", "x [mm] (plane)")] = None,
+    alpha_range_deg: Annotated[Pair | None, _range("--alpha-range-deg", "alpha [°]")] = None,
+    elasticity_range: Annotated[
+        Pair | None,
+        typer.Option("--e-range-mpa-per-m", help="Low and high of E [MPa/m].", show_default="100 2000"),
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="`fast`: tables, where the surface looks the same everywhere; `nlopt`: the skin model itself, on any "
+            "geometry; `auto`: the fast one where it can be used.",
+        ),
+    ] = "auto",
+    y_step_mm: Annotated[
+        float | None, _step("--y-step-mm", 0.01, "Grid step of y [mm].", "0.25; 2.5")
+    ] = None,
+    arc_step_mm: Annotated[
+        float | None, _step("--arc-step-mm", 0.01, "Grid step of beta as arc, or of x [mm].", "1; 2.5")
+    ] = None,
+    alpha_step_deg: Annotated[
+        float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", "2.5; 13.5")
+    ] = None,
+    e_count: Annotated[int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 4")] = None,
+    active_counts: Annotated[
+        float, typer.Option("--active-counts", min=0.0, help="Counts above rest that make a taxel active.")
+    ] = 5.0,
+    min_active: Annotated[
+        int, typer.Option("--min-active", min=1, help="Presses with fewer active taxels are not used.")
+    ] = 2,
+    bound: Annotated[
+        str,
+        typer.Option(
+            "--bound",
+            help="What bounds the valley: `noise`, the noise of the data; `paper`, a loss of 25 counts²; or a number.",
+        ),
+    ] = "noise",
+    level: Annotated[
+        float, typer.Option("--level", min=0.5, max=0.999, help="Probability content of the intervals.")
+    ] = 0.98,
+    draws: Annotated[int, typer.Option("--draws", min=10, help="Draws from the valley to keep.")] = 2000,
+    per_taxel: Annotated[
+        bool, typer.Option("--per-taxel", help="Also find a scale for every taxel.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+    ] = None,
+    seed: SeedOption = 0,
+    report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Fit pose, elasticity and scale of the skin model to the presses of a dataset.
+
+    Writes a calibration: best parameters, intervals, the evaluated grid, draws from the valley, the slack of every
+    press, and a report. An interrupted fit goes on where it was when the same command is given again.
+    """
+    from skincal.calibrate import calibrate, choose_way, search_box
+    from skincal.calibration import write_calibration
+    from skincal.dataset import read_dataset
+    from skincal.files import refuse_existing
+
+    options = _options(active_counts, min_active, bound, level, draws, per_taxel)
+    refuse_existing(out, force=force, marker="calibration.toml")
+    data = read_dataset(dataset)
+    warn(data.warnings)
+    way = choose_way(data, cast("Method", method))
+    if way.method != "fast":
+        say(f"skincal: fitting by nlopt on the skin model, which takes minutes: {way.why}")
+    options = replace(options, steps=_steps(way, y_step_mm, arc_step_mm, alpha_step_deg, e_count))
+    box = search_box(
+        data,
+        y_m=_scaled(y_range_mm, 1e-3),
+        across=_scaled(x_range_mm, 1e-3) if data.meta.surface.kind == "plane" else beta_range_deg,
+        alpha_deg=alpha_range_deg,
+        elasticity_pa_per_m=_scaled(elasticity_range, 1e6),
+    )
+    checkpoint = out.parent / f".{out.name}.fit"
+    with _bars() as told:
+        outcome = calibrate(
+            data,
+            options=options,
+            box=box,
+            seed=seed,
+            workers=workers,
+            checkpoint=checkpoint,
+            command=" ".join(["skincal", *sys.argv[1:]]),
+            method=way.method,
+            progress=told,
+        )
+        told("report", 0, 1)
+
+        def beside(folder: Path) -> None:
+            if report:
+                from skincal.report.fit import write_fit_report
+
+                write_fit_report(outcome.result, outcome.calibration, data, folder)
+
+        write_calibration(outcome.calibration, out, force=force, beside=beside)
+        told("report", 1, 1)
+    from skincal.calibrate.checkpoint import Checkpoint
+
+    Checkpoint(checkpoint, "").remove()
+    if as_json:
+        print_json(_as_json(outcome, out))
+        return
+    _tell(outcome, out, report)
+
+
+def _steps(
+    way: Way, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
+) -> GridSteps:
+    """The steps that are given, else those of the way."""
+    from skincal.fit.options import GENERAL_STEPS, GridSteps
+    from skincal.units import rad
+
+    default = GridSteps() if way.method == "fast" else GENERAL_STEPS
+    return GridSteps(
+        default.across_m if arc_mm is None else arc_mm * 1e-3,
+        default.y_m if y_mm is None else y_mm * 1e-3,
+        default.alpha_rad if alpha_deg is None else rad(alpha_deg),
+        default.elasticities if e_count is None else e_count,
+    )
+
+
+def _options(
+    active_counts: float,
+    min_active: int,
+    bound: str,
+    level: float,
+    draws: int,
+    per_taxel: bool,
+) -> FitOptions:
+    from skincal.fit.options import FitOptions
+
+    return FitOptions(
+        active_counts=active_counts,
+        min_active=min_active,
+        bound_counts2=_bound(bound),
+        level=level,
+        draws=draws,
+        per_taxel=per_taxel,
+    )
+
+
+def _bound(text: str) -> float | None:
+    from skincal.errors import InputError, Problem
+    from skincal.fit.options import PAPER_BOUND_COUNTS2
+
+    if text == "noise":
+        return None
+    if text == "paper":
+        return PAPER_BOUND_COUNTS2
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < float("inf"):
+        raise InputError([Problem("--bound", "`noise`, `paper` or a positive number [counts²]", text)])
+    return value
+
+
+def _scaled(pair: Pair | None, factor: float) -> Pair | None:
+    return None if pair is None else (pair[0] * factor, pair[1] * factor)
+
+
+@contextmanager
+def _bars() -> Generator[Callable[[str, int, int], None]]:
+    """Progress bars, one a stage, as a function that is told how far a stage is."""
+    with progress() as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def told(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield told
+
+
+def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:
+    calibration = outcome.calibration
+    return {
+        "loss_mse_counts2": calibration.loss.mse_counts2,
+        "valley_mse_counts2": calibration.loss.valley_mse_counts2,
+        "presses_used": calibration.loss.presses_used,
+        "best": calibration.model.best(),
+        "intervals": {name: list(interval) for name, interval in calibration.intervals.items()},
+        "findings": [vars(finding) for finding in calibration.findings],
+        "calibration": str(out),
+    }
+
+
+def _tell(outcome: Outcome, out: Path, report: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from skincal.calibrate.run import why_dropped
+
+    result = outcome.result
+    console = Console()
+    table = Table(title=f"{len(result.problem)} presses, rmse {result.mse_counts2**0.5:.2f} counts per taxel")
+    for column in ("parameter", "best", "low", "high"):
+        table.add_column(column, justify="left" if column == "parameter" else "right")
+    best = outcome.calibration.model.best()
+    for name, (low, high) in outcome.calibration.intervals.items():
+        table.add_row(name, f"{best[name]:.5g}", f"{low:.5g}", f"{high:.5g}")
+    console.print(table)
+    say(why_dropped(result.problem))
+    if outcome.resumed:
+        say(f"{outcome.resumed} turns of the grid were taken from an interrupted run.")
+    for finding in result.findings:
+        say(f"{finding.severity}: {finding.text} {finding.advice}".rstrip())
+    say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))

@@ -1,0 +1,107 @@
+"""Collects the verbs, and turns errors into a few lines and an exit status."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+from skincal import __version__
+from skincal.cli import verbs
+from skincal.errors import SkincalError
+
+app = typer.Typer(
+    name="skincal",
+    help="Calibrate the simulation of a tactile skin against the real one, and know how far to trust it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"skincal {__version__}")
+        raise typer.Exit()
+
+
+USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
+"""A wrong command line. Newer versions of typer carry their own copy of click, so click's class is not it."""
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Options that stand before the verb."""
+
+
+verbs.register(app)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command line and exits: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    debug = "--debug" in arguments
+    # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
+    arguments = [a for a in arguments if a != "--debug"]
+    try:
+        status = app(args=arguments, prog_name="skincal", standalone_mode=False)
+    except typer.Abort:
+        status = 130
+    except USAGE_ERROR as error:
+        error.show()
+        status = 2
+    except (SkincalError, OSError) as error:
+        if debug:
+            raise
+        status = _report(error)
+    except KeyboardInterrupt:
+        if debug:
+            raise
+        typer.echo("skincal: interrupted", err=True)
+        status = 130
+    except MemoryError:
+        typer.echo("skincal: error: out of memory; use a coarser grid or fewer presses", err=True)
+        status = 1
+    except Exception as error:
+        if debug:
+            raise
+        typer.echo(
+            f"skincal: internal error: {type(error).__name__}: {error}\n"
+            "This is a fault of skincal, not of yours. Run again with --debug to see where, and report it.",
+            err=True,
+        )
+        status = 1
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _report(error: SkincalError | OSError) -> int:
+    if isinstance(error, SkincalError):
+        typer.echo(f"skincal: error: {error}", err=True)
+        return error.exit_status
+    if isinstance(error, BrokenPipeError):
+        # The reader (head, less) went away; nothing more can be written, not even at interpreter exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    place = error.filename or "a file"
+    reason = error.strerror or str(error)
+    hint = (
+        " Free some space and run again; nothing was left half-written."
+        if error.errno == errno.ENOSPC
+        else ""
+    )
+    typer.echo(f"skincal: error: {place}: {reason}.{hint}", err=True)
+    return 1
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""``skincal predict``: what a calibration says of the presses of a dataset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import (
+    DatasetArgument,
+    ForceOption,
+    JsonOption,
+    OutOption,
+    example,
+    print_json,
+    say,
+    stage_bars,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from skincal.dataset import Dataset
+    from skincal.dataset.writing import Format
+    from skincal.predict import Prediction
+
+EPILOG = example(
+    "skincal predict cal data/paper-like --out predicted",
+    "skincal predict cal data/paper-like --out predicted --slack --json",
+)
+
+
+def predict(
+    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.", show_default=False)],
+    dataset: DatasetArgument,
+    out: OutOption,
+    slack: Annotated[
+        bool,
+        typer.Option(
+            "--slack", help="Move every press to the best position within its slack, and say where it is."
+        ),
+    ] = False,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Write a dataset as a calibration predicts it, effects included.
+
+    The taxel columns hold the model's values within the converter's range, not rounded and not noisy; an untouched
+    taxel is 0, without the level that clipped noise gives it at rest. Presses and frames have their measured forces
+    and positions, or with --slack the best positions.
+    """
+    from skincal.calibration import read_calibration
+    from skincal.dataset import read_dataset, write_dataset
+    from skincal.files import refuse_existing
+    from skincal.predict import predict_dataset
+
+    refuse_existing(out, force=force, marker="dataset.toml")
+    calibration, data = read_calibration(cal), read_dataset(dataset)
+    warn((*calibration.warnings, *data.warnings))
+    with stage_bars() as told:
+        prediction = predict_dataset(calibration, data, slack=slack, progress=told)
+    write_dataset(
+        prediction.dataset,
+        out,
+        presses_as=_format(data, "presses", "csv"),
+        frames_as=_format(data, "frames", "parquet"),
+        force=force,
+    )
+    if as_json:
+        print_json(_as_json(out, prediction))
+        return
+    say(_told(out, prediction))
+
+
+def _format(data: Dataset, stem: str, otherwise: Format) -> Format:
+    """The format that a table of the dataset has; a name for one that it does not have."""
+    folder = data.folder
+    if folder is None:
+        return otherwise
+    if (folder / f"{stem}.parquet").is_file():
+        return "parquet"
+    return "csv" if (folder / f"{stem}.csv").is_file() else otherwise
+
+
+def _as_json(out: Path, prediction: Prediction) -> dict[str, Any]:
+    frames, of_frames = prediction.dataset.frames, prediction.frames
+    return {
+        "dataset": out,
+        "presses": len(prediction.dataset.presses),
+        "frames": 0 if frames is None else len(frames),
+        "rmse_counts": prediction.presses.rmse_counts,
+        "rmse_with_rest_counts": prediction.presses.rmse_with_rest_counts,
+        "frames_rmse_counts": None if of_frames is None else of_frames.rmse_counts,
+        "frames_rmse_with_rest_counts": None if of_frames is None else of_frames.rmse_with_rest_counts,
+        "slack_rms_m": prediction.slack_rms_m,
+    }
+
+
+def _told(out: Path, prediction: Prediction) -> str:
+    data, rmse = prediction.dataset, prediction.presses
+    lines = [
+        f"{len(data.presses)} presses predicted: measured images differ by {rmse.rmse_with_rest_counts:.2f} counts rms "
+        f"per taxel ({rmse.rmse_counts:.2f} without the level at rest)"
+    ]
+    if data.frames is not None and prediction.frames is not None:
+        of_frames = prediction.frames
+        lines.append(
+            f"{len(data.frames)} frames predicted: those with contact differ by {of_frames.rmse_with_rest_counts:.2f} "
+            f"({of_frames.rmse_counts:.2f})"
+        )
+    if prediction.slack_rms_m is not None:
+        lines.append(f"presses moved by {1e3 * prediction.slack_rms_m:.2f} mm rms along each direction")
+    return "\n".join([*lines, f"dataset: {out}"])

@@ -1,0 +1,46 @@
+"""Datasets: a folder of presses, read, checked and written (contract ``skincal-dataset/1``)."""
+
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.hashing import dataset_hash
+from skincal.dataset.reading import Check, check_dataset, read_dataset
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, rest_levels
+from skincal.dataset.spec import (
+    FORMAT,
+    ClockSpec,
+    DatasetMeta,
+    IndenterSpec,
+    MountSpec,
+    PositionSpec,
+    SensorSpec,
+    SurfaceSpec,
+)
+from skincal.dataset.tables import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses, TaxelPositions
+from skincal.dataset.writing import write_dataset
+
+__all__ = [
+    "ACTIVE_COUNTS",
+    "FORMAT",
+    "HOLD",
+    "IDLE",
+    "LOAD",
+    "PHASES",
+    "UNLOAD",
+    "Check",
+    "ClockSpec",
+    "Dataset",
+    "DatasetMeta",
+    "Frames",
+    "IndenterSpec",
+    "MountSpec",
+    "PositionSpec",
+    "Presses",
+    "SensorSpec",
+    "SurfaceSpec",
+    "TaxelPositions",
+    "active_taxels",
+    "check_dataset",
+    "dataset_hash",
+    "read_dataset",
+    "rest_levels",
+    "write_dataset",
+]

@@ -1,0 +1,197 @@
+"""Checked access to one table's columns: types, missing ones, what may be NaN, the taxels' matrix."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.findings import did_you_mean
+from skincal.dataset.table_file import RawTable
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+POSITION = ("x_m", "y_m", "z_m")
+NORMAL = ("nx", "ny", "nz")
+TARGET = ("target_x_m", "target_y_m", "target_z_m")
+TAXEL = re.compile(r"taxel_(\d+)_(\d+)")
+JOINT = re.compile(r"(q|tau)_(\d+)")
+
+TEXT = "text"
+ANY = "a number"
+NOT_NEGATIVE = "a number, 0 or more"
+POSITIVE = "a number above 0"
+WHOLE = "a whole number, 0 or more"
+
+OPTIONAL = {
+    "pose": TEXT,
+    "branch": TEXT,
+    "cycle": WHOLE,
+    "speed_m_per_s": NOT_NEGATIVE,
+    "indenter_radius_m": POSITIVE,
+    "shear_u_n": ANY,
+    "shear_v_n": ANY,
+    "temperature_c": ANY,
+    "target_force_n": ANY,
+    **dict.fromkeys((*NORMAL, *TARGET), ANY),
+}
+"""Optional columns of presses and frames, and what their cells are."""
+
+TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
+"""Optional columns of presses only, in the order of time."""
+
+LARGEST = 1e15
+"""No measurement is larger in SI units; below it whole numbers are exact, and squares do not overflow."""
+
+
+def is_number(values: FloatArray) -> BoolArray:
+    """Which values can be measurements at all: finite, and not beyond all bounds."""
+    return np.abs(values) < LARGEST
+
+
+_HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
+    ANY: is_number,
+    NOT_NEGATIVE: lambda x: is_number(x) & (x >= 0),
+    POSITIVE: lambda x: is_number(x) & (x > 0),
+    WHOLE: lambda x: is_number(x) & (x >= 0) & (x == np.rint(x)),
+}
+
+
+class ColumnReader:
+    """Takes the columns out of a table one by one, and adds what is wrong with them to the findings.
+
+    What is missing or wrong reads as NaN, so that the rest can be checked too.
+    """
+
+    def __init__(self, table: RawTable) -> None:
+        self._table = table
+        self.sheet = table.sheet
+        self.rows = table.rows
+
+    def has(self, name: str) -> bool:
+        """Whether the table has the column."""
+        return name in self._table.columns
+
+    def require(self, names: Sequence[str]) -> None:
+        """Adds one error for the required columns that are missing."""
+        missing = [name for name in names if not self.has(name)]
+        if not missing:
+            return
+        spare = [name for name in self._table.columns if name not in names and name not in OPTIONAL]
+        hints = [
+            f'Does "{close}" stand for {name}?' for name in missing if (close := did_you_mean(name, spare))
+        ]
+        what = "column" if len(missing) == 1 else f"{len(missing)} columns"
+        self.sheet.findings.error(
+            self.sheet.file,
+            f"the {what} {_first(missing)}",
+            f"the columns {_first(list(self._table.columns), 12)}",
+            " ".join(hints[:3]) or self._separator_hint(),
+        )
+
+    def numbers(self, name: str) -> FloatArray:
+        """A column as numbers, shape (rows,), an empty cell being NaN; an error for cells that are none."""
+        return self._numbers(name)[0]
+
+    def checked(self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True) -> FloatArray:
+        """A column as numbers of a kind; NaN (not measured) only where ``may_be_nan`` holds."""
+        values, text = self._numbers(name)
+        if self.has(name):
+            bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text
+            self.sheet.bad_rows(name, bad, values, kind)
+            values = np.where(bad, np.nan, values) if bad.any() else values
+        return values
+
+    def whole(self, name: str, expected: str, low: int) -> NDArray[np.int64]:
+        """A column of whole numbers from ``low`` on, shape (rows,); 0 stands where it is none."""
+        values, text = self._numbers(name)
+        if not self.has(name):
+            return np.zeros(self.rows, dtype=np.int64)
+        good = is_number(values) & (values >= low) & (values == np.rint(values))
+        self.sheet.bad_rows(name, ~good & ~text, values, expected)
+        return np.where(good, values, 0).astype(np.int64)
+
+    def text(self, name: str) -> NDArray[Any]:
+        """A column as text, shape (rows,); '' where a cell is empty or NaN."""
+        column = self._table.columns[name]
+        if column.dtype == object:
+            cells = ["" if cell in ("NaN", "nan") else str(cell) for cell in column]
+        elif column.dtype.kind == "f":
+            cells = ["" if np.isnan(cell) else f"{cell:g}" for cell in column]
+        else:
+            cells = [str(cell) for cell in column]
+        return np.array(cells, dtype=object)
+
+    def matrix(self, names: Sequence[str]) -> FloatArray:
+        """Several columns side by side, shape (rows, columns); missing ones are NaN."""
+        matrix = np.empty((self.rows, len(names)), dtype=np.float64)
+        for j, name in enumerate(names):
+            matrix[:, j] = self.numbers(name)
+        return matrix
+
+    def optional(self, known: Mapping[str, str], taken: Collection[str]) -> dict[str, NDArray[Any]]:
+        """Every column that is not ``taken``, in the file's order: known ones checked, others as they are."""
+        columns: dict[str, NDArray[Any]] = {}
+        for name in self._table.columns:
+            if name in taken:
+                continue
+            kind = ANY if JOINT.fullmatch(name) else known.get(name)
+            if kind is None:
+                columns[name] = self._table.columns[name]
+                self._hint_unknown(name, known)
+            elif kind == TEXT:
+                columns[name] = self.text(name)
+            else:
+                columns[name] = self.checked(name, kind)
+        return columns
+
+    def _hint_unknown(self, name: str, known: Iterable[str]) -> None:
+        findings, place = self.sheet.findings, self.sheet.column(name)
+        match = TAXEL.fullmatch(name)
+        if match:
+            findings.error(
+                place, "a taxel within [sensor] rows and cols", f"row {match[1]}, column {match[2]}"
+            )
+        elif close := did_you_mean(name, [k for k in known if not self.has(k)]):
+            fix = f'It is kept and not used. Did you mean "{close}"?'
+            findings.warn(place, "a known column", "an unknown one", fix)
+
+    def _numbers(self, name: str) -> tuple[FloatArray, BoolArray]:
+        """A column as numbers, and which cells are none at all (they are reported here)."""
+        column = self._table.columns.get(name)
+        text = np.zeros(self.rows, dtype=bool)
+        if column is None:
+            return np.full(self.rows, np.nan), text
+        if column.dtype != object and column.dtype != np.bool_:
+            return column.astype(np.float64, copy=False), text
+        values = np.full(self.rows, np.nan)
+        for i, cell in enumerate(column):
+            value = _number(cell)
+            text[i] = value is None
+            values[i] = np.nan if value is None else value
+        decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
+        self.sheet.bad_rows(name, text, column, "a number", "Write a decimal point." if decimal_comma else "")
+        return values, text
+
+    def _separator_hint(self) -> str:
+        names = list(self._table.columns)
+        one = len(names) == 1 and ";" in names[0]
+        return "The cells are separated by semicolons; separate them by commas." if one else ""
+
+
+def _number(cell: object) -> float | None:
+    """A cell as a number, NaN where it is empty; None where it is something else."""
+    if cell is None or cell == "":
+        return np.nan
+    try:
+        return float(cell) if isinstance(cell, str) else None
+    except ValueError:
+        return None
+
+
+def _first(names: Sequence[str], shown: int = 6) -> str:
+    return ", ".join(names[:shown]) + (f", … ({len(names)} in all)" if len(names) > shown else "")

@@ -1,0 +1,83 @@
+"""What a table's counts must be: numbers within the converter's range, NaN only where a taxel is dead."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.columns import ColumnReader, is_number
+from skincal.dataset.findings import Sheet
+from skincal.dataset.spec import SensorSpec
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+DEAD_STRETCH = 3
+"""NaN in this many rows on end is a taxel that is dead for a part of the session; fewer are a mistake."""
+
+
+def check_counts(reader: ColumnReader, sensor: SensorSpec, counts: FloatArray, *, whole: bool) -> None:
+    """Adds what is wrong with the counts.
+
+    Args:
+        reader: the table.
+        sensor: its taxels and converter.
+        counts: the taxel columns, shape (rows, J), in the order of the session.
+        whole: whether they must be whole numbers (frames must, means over a hold are not).
+    """
+    present = [j for j, name in enumerate(sensor.taxel_columns()) if reader.has(name)]
+    names = [sensor.taxel_columns()[j] for j in present]
+    sheet, counts = reader.sheet, counts[:, present]
+    finite = np.isfinite(counts)
+    if not finite.all():
+        _check_missing(sheet, names, counts)
+    sheet.bad_cells(names, ~is_number(counts) & ~np.isnan(counts), counts, "a finite number of counts")
+    low, high = _bounds(sensor)
+    outside = finite & ((counts < low) | (counts > high))
+    sheet.bad_cells(names, outside, counts, f"counts within [{low:g}, {high:g}] (value_min, value_max)")
+    if whole and sensor.integer and sensor.baseline == "raw":
+        broken = finite & (counts != np.rint(counts))
+        sheet.bad_cells(names, broken, counts, "whole numbers, as [sensor] integer = true says")
+
+
+def _bounds(sensor: SensorSpec) -> tuple[float, float]:
+    """Least and greatest counts; where the level at rest was taken off, only their span is known."""
+    low = -np.inf if sensor.value_min is None else sensor.value_min
+    high = np.inf if sensor.value_max is None else sensor.value_max
+    return (low, high) if sensor.baseline == "raw" else (low - high, high - low)
+
+
+def _check_missing(sheet: Sheet, names: list[str], counts: FloatArray) -> None:
+    missing = np.isnan(counts)
+    dead = np.asarray(missing.all(axis=0))
+    stretches = long_stretches(missing, DEAD_STRETCH)
+    stray = missing & ~stretches & ~dead
+    expected = f"a number of counts (a dead taxel is NaN throughout, or {DEAD_STRETCH} rows or more on end)"
+    sheet.bad_cells(names, stray, counts, expected)
+    _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
+    partly = np.asarray((stretches & ~dead).any(axis=0))
+    _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")
+
+
+def _warn_dead(sheet: Sheet, names: list[str], dead: BoolArray, what: str, fix: str) -> None:
+    index = np.flatnonzero(dead)
+    if index.size:
+        sheet.findings.warn(sheet.file, "counts from every taxel", f"{what} {named(names, index)}", fix)
+
+
+def named(names: list[str], index: NDArray[np.int64], shown: int = 6) -> str:
+    """The first names at some indices, and how many more there are."""
+    more = f" and {len(index) - shown} more" if len(index) > shown else ""
+    return ", ".join(names[i] for i in index[:shown]) + more
+
+
+def long_stretches(mask: BoolArray, length: int) -> BoolArray:
+    """The cells of ``mask``, shape (rows, J), that belong to a run of at least ``length`` down a column."""
+    result = np.zeros_like(mask)
+    starts_at = len(mask) - length + 1
+    if starts_at < 1:
+        return result
+    starts = np.logical_and.reduce([mask[k : starts_at + k] for k in range(length)])
+    for k in range(length):
+        result[k : starts_at + k] |= starts
+    return result

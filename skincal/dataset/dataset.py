@@ -1,0 +1,87 @@
+"""A dataset in memory: its tables, and the model's objects that it describes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
+from skincal.dataset.spec import DatasetMeta
+from skincal.dataset.tables import Frames, Presses, TaxelPositions
+from skincal.errors import Problem
+from skincal.units import rad
+
+if TYPE_CHECKING:
+    from skincal.model import Converter, Indenter, SensorPose, Surface, TaxelLayout
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A folder of presses, read and checked.
+
+    Attributes:
+        meta: what ``dataset.toml`` says.
+        presses: one row a press.
+        frames: one row a time sample; None where the dataset has none.
+        positions: the taxels of a layout that is no grid; None for a grid.
+        meshes: content of the mesh files that ``meta`` names, by file name.
+        folder: where it was read from; None for one made in memory.
+        sha256: hash of the files that it was read from (see ``dataset_hash``); None for one made in memory.
+        warnings: what a person should know of these data, though they can be used.
+    """
+
+    meta: DatasetMeta
+    presses: Presses
+    frames: Frames | None = None
+    positions: TaxelPositions | None = None
+    meshes: Mapping[str, bytes] = field(default_factory=dict)
+    folder: Path | None = None
+    sha256: str | None = None
+    warnings: tuple[Problem, ...] = ()
+
+    def layout(self) -> TaxelLayout:
+        """The taxels' layout: the grid of ``[sensor]``, or the table of positions."""
+        return layout_of(self.meta.sensor, self.positions)
+
+    def surface(self) -> Surface:
+        """The surface that carries the sensor."""
+        return surface_of(self.meta.surface, self.meshes)
+
+    def indenter(self, radius_m: float | None = None) -> Indenter:
+        """What presses.
+
+        Args:
+            radius_m: radius of a press that goes before that of ``[indenter]`` [m] (the optional column
+                ``indenter_radius_m``); None or NaN: that of ``[indenter]``. A mesh has none and ignores it.
+        """
+        return indenter_of(self.meta.indenter, self.meshes, radius_m)
+
+    def indenter_radii_m(self) -> NDArray[np.float64]:
+        """Radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
+        own = self.presses.column("indenter_radius_m")
+        default = self.meta.indenter.radius_m
+        radii = np.full(len(self.presses), np.nan if default is None else default)
+        if own is None or self.meta.indenter.kind == "mesh":
+            return radii
+        return np.where(np.isnan(own), radii, own)
+
+    def nominal_pose(self) -> SensorPose:
+        """The pose that ``[mount]`` takes to be the sensor's."""
+        from skincal.model import SensorPose
+
+        mount = self.meta.mount
+        return SensorPose(
+            y_m=mount.y_m,
+            alpha_rad=rad(mount.alpha_deg),
+            beta_rad=rad(mount.beta_deg or 0.0),
+            x_m=mount.x_m or 0.0,
+        )
+
+    def converter(self) -> Converter:
+        """The converter of ``[sensor]``."""
+        return converter_of(self.meta.sensor)

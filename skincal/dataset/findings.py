@@ -1,0 +1,121 @@
+"""Collects what is wrong with a dataset, so that everything is said at once.
+
+An error makes the dataset unusable (exit status 2); a warning is something a person should know.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.errors import InputError, Problem
+
+SHOWN = 3
+"""How many rows of one kind are named before the rest is only counted."""
+
+
+class Findings:
+    """The errors and warnings found so far, in the order of the files."""
+
+    def __init__(self) -> None:
+        self.errors: list[Problem] = []
+        self.warnings: list[Problem] = []
+
+    def error(self, place: str, expected: str, got: object, fix: str = "") -> None:
+        """Adds an error."""
+        self.errors.append(Problem(place, expected, str(got), fix))
+
+    def warn(self, place: str, expected: str, got: object, fix: str = "") -> None:
+        """Adds a warning."""
+        self.warnings.append(Problem(place, expected, str(got), fix))
+
+    def raise_errors(self) -> None:
+        """Raises all errors as one.
+
+        Raises:
+            InputError: there are any.
+        """
+        if self.errors:
+            raise InputError(self.errors)
+
+
+class Sheet:
+    """Names places in one table and adds what is wrong there to the findings.
+
+    Args:
+        findings: where errors and warnings go.
+        file: the table's file name.
+        header_lines: lines before the first row, for the line numbers of a text file; None for a binary file.
+    """
+
+    def __init__(self, findings: Findings, file: str, header_lines: int | None) -> None:
+        self.findings = findings
+        self.file = file
+        self._header_lines = header_lines
+
+    def column(self, name: str) -> str:
+        """The place of a column."""
+        return f"{self.file}, column {name}"
+
+    def rows(self, name: str, rows: ArrayLike) -> str:
+        """The place of some rows (counted from 0) of a column; people count from 1."""
+        index = np.asarray(rows)
+        if index.size == 1:
+            row = int(index[0]) + 1
+            line = "" if self._header_lines is None else f" (line {row + self._header_lines})"
+            return f"{self.column(name)}, row {row}{line}"
+        named = ", ".join(str(int(row) + 1) for row in index[:SHOWN])
+        more = f" and {index.size - SHOWN} more" if index.size > SHOWN else ""
+        return f"{self.column(name)}, rows {named}{more}"
+
+    def bad_rows(
+        self,
+        name: str,
+        bad: ArrayLike,
+        values: Sequence[Any] | NDArray[Any],
+        expected: str,
+        fix: str = "",
+        *,
+        warning: bool = False,
+    ) -> None:
+        """Adds one problem for all rows of a column where ``bad`` holds, shape (rows,)."""
+        index = np.flatnonzero(np.asarray(bad))
+        if index.size:
+            add = self.findings.warn if warning else self.findings.error
+            add(self.rows(name, index), expected, listed([values[i] for i in index[:SHOWN]], index.size), fix)
+
+    def bad_cells(
+        self, names: list[str], bad: NDArray[np.bool_], values: NDArray[Any], expected: str, fix: str = ""
+    ) -> None:
+        """Adds one problem for all cells of some columns where ``bad`` holds, shape (rows, columns)."""
+        if not bad.any():
+            return
+        columns = np.flatnonzero(bad.any(axis=0))
+        if columns.size == 1:
+            self.bad_rows(names[columns[0]], bad[:, columns[0]], values[:, columns[0]], expected, fix)
+            return
+        cells = np.argwhere(bad)
+        named = ", ".join(f"{names[c]} row {r + 1}" for r, c in cells[:SHOWN])
+        more = f" and {len(cells) - SHOWN} more cells" if len(cells) > SHOWN else ""
+        got = listed([values[r, c] for r, c in cells[:SHOWN]], len(cells))
+        self.findings.error(f"{self.file}, {columns.size} columns: {named}{more}", expected, got, fix)
+
+
+def listed(values: Iterable[Any], count: int) -> str:
+    """The first values of a kind, with dots where there are more."""
+    shown = [
+        repr(v) if isinstance(v, str) else f"{v:.6g}" if isinstance(v, float) else str(v) for v in values
+    ]
+    return ", ".join(shown) + (", …" if count > len(shown) else "")
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str | None:
+    """The known name that a mistyped one comes closest to; None where none is close."""
+    # One wrong letter weighs more in a short word.
+    spelling = {word.lower(): word for word in known}
+    close = difflib.get_close_matches(name.lower(), spelling, n=1, cutoff=0.6 if len(name) < 6 else 0.75)
+    return spelling[close[0]] if close else None

@@ -1,0 +1,44 @@
+"""A dataset's fingerprint, so that a calibration can say which data it comes from."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from pathlib import Path
+
+from skincal.dataset.meta_file import FILE
+from skincal.dataset.table_file import SUFFIXES
+
+
+def dataset_hash(path: str | Path) -> str:
+    """SHA-256 over names and contents of the files that belong to a dataset.
+
+    Those are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. A README beside them
+    does not count.
+
+    Args:
+        path: the dataset's folder.
+
+    Returns:
+        The hash in hexadecimal, 64 characters.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    folder = Path(path)
+    digest = hashlib.sha256()
+    for name in sorted(_names(folder)):
+        file = folder / name
+        digest.update(f"{name}\0{file.stat().st_size}\0".encode())
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _names(folder: Path) -> set[str]:
+    values = tomllib.loads((folder / FILE).read_text(encoding="utf-8"))
+    named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
+    named.append(values.get("sensor", {}).get("positions"))
+    tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]
+    return {FILE} | {name for name in (*named, *tables) if name and (folder / name).is_file()}

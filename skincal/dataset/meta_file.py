@@ -1,0 +1,106 @@
+"""``dataset.toml``: strict reading, and writing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+from skincal.dataset.findings import Findings
+from skincal.dataset.meta_tables import (
+    TABLES,
+    check_format,
+    clock_from,
+    indenter_from,
+    load_toml,
+    mount_from,
+    plain_table,
+    position_from,
+    sensor_from,
+    surface_from,
+    table_of,
+)
+from skincal.dataset.spec import FORMAT, DatasetMeta
+from skincal.dataset.toml_table import TomlTable
+
+FILE = "dataset.toml"
+
+TOP_KEYS = ("format", "created", "source", "assumed", *TABLES)
+
+
+def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
+    """Reads ``dataset.toml``.
+
+    Where something in it is wrong, an error is added and a placeholder stands in its place, so that the
+    tables can still be checked against the rest.
+
+    Args:
+        folder: the dataset.
+        findings: where errors and warnings go.
+
+    Returns:
+        The content; None where the file is missing or no TOML at all.
+    """
+    values = load_toml(folder / FILE, findings, what="dataset")
+    return None if values is None else _meta(values, findings)
+
+
+def write_meta(meta: DatasetMeta, path: Path) -> None:
+    """Writes ``dataset.toml``; what is None is left out."""
+    import tomli_w
+
+    top: dict[str, Any] = {
+        "format": FORMAT,
+        "created": meta.created,
+        "source": meta.source,
+        "assumed": list(meta.assumed),
+        **{name: plain_table(getattr(meta, name)) for name in TABLES if getattr(meta, name) is not None},
+        **meta.extra,
+    }
+    path.write_bytes(tomli_w.dumps({k: v for k, v in top.items() if v is not None}).encode())
+
+
+def _meta(values: Mapping[str, Any], findings: Findings) -> DatasetMeta:
+    top = TomlTable(findings, FILE, "", values, TOP_KEYS)
+    check_format(top, FORMAT)
+    tables = {name: table_of(top, findings, FILE, name, optional=name == "clock") for name in TABLES}
+    surface = surface_from(tables["surface"])
+    return DatasetMeta(
+        sensor=sensor_from(tables["sensor"]),
+        surface=surface,
+        indenter=indenter_from(tables["indenter"]),
+        mount=mount_from(tables["mount"], surface.kind),
+        position=position_from(tables["position"]),
+        clock=clock_from(tables["clock"]) if top.has("clock") else None,
+        created=_created(top, findings),
+        source=top.text("source", "a text", default=""),
+        assumed=_assumed(top),
+        extra=top.extra,
+    )
+
+
+def _created(top: TomlTable, findings: Findings) -> datetime | date | None:
+    value = top.raw("created")
+    if isinstance(value, str):
+        try:
+            return datetime.fromisoformat(value.strip())
+        except ValueError:
+            top.error("created", "a date and time like 2026-11-20T12:00:00Z", f'"{value}"')
+            return None
+    if value is None:
+        findings.warn(top.place("created"), "a date and time", "nothing")
+    elif not isinstance(value, date):
+        top.error("created", "a date and time like 2026-11-20T12:00:00Z", value)
+        return None
+    return value
+
+
+def _assumed(top: TomlTable) -> tuple[str, ...]:
+    value = top.raw("assumed")
+    if value is None:
+        return ()
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        top.error("assumed", 'a list of texts like ["force_n"]', value)
+        return ()
+    return tuple(value)

@@ -1,0 +1,235 @@
+"""The tables that ``dataset.toml`` and ``calibration.toml`` share: each from its TOML table, and back."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from skincal.dataset.findings import Findings
+from skincal.dataset.spec import (
+    ClockSpec,
+    IndenterSpec,
+    MountSpec,
+    Pair,
+    PositionSpec,
+    SensorSpec,
+    SurfaceSpec,
+)
+from skincal.dataset.toml_table import MILLIMETRES, TomlTable
+
+TABLES = ("sensor", "surface", "indenter", "mount", "position", "clock")
+KNOWN = {
+    "sensor": (
+        "rows", "cols", "taxel_size_m", "pitch_m", "value_min", "value_max", "integer", "baseline",
+        "positions",
+    ),
+    "surface": ("kind", "radius_m", "file"),
+    "indenter": ("kind", "radius_m", "file"),
+    "mount": (
+        "y_m", "beta_deg", "alpha_deg", "x_m", "y_range_m", "beta_range_deg", "alpha_range_deg", "x_range_m",
+    ),
+    "position": ("sigma_m", "slack_m"),
+    "clock": ("sigma_s",),
+}  # fmt: skip
+"""Keys of each table."""
+
+
+def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | None:
+    """The content of a TOML file that describes ``what``; None, and an error, where there is none."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        findings.error(
+            str(path), f"the description of the {what}", "no such file", f"Is this a {what}'s folder?"
+        )
+    except tomllib.TOMLDecodeError as error:
+        # The message holds the line and the column.
+        findings.error(path.name, "TOML", str(error))
+    except (OSError, UnicodeDecodeError) as error:
+        findings.error(path.name, "a readable text file", str(error))
+    return None
+
+
+def table_of(
+    top: TomlTable, findings: Findings, file: str, name: str, *, optional: bool = False
+) -> TomlTable:
+    """One of the shared tables of a file; an empty one, and an error, where it is missing or no table."""
+    values = top.raw(name)
+    if values is None and not optional:
+        top.error(f"[{name}]", f"a table [{name}]", "nothing")
+    elif values is not None and not isinstance(values, dict):
+        top.error(name, f"a table [{name}]", values)
+    if isinstance(values, dict):
+        return TomlTable(findings, file, name, values, KNOWN[name])
+    # One error for the missing table is enough: what it should hold is not asked for again.
+    return TomlTable(Findings(), file, name, {}, KNOWN[name])
+
+
+def check_format(top: TomlTable, expected: str) -> None:
+    """Adds an error unless the key ``format`` is the expected one."""
+    value = top.text("format", f'"{expected}"')
+    if value and value != expected:
+        top.error(
+            "format",
+            f'"{expected}"',
+            f'"{value}"',
+            "Another kind of file, or from a newer version of skincal.",
+        )
+
+
+def plain_table(spec: Any) -> dict[str, Any]:
+    """A table as TOML writes it; a square size is one number."""
+    values = asdict(spec)
+    extra = values.pop("extra")
+    for key in ("taxel_size_m", "pitch_m"):
+        pair = values.get(key)
+        if pair is not None and pair[0] == pair[1]:
+            values[key] = pair[0]
+    plain = {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if v is not None}
+    return {**plain, **extra}
+
+
+def sensor_from(table: TomlTable) -> SensorSpec:
+    """``[sensor]``; as below, a placeholder stands where something is wrong and an error says so."""
+    listed = table.has("positions")
+    size = (
+        None
+        if listed and not table.has("taxel_size_m")
+        else _side(table, "taxel_size_m", "the side of a taxel")
+    )
+    pitch = None if listed and not table.has("pitch_m") else _side(table, "pitch_m", "the distance of taxels")
+    sensor = SensorSpec(
+        rows=table.whole("rows", "a whole number, at least 1", low=1),
+        cols=table.whole("cols", "a whole number, at least 1", low=1),
+        taxel_size_m=size,
+        pitch_m=pitch,
+        value_min=table.number("value_min", default=None),
+        value_max=table.number("value_max", default=None),
+        integer=table.flag("integer", default=False),
+        baseline=table.choice("baseline", ("raw", "subtracted"), default="raw"),
+        positions=table.text("positions", "a file name") if listed else None,
+        extra=table.extra,
+    )
+    _check_sensor(table, sensor)
+    return sensor
+
+
+def _side(table: TomlTable, key: str, what: str) -> Pair | None:
+    return table.size_m(key, f"{what} [m], or [du, dv]", low=2e-5, high=0.1)
+
+
+def _check_sensor(table: TomlTable, sensor: SensorSpec) -> None:
+    low, high = sensor.value_min, sensor.value_max
+    if low is not None and high is not None and low >= high:
+        table.error("value_max", f"more than value_min = {low:g}", f"{high:g}")
+    if sensor.pitch_m is None or sensor.taxel_size_m is None or sensor.positions is not None:
+        return
+    for axis, count, pitch, size in zip(
+        "uv", (sensor.cols, sensor.rows), sensor.pitch_m, sensor.taxel_size_m, strict=True
+    ):
+        if count > 1 and size > pitch * (1 + 1e-9):
+            table.error(
+                "pitch_m",
+                f"at least the taxel's size {size:g} m along {axis}",
+                f"{pitch:g} m",
+                "Taxels overlap.",
+            )
+
+
+def surface_from(table: TomlTable) -> SurfaceSpec:
+    """``[surface]``."""
+    kind = table.choice("kind", ("cylinder", "plane", "mesh"))
+    radius = (
+        table.length_m("radius_m", "the cylinder's radius [m]", low=1e-4, high=1.0)
+        if kind == "cylinder"
+        else None
+    )
+    if kind == "plane":
+        table.absent("radius_m", "a plane has no radius")
+    return SurfaceSpec(kind, radius, _mesh_file(table, kind), table.extra)
+
+
+def indenter_from(table: TomlTable) -> IndenterSpec:
+    """``[indenter]``."""
+    kind = table.choice("kind", ("sphere", "flat", "mesh"))
+    what = "the sphere's radius [m]" if kind == "sphere" else "the punch's radius [m]"
+    radius = table.length_m("radius_m", what, low=5e-5, high=1.0) if kind in ("sphere", "flat") else None
+    return IndenterSpec(kind, radius, _mesh_file(table, kind), table.extra)
+
+
+def _mesh_file(table: TomlTable, kind: str) -> str | None:
+    if kind == "mesh":
+        return table.text("file", "the name of the mesh file") or None
+    if kind:
+        table.absent("file", f'kind = "{kind}" has none')
+    return None
+
+
+def mount_from(table: TomlTable, surface: str) -> MountSpec:
+    """``[mount]``; ``surface`` is the surface's kind, '' where that is not known."""
+    plane = surface == "plane"
+    for key in ("beta_deg", "beta_range_deg") if plane else ("x_m", "x_range_m"):
+        table.absent(
+            key,
+            "on a plane it is x_m, x_range_m" if plane else "off the plane it is beta_deg, beta_range_deg",
+        )
+    y, y_range = _centre(table, "y")
+    x, x_range = _centre(table, "x") if plane else (None, None)
+    beta, beta_range = _angle(table, "beta") if surface and not plane else (None, None)
+    alpha, alpha_range = _angle(table, "alpha")
+    return MountSpec(
+        y_m=y,
+        alpha_deg=alpha,
+        y_range_m=y_range,
+        alpha_range_deg=alpha_range,
+        beta_deg=beta,
+        beta_range_deg=beta_range,
+        x_m=x,
+        x_range_m=x_range,
+        extra=table.extra,
+    )
+
+
+def _centre(table: TomlTable, axis: str) -> tuple[float, Pair]:
+    value = table.length_m(
+        f"{axis}_m", f"{axis} of the patch's centre [m]", low=0.0, high=1.0, positive=False
+    )
+    bounds = table.range(f"{axis}_range_m", "[low, high] in metres", limit=1.0, fix=MILLIMETRES)
+    _check_inside(table, f"{axis}_m", value, f"{axis}_range_m", bounds)
+    return value, bounds
+
+
+def _angle(table: TomlTable, name: str) -> tuple[float, Pair]:
+    value = table.number(f"{name}_deg", "an angle in degrees, within ±180", low=-180, high=180)
+    bounds = table.range(f"{name}_range_deg", "[low, high] in degrees", limit=180)
+    _check_inside(table, f"{name}_deg", value, f"{name}_range_deg", bounds)
+    return value, bounds
+
+
+def _check_inside(table: TomlTable, key: str, value: float, range_key: str, bounds: Pair) -> None:
+    # Comparisons with the NaN of a placeholder are false: nothing is said twice.
+    if value < bounds[0] or value > bounds[1]:
+        table.error(key, f"a value within {range_key} = [{bounds[0]:g}, {bounds[1]:g}]", f"{value:g}")
+
+
+def position_from(table: TomlTable) -> PositionSpec:
+    """``[position]``."""
+    sigma = table.length_m("sigma_m", "a standard deviation [m], 0 or more, or inf", low=0.0, high=0.1,
+                           positive=False, inf=True)  # fmt: skip
+    slack = table.length_m("slack_m", "a bound [m], 0 or more", low=0.0, high=0.1, positive=False,
+                           inf=math.isinf(sigma))  # fmt: skip
+    for key, value in (("sigma_m", sigma), ("slack_m", slack)):
+        if value < 0:
+            table.error(key, "0 or more", f"{value:g}")
+    return PositionSpec(sigma, slack, table.extra)
+
+
+def clock_from(table: TomlTable) -> ClockSpec:
+    """``[clock]``."""
+    return ClockSpec(
+        table.number("sigma_s", "a standard deviation [s], 0 or more", default=0.0, low=0.0), table.extra
+    )

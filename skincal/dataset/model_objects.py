@@ -1,0 +1,98 @@
+"""The model's objects that a description of a sensor stands for; the model is imported when needed."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
+from skincal.dataset.tables import TaxelPositions
+
+if TYPE_CHECKING:
+    from skincal.model import Converter, Indenter, Surface, TaxelLayout
+
+
+def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayout:
+    """The taxels' layout: the grid of ``[sensor]``, or the table of positions where there is one."""
+    from skincal.model import TaxelLayout
+
+    if positions is not None:
+        return TaxelLayout(
+            rows=sensor.rows, cols=sensor.cols, centres_m=positions.centres_m, sizes_m=positions.sizes_m
+        )
+    assert sensor.taxel_size_m is not None and sensor.pitch_m is not None
+    return TaxelLayout.grid(
+        sensor.rows, sensor.cols, taxel_size_m=sensor.taxel_size_m, pitch_m=sensor.pitch_m
+    )
+
+
+def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
+    """The surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
+    from skincal.model import Cylinder, MeshSurface, Plane
+
+    if spec.kind == "mesh":
+        assert spec.file is not None
+        return MeshSurface(*mesh_arrays(meshes[spec.file], spec.file))
+    if spec.kind == "plane":
+        return Plane()
+    assert spec.radius_m is not None
+    return Cylinder(spec.radius_m)
+
+
+def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float | None = None) -> Indenter:
+    """What presses.
+
+    Args:
+        spec: the table ``[indenter]``.
+        meshes: content of mesh files by name.
+        radius_m: a radius that goes before that of ``spec`` [m]; None or NaN: that of ``spec``.
+    """
+    from skincal.model import FlatPunch, MeshIndenter, Sphere
+
+    if spec.kind == "mesh":
+        assert spec.file is not None
+        return MeshIndenter(*mesh_arrays(meshes[spec.file], spec.file))
+    radius = spec.radius_m if radius_m is None or np.isnan(radius_m) else float(radius_m)
+    assert radius is not None
+    return Sphere(radius) if spec.kind == "sphere" else FlatPunch(radius)
+
+
+def converter_of(sensor: SensorSpec) -> Converter:
+    """The converter of ``[sensor]``.
+
+    Where the level at rest has been taken off the counts, it is not known where on their scale the converter
+    clips, nor are they whole numbers any more: then nothing is clipped or rounded.
+    """
+    from skincal.model import Converter
+
+    if sensor.baseline == "subtracted":
+        return Converter.none()
+    return Converter(value_min=sensor.value_min, value_max=sensor.value_max, integer=sensor.integer)
+
+
+def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices [m], shape (V, 3), and faces, shape (F, 3), of a mesh file.
+
+    Args:
+        content: the file's bytes.
+        name: its name; the suffix tells the format (STL, OBJ, PLY, ...).
+
+    Raises:
+        ValueError: it is no mesh that trimesh can read, or an empty one.
+    """
+    import trimesh
+
+    try:
+        mesh = trimesh.load(io.BytesIO(content), file_type=Path(name).suffix.lstrip("."), force="mesh")
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)  # type: ignore[union-attr]
+        faces = np.asarray(mesh.faces, dtype=np.int64)  # type: ignore[union-attr]
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+    if not len(faces):
+        raise ValueError("no triangles")
+    return vertices, faces

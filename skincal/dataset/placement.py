@@ -1,0 +1,81 @@
+"""Where contact points lie on the patch: the way back from the fingertip frame to patch coordinates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from skincal.model import SensorPose, Surface
+
+FloatArray = NDArray[np.float64]
+
+GRID = 81
+"""Points along each side of the grid on a mesh from which the search begins."""
+
+STEPS = 3
+DIFFERENCE_M = 1e-5
+
+
+def patch_coordinates(
+    surface: Surface, pose: SensorPose, points_m: ArrayLike, reach_m: float = 0.02
+) -> FloatArray:
+    """Patch coordinates of contact points (contract, section 1, solved for u and v).
+
+    Args:
+        surface: the surface.
+        pose: where the patch lies on it.
+        points_m: contact points, fingertip frame [m], shape (K, 3); those off the surface are projected.
+        reach_m: on a mesh, points are looked for within this distance of the patch's centre [m].
+
+    Returns:
+        ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. Exact on a cylinder and a plane; on a mesh
+        as good as its facets.
+    """
+    from skincal.model import Cylinder, Plane
+
+    points = np.asarray(points_m, dtype=np.float64)
+    if isinstance(surface, Cylinder):
+        turn = np.arctan2(points[:, 0], points[:, 2]) - pose.beta_rad
+        across = surface.radius_m * (np.mod(turn + np.pi, 2 * np.pi) - np.pi)
+        return _turned_back(pose, across, points[:, 1] - pose.y_m)
+    if isinstance(surface, Plane):
+        return _turned_back(pose, points[:, 0] - pose.x_m, points[:, 1] - pose.y_m)
+    return _nearest(surface, pose, points, reach_m)
+
+
+def _turned_back(pose: SensorPose, across: FloatArray, along: FloatArray) -> FloatArray:
+    cos, sin = np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)
+    return np.column_stack([across * cos + along * sin, along * cos - across * sin])
+
+
+def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: float) -> FloatArray:
+    """The nearest of a coarse grid of points of the patch, then Gauss-Newton steps from there."""
+    from scipy.spatial import cKDTree
+
+    side = np.linspace(-reach_m, reach_m, GRID)
+    uv = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    laid = surface.wrap(pose, uv)[0]
+    there = np.isfinite(laid).all(axis=1)
+    found = np.full((len(points), 2), np.nan)
+    given = np.isfinite(points).all(axis=1)
+    if not there.any() or not given.any():
+        return found
+    near = uv[there][cKDTree(laid[there]).query(points[given])[1]]
+    for _ in range(STEPS):
+        near = _refined(surface, pose, points[given], near)
+    found[given] = near
+    return found
+
+
+def _refined(surface: Surface, pose: SensorPose, points: FloatArray, uv: FloatArray) -> FloatArray:
+    """One Gauss-Newton step towards the points, by differences along u and v; none where the patch ends."""
+    here = surface.wrap(pose, uv)[0]
+    moved = [surface.wrap(pose, uv + step)[0] for step in DIFFERENCE_M * np.eye(2)]
+    slopes = np.stack([(there - here) / DIFFERENCE_M for there in moved], axis=2)
+    whole = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
+    slopes[~whole] = np.eye(3, 2)
+    step = np.einsum("kij,kj->ki", np.linalg.pinv(slopes), points - here)
+    return np.where(whole[:, None], uv + step, uv)

@@ -1,0 +1,241 @@
+"""Values that are well formed and yet cannot be meant: above all a unit that is off by a factor of 1000.
+
+A quantity is only called wrong where its *median* cannot be meant: single presses may be glitches.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.columns import TARGET
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.findings import Findings
+from skincal.dataset.tables import HOLD, IDLE
+from skincal.dataset.toml_table import MILLIMETRES, TWICE
+
+if TYPE_CHECKING:
+    from skincal.model import Surface
+
+FloatArray = NDArray[np.float64]
+
+HIGHEST_PRESSURE_PA = 3e6
+LOWEST_PRESSURE_PA = 100.0
+"""Mean pressures under the indenter beyond which a median force is not meant in newtons."""
+
+FORCE_BEYOND_DOUBT_N = 50.0
+"""A median force below this is never called too high: a needle reaches any pressure."""
+
+FAR = 20.0
+"""Positions whose median lies farther from the patch than this many times its reach are not meant."""
+
+LARGEST_RADIUS_M, SMALLEST_RADIUS_M = 1.0, 5e-5
+FASTEST_M_PER_S = 0.5
+
+
+def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
+    """Adds what cannot be meant to the findings.
+
+    Args:
+        dataset: the data, of the right form.
+        files: names of the files of ``presses`` and ``frames``.
+        findings: where errors and warnings go.
+    """
+    presses, frames = dataset.presses, dataset.frames
+    surface = dataset.surface()
+    place = f"{files['presses']}, columns x_m, y_m, z_m"
+    _check_positions(dataset, surface, presses.position_m, place, findings)
+    targets = [presses.column(name) for name in TARGET]
+    if all(column is not None for column in targets):
+        points = np.column_stack([np.asarray(column) for column in targets])
+        place = f"{files['presses']}, columns {', '.join(TARGET)}"
+        _check_positions(dataset, surface, points, place, findings)
+    _check_forces(dataset, presses.force_n, f"{files['presses']}, column force_n", findings)
+    _check_covariates(dataset, files["presses"], findings)
+    if frames is not None:
+        touching = frames.phase != IDLE
+        place = f"{files['frames']}, columns x_m, y_m, z_m"
+        _check_positions(dataset, surface, frames.position_m[touching], place, findings)
+        _check_frames(dataset, files["frames"], findings)
+
+
+def check_scale(points: FloatArray, file: str, findings: Findings) -> None:
+    """What can be said of contact points where the description, and so the surface, is not known."""
+    size = _median(np.linalg.norm(points, axis=1))
+    if size > 1.0:
+        fix = MILLIMETRES if size / 1000 < 1.0 else ""
+        place = f"{file}, columns x_m, y_m, z_m"
+        findings.error(place, "contact points [m]", f"a median distance of {size:.3g} m", fix)
+
+
+def _check_positions(
+    dataset: Dataset, surface: Surface, points: FloatArray, place: str, findings: Findings
+) -> None:
+    """Positions lie on the surface, near the patch."""
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return
+    centre = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0]
+    reach = patch_reach_m(dataset)
+    away = _median_away(points, centre)
+    if away > FAR * reach:
+        fix = MILLIMETRES if _median_away(points / 1000, centre) < FAR * reach else ""
+        findings.error(place, "contact points [m] near the patch", f"a median distance of {away:.3g} m", fix)
+        return
+    off = _median_off(surface, points)
+    allowed = dataset.meta.position.slack_m + 3 * dataset.meta.position.sigma_m
+    if not np.isfinite(allowed) or off <= max(allowed, 1e-4):
+        return
+    if _median_off(surface, points * 1000) <= max(allowed, 1e-4):
+        findings.error(place, "contact points [m] on the surface", f"a median of {off:.3g} m off it", TWICE)
+        return
+    findings.warn(
+        place,
+        f"contact points on the surface, within slack_m + 3 sigma_m = {allowed:.3g} m",
+        f"a median of {off:.3g} m off it",
+        "Is the surface in dataset.toml the right one, and the frame the fingertip's?",
+    )
+
+
+def _median_away(points: FloatArray, centre: FloatArray) -> float:
+    return float(np.median(np.linalg.norm(points - centre, axis=1)))
+
+
+def _median_off(surface: Surface, points: FloatArray) -> float:
+    """Median distance from the surface [m]; a sample is enough where there are many points."""
+    points = points[:: max(len(points) // 200, 1)]
+    return float(np.median(np.linalg.norm(points - surface.project(points), axis=1)))
+
+
+def patch_reach_m(dataset: Dataset) -> float:
+    """How far from the nominal centre a press that touches the patch may lie [m]."""
+    mount = dataset.meta.mount
+    ranges = [r for r in (mount.y_range_m, mount.x_range_m) if r is not None]
+    search = max((high - low for low, high in ranges), default=0.0)
+    radii = dataset.indenter_radii_m()
+    indenter = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 0.01
+    corner = float(np.linalg.norm(dataset.layout().bounds_m, axis=1).max())
+    sigma = dataset.meta.position.sigma_m
+    return corner + search + indenter + (3 * sigma if np.isfinite(sigma) else 0.0)
+
+
+def pressed_area_m2(dataset: Dataset) -> float:
+    """The area that the indenter can press on at most [m²]: its own, or the patch if that is less.
+
+    A flat punch larger than the patch stands for a pressure everywhere: its own area counts.
+    """
+    low, high = dataset.layout().bounds_m
+    patch = float(np.prod(high - low))
+    radii = dataset.indenter_radii_m()
+    if not np.isfinite(radii).any():
+        return patch
+    own = float(np.pi * np.median(radii[np.isfinite(radii)]) ** 2)
+    return own if dataset.meta.indenter.kind == "flat" else min(own, patch)
+
+
+def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Findings) -> None:
+    median = _median(force)
+    pressure = median / pressed_area_m2(dataset)
+    got = f"a median of {median:.3g} N, {pressure:.2g} Pa under the indenter"
+    if pressure > HIGHEST_PRESSURE_PA and median > FORCE_BEYOND_DOUBT_N:
+        findings.error(place, "forces [N]", got, "It looks like millinewtons; divide by 1000.")
+    elif 0 < pressure < LOWEST_PRESSURE_PA:
+        findings.error(place, "forces [N]", got, "It looks like kilonewtons; multiply by 1000.")
+    elif median <= 0:
+        findings.error(place, "positive normal forces [N]", got, "Forces on the skin count positive.")
+
+
+def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
+    place = f"{file}, column {{}}".format
+    presses = dataset.presses
+    radius = _median(presses.column("indenter_radius_m"))
+    if radius > LARGEST_RADIUS_M or radius < SMALLEST_RADIUS_M:
+        fix = MILLIMETRES if radius > LARGEST_RADIUS_M else TWICE
+        findings.error(place("indenter_radius_m"), "radii [m]", f"a median of {radius:.3g} m", fix)
+    speed = _median(presses.column("speed_m_per_s"))
+    if speed > FASTEST_M_PER_S:
+        fix = "It looks like millimetres per second; divide by 1000."
+        findings.error(place("speed_m_per_s"), "speeds of a press [m/s]", f"a median of {speed:.3g} m/s", fix)
+    median = _median(presses.force_n)
+    target = _median(presses.column("target_force_n"))
+    if target > 100 * median > 0:
+        got = f"a median of {target:.3g} N where {median:.3g} N were measured"
+        findings.error(
+            place("target_force_n"), "forces [N]", got, "It looks like millinewtons; divide by 1000."
+        )
+    for name in ("shear_u_n", "shear_v_n"):
+        column = presses.column(name)
+        shear = 0.0 if column is None else _median(np.abs(column))
+        if shear > 30 * median > 0:
+            got = f"a median of {shear:.3g} N under a normal force of {median:.3g} N"
+            findings.error(place(name), "forces [N]", got, "It looks like millinewtons; divide by 1000.")
+    temperature = _median(presses.column("temperature_c"))
+    if temperature > 150:
+        findings.warn(place("temperature_c"), "degrees Celsius", f"a median of {temperature:.4g}", "Kelvin?")
+
+
+def _median(column: FloatArray | None) -> float:
+    """Median of what was measured; NaN, which compares false with everything, where nothing was."""
+    if column is None or not np.isfinite(column).any():
+        return float("nan")
+    return float(np.nanmedian(column))
+
+
+def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
+    """Frames agree with the table of presses in their forces and times."""
+    frames, presses = dataset.frames, dataset.presses
+    assert frames is not None
+    step = _median(np.diff(frames.time_s))
+    if step > 5:
+        fix = "It looks like milliseconds; divide by 1000."
+        findings.error(f"{file}, column time_s", "times [s]", f"a median step of {step:.3g} s", fix)
+    force, middle = hold_means(dataset, frames.force_n), hold_means(dataset, frames.time_s)
+    held = np.isfinite(middle)
+    if not held.any():
+        findings.warn(f"{file}, column phase", "frames of the hold of each press", "none")
+        return
+    ratio = _median(force[held]) / _median(presses.force_n[held])
+    if ratio > 30 or 0 < ratio < 1 / 30:
+        unit = "millinewtons; divide" if ratio > 30 else "kilonewtons; multiply"
+        got = f"{ratio:.3g} times those of the presses in the hold"
+        findings.error(f"{file}, column force_n", "forces [N]", got, f"It looks like {unit} by 1000.")
+    elif abs(ratio - 1) > 0.2:
+        got = f"{ratio:.3g} times those of the presses in the hold"
+        findings.warn(f"{file}, column force_n", "the same forces as in the table of presses", got)
+    if not held.all():
+        got = f"none for {int(np.sum(~held))} of {len(presses)}"
+        findings.warn(f"{file}, column phase", "frames of the hold of each press", got)
+    _check_session_clock(dataset, middle, held, file, findings)
+
+
+def _check_session_clock(
+    dataset: Dataset, middle: FloatArray, held: NDArray[np.bool_], file: str, findings: Findings
+) -> None:
+    """The hold of a press lies in its frames where ``t_hold_s`` to ``t_release_s`` says."""
+    start, end = dataset.presses.column("t_hold_s"), dataset.presses.column("t_release_s")
+    if start is None or end is None:
+        return
+    outside = held & ((middle < start - 1) | (middle > end + 1))
+    if np.mean(outside[held]) > 0.5:
+        first = int(np.flatnonzero(outside)[0])
+        findings.error(
+            f"{file}, column time_s",
+            "one session clock: hold frames between t_hold_s and t_release_s of their press",
+            f"press {dataset.presses.press[first]} held at {middle[first]:.4g} s in the frames, "
+            f"from {start[first]:.4g} s to {end[first]:.4g} s in the presses",
+            "Is one of them in milliseconds, or counted from another start?",
+        )
+
+
+def hold_means(dataset: Dataset, values: FloatArray) -> FloatArray:
+    """Mean of a column of the frames over the hold of each press, shape (K,); NaN where it has no hold."""
+    frames, presses = dataset.frames, dataset.presses
+    assert frames is not None
+    hold = (frames.phase == HOLD) & np.isin(frames.press, presses.press)
+    order = np.argsort(presses.press)
+    row = order[np.searchsorted(presses.press[order], frames.press[hold])]
+    count = np.bincount(row, minlength=len(presses))
+    total = np.bincount(row, weights=values[hold], minlength=len(presses))
+    return np.divide(total, count, out=np.full(len(presses), np.nan), where=count > 0)

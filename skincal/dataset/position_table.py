@@ -1,0 +1,71 @@
+"""``taxels.csv``: where the taxels of a layout that is no grid lie."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.columns import ANY, POSITIVE, ColumnReader
+from skincal.dataset.spec import SensorSpec
+from skincal.dataset.table_file import RawTable
+from skincal.dataset.tables import TaxelPositions
+from skincal.dataset.toml_table import MILLIMETRES
+
+COLUMNS = ("r", "c", "u_m", "v_m", "du_m", "dv_m")
+LARGEST_M = 1.0
+
+
+def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None:
+    """Takes the taxels' positions out of a table as read, in the order of the flat index.
+
+    Every taxel of ``rows`` x ``cols`` must be there once. What is wrong is added to the table's findings.
+    """
+    reader = ColumnReader(table)
+    reader.require(COLUMNS)
+    if not all(reader.has(name) for name in COLUMNS):
+        return None
+    r = reader.whole("r", f"a whole number below {sensor.rows}", low=0)
+    c = reader.whole("c", f"a whole number below {sensor.cols}", low=0)
+    centres = np.column_stack([reader.checked(name, ANY, may_be_nan=False) for name in ("u_m", "v_m")])
+    sizes = np.column_stack([reader.checked(name, POSITIVE, may_be_nan=False) for name in ("du_m", "dv_m")])
+    for j, name in enumerate(("u_m", "v_m", "du_m", "dv_m")):
+        values = np.concatenate([centres, sizes], axis=1)[:, j]
+        reader.sheet.bad_rows(
+            name, np.abs(values) > LARGEST_M, values, f"at most {LARGEST_M:g} m", MILLIMETRES
+        )
+    reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}")
+    reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}")
+    return _in_order(reader, sensor, r * sensor.cols + c, centres, sizes)
+
+
+def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
+    """The table that says where the taxels lie, as columns to write."""
+    r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
+    numbers = (*positions.centres_m.T, *positions.sizes_m.T)
+    return dict(zip(COLUMNS, (r, c, *numbers), strict=True))
+
+
+def _in_order(
+    reader: ColumnReader, sensor: SensorSpec, flat: np.ndarray, centres: np.ndarray, sizes: np.ndarray
+) -> TaxelPositions | None:
+    first = np.zeros(len(flat), dtype=bool)
+    first[np.unique(flat, return_index=True)[1]] = True
+    reader.sheet.bad_rows("r, c", ~first, _taxel_names(sensor, flat), "each taxel once")
+    missing = np.setdiff1d(np.arange(sensor.taxels), flat)
+    if missing.size:
+        names = ", ".join(sensor.taxel_columns()[j] for j in missing[:6])
+        got = f"none for {names}{', …' if missing.size > 6 else ''}"
+        fix = "Where the image has gaps, number the taxels in one row: rows = 1, cols = their number."
+        reader.sheet.findings.error(reader.sheet.file, "a row for every taxel of rows x cols", got, fix)
+    if missing.size or not first.all() or len(flat) != sensor.taxels:
+        return None
+    order = np.argsort(flat)
+    return TaxelPositions(centres[order], sizes[order])
+
+
+def _taxel_names(sensor: SensorSpec, flat: np.ndarray) -> list[str]:
+    """Names of taxels by flat index; one that does not exist is named by its number."""
+    names = sensor.taxel_columns()
+    return [names[j] if j < len(names) else str(j) for j in flat]

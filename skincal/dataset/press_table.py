@@ -1,0 +1,82 @@
+"""``presses.csv`` or ``.parquet``: columns into :class:`Presses`, with every violation reported."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from skincal.dataset.columns import ANY, NORMAL, OPTIONAL, POSITION, TIMES, ColumnReader
+from skincal.dataset.count_checks import check_counts
+from skincal.dataset.spec import DatasetMeta
+from skincal.dataset.table_file import RawTable
+from skincal.dataset.tables import Presses
+
+REQUIRED = ("press", *POSITION, "force_n")
+
+
+def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
+    """Takes the presses out of a table as read; what is wrong is added to the table's findings."""
+    reader = ColumnReader(table)
+    taxels = meta.sensor.taxel_columns()
+    reader.require(REQUIRED)
+    reader.require(taxels)
+    if not table.rows:
+        reader.sheet.findings.error(reader.sheet.file, "at least one press", "no rows")
+    press = reader.whole("press", "a whole number, 0 or more", low=0)
+    counts = reader.matrix(taxels)
+    unknown = math.isinf(meta.position.sigma_m)
+    presses = Presses(
+        press=press,
+        position_m=np.column_stack([reader.checked(name, ANY, may_be_nan=unknown) for name in POSITION]),
+        force_n=reader.checked("force_n", ANY, may_be_nan=False),
+        counts=counts,
+        normals=_normals(reader),
+        columns=reader.optional({**OPTIONAL, **dict.fromkeys(TIMES, ANY)}, {*REQUIRED, *NORMAL, *taxels}),
+    )
+    if reader.has("press"):
+        _check_unique(reader, press)
+    check_counts(reader, meta.sensor, counts, whole=False)
+    _check_branch(reader, presses)
+    _check_times(reader, presses)
+    return presses
+
+
+def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
+    first = np.zeros(len(press), dtype=bool)
+    first[np.unique(press, return_index=True)[1]] = True
+    reader.sheet.bad_rows("press", ~first, press, "each number once", "The same press twice?")
+
+
+def _normals(reader: ColumnReader) -> np.ndarray | None:
+    """Measured normals, shape (K, 3); NaN where not measured, None where there are no such columns."""
+    present = [name for name in NORMAL if reader.has(name)]
+    if not present:
+        return None
+    reader.require(NORMAL)
+    normals = np.column_stack([reader.checked(name, ANY) for name in NORMAL])
+    if len(present) < 3:
+        return normals
+    given = np.isfinite(normals)
+    partial = given.any(axis=1) & ~given.all(axis=1)
+    reader.sheet.bad_rows("nx, ny, nz", partial, normals, "all three, or none")
+    length = np.linalg.norm(normals, axis=1)
+    wrong = given.all(axis=1) & (np.abs(length - 1) > 0.01)
+    reader.sheet.bad_rows("nx, ny, nz", wrong, length, "a vector of length 1")
+    return normals
+
+
+def _check_branch(reader: ColumnReader, presses: Presses) -> None:
+    branch = presses.column("branch")
+    if branch is not None:
+        bad = ~np.isin(branch.astype(str), ["up", "down", ""])
+        reader.sheet.bad_rows("branch", bad, branch, '"up", "down" or nothing')
+
+
+def _check_times(reader: ColumnReader, presses: Presses) -> None:
+    """Start, hold, release and end follow each other."""
+    names = [name for name in TIMES if presses.column(name) is not None]
+    for earlier, later in pairwise(names):
+        before, after = presses.columns[earlier], presses.columns[later]
+        reader.sheet.bad_rows(later, after < before, after, f"a time not before {earlier}")

@@ -1,0 +1,126 @@
+"""Reads and checks a dataset's folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from skincal.dataset.companions import read_meshes, read_positions
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.findings import Findings
+from skincal.dataset.frame_table import frames_from
+from skincal.dataset.hashing import dataset_hash
+from skincal.dataset.meta_file import FILE, read_meta
+from skincal.dataset.plausibility import check_plausible, check_scale
+from skincal.dataset.press_table import presses_from
+from skincal.dataset.remarks import add_remarks
+from skincal.dataset.table_file import RawTable, find_table, read_table
+from skincal.errors import Problem
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was found in a dataset's folder.
+
+    Attributes:
+        errors: what makes it unusable, in the order of the files.
+        warnings: what a person should know.
+        dataset: the data; None where there are errors.
+    """
+
+    errors: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+    dataset: Dataset | None
+
+
+def read_dataset(path: str | Path) -> Dataset:
+    """Reads a dataset's folder (contract ``skincal-dataset/1``) and checks all of it.
+
+    Args:
+        path: the folder.
+
+    Returns:
+        The dataset; its ``warnings`` say what does not forbid its use.
+
+    Raises:
+        InputError: anything in it is wrong; ``problems`` holds every violation.
+    """
+    findings = Findings()
+    dataset = _read(Path(path), findings)
+    findings.raise_errors()
+    assert dataset is not None
+    return dataset
+
+
+def check_dataset(path: str | Path) -> Check:
+    """Reads a dataset's folder and reports everything that was found instead of raising it."""
+    findings = Findings()
+    dataset = _read(Path(path), findings)
+    return Check(tuple(findings.errors), tuple(findings.warnings), None if findings.errors else dataset)
+
+
+def _read(folder: Path, findings: Findings) -> Dataset | None:
+    if not folder.is_dir():
+        findings.error(str(folder), "a dataset's folder", "a file" if folder.exists() else "no such folder")
+        return None
+    meta = read_meta(folder, findings)
+    if meta is None:
+        return None
+    meshes = read_meshes(folder, FILE, meta.surface, meta.indenter, findings)
+    positions = read_positions(folder, FILE, meta.sensor, findings)
+    described = not findings.errors
+    press_table = _table(folder, "presses", findings, required=True)
+    presses = None if press_table is None else presses_from(press_table, meta)
+    frame_table = _table(folder, "frames", findings)
+    frames = None if frame_table is None else frames_from(frame_table, meta, presses)
+    if presses is None or press_table is None:
+        return None
+    if not described:
+        check_scale(presses.position_m, press_table.sheet.file, findings)
+        return None
+    dataset = Dataset(meta, presses, frames, positions, meshes, folder.resolve())
+    if _check_model(dataset, findings):
+        files = {"presses": press_table.sheet.file, "frames": frame_table.sheet.file if frame_table else ""}
+        check_plausible(dataset, files, findings)
+    if findings.errors:
+        return None
+    add_remarks(dataset, press_table.sheet, findings)
+    return replace(dataset, sha256=dataset_hash(folder), warnings=tuple(findings.warnings))
+
+
+def _table(folder: Path, stem: str, findings: Findings, *, required: bool = False) -> RawTable | None:
+    path = find_table(folder, stem, findings)
+    if path is None and required:
+        findings.error(str(folder), f"{stem}.csv or {stem}.parquet", "neither")
+    return None if path is None else read_table(path, findings)
+
+
+def _check_model(dataset: Dataset, findings: Findings) -> bool:
+    """Whether the model can be built from the description; what it refuses is an error of the files."""
+    sensor = f"{FILE}, [sensor]" if dataset.positions is None else str(dataset.meta.sensor.positions)
+    for place, expected, make in (
+        (sensor, "a layout of taxels", dataset.layout),
+        (f"{FILE}, [surface]", "a surface", dataset.surface),
+        (f"{FILE}, [indenter]", "an indenter", dataset.indenter),
+        (f"{FILE}, [mount]", "a pose on the surface", lambda: _wrapped(dataset)),
+    ):
+        try:
+            make()
+        except ValueError as error:
+            findings.error(place, expected, error)
+            return False
+    return True
+
+
+def _wrapped(dataset: Dataset) -> None:
+    """Lays the taxels' centres on the surface.
+
+    Raises:
+        ValueError: the surface has no room for them.
+    """
+    points, _ = dataset.surface().wrap(dataset.nominal_pose(), dataset.layout().centres_m)
+    if not np.isfinite(points).all():
+        outside = int(np.sum(~np.isfinite(points).all(axis=1)))
+        raise ValueError(f"{outside} taxels beyond the surface; compare the patch's size with the surface's")

@@ -1,0 +1,75 @@
+"""What a person should know of a dataset that is well formed: warnings, never errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.dataset.columns import NORMAL
+from skincal.dataset.count_checks import named
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.findings import Findings, Sheet
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
+
+STUCK_SHARE = 0.9
+"""A taxel that reads value_max in more than this share of the presses is called stuck."""
+
+
+def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
+    """Adds warnings to the findings.
+
+    Args:
+        dataset: the data, of the right form.
+        sheet: the table of presses.
+        findings: where the warnings go.
+    """
+    _remark_on_activity(dataset, sheet, findings)
+    _remark_on_stuck(dataset, sheet, findings)
+    _remark_on_repeats(dataset, sheet)
+    _remark_on_normals(dataset, sheet)
+    force = dataset.presses.force_n
+    sheet.bad_rows("force_n", force <= 0, force, "a positive normal force", "A glitch?", warning=True)
+
+
+def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
+    active = active_taxels(dataset)
+    expected = f"taxels more than {ACTIVE_COUNTS:g} counts above their level at rest"
+    if not active.any():
+        fix = "Nothing can be fitted to such data. Do the counts grow with load?"
+        findings.warn(sheet.file, expected, "none in any press", fix)
+    elif not np.any(active.sum(axis=1) >= 2):
+        findings.warn(
+            sheet.file, f"two {expected} in a press", "at most one in any press", "The fit needs two."
+        )
+
+
+def _remark_on_stuck(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
+    top = dataset.meta.sensor.value_max
+    if top is None or dataset.meta.sensor.baseline != "raw":
+        return
+    stuck = np.flatnonzero(np.mean(dataset.presses.counts >= top, axis=0) > STUCK_SHARE)
+    if stuck.size:
+        names = named(list(dataset.meta.sensor.taxel_columns()), stuck)
+        findings.warn(
+            sheet.file, f"counts below value_max = {top:g}", f"nearly always {top:g} from {names}", "Stuck?"
+        )
+
+
+def _remark_on_repeats(dataset: Dataset, sheet: Sheet) -> None:
+    """The same measurement under two numbers: noise would have made them differ."""
+    presses = dataset.presses
+    values = np.column_stack([presses.position_m, presses.force_n, presses.counts])
+    first = np.zeros(len(values), dtype=bool)
+    first[np.unique(np.nan_to_num(values, nan=-1.0), axis=0, return_index=True)[1]] = True
+    sheet.bad_rows(
+        "press", ~first, presses.press, "different measurements", "Was a press copied?", warning=True
+    )
+
+
+def _remark_on_normals(dataset: Dataset, sheet: Sheet) -> None:
+    presses = dataset.presses
+    if presses.normals is None or not np.isfinite(presses.position_m).all():
+        return
+    cosine = np.sum(presses.normals * dataset.surface().normal_at(presses.position_m), axis=1)
+    expected = "a normal out of the fingertip (positive cosine with the surface's)"
+    fix = "Is it the direction of the force instead?"
+    sheet.bad_rows(", ".join(NORMAL), cosine < 0, cosine, expected, fix, warning=True)

@@ -1,0 +1,54 @@
+"""Which taxels answered a press: the level at rest, and what lies clearly above it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.tables import IDLE
+
+ACTIVE_COUNTS = 5.0
+"""How far above its level at rest a taxel must be to count as active [counts]."""
+
+FEWEST_IDLE = 10
+"""Idle frames that are needed to take the level at rest from them."""
+
+
+def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
+    """The level of each taxel at rest.
+
+    It is the median over the idle frames; where there are none, the mean of the dark readings over the presses,
+    most of which do not reach a given taxel. Counts whose level at rest has been taken off rest at 0.
+
+    Args:
+        dataset: the data.
+
+    Returns:
+        Levels [counts], shape (J,); NaN for a taxel that is dead throughout.
+    """
+    if dataset.meta.sensor.baseline == "subtracted":
+        return np.zeros(dataset.meta.sensor.taxels)
+    frames = dataset.frames
+    if frames is None or np.sum(frames.phase == IDLE) < FEWEST_IDLE:
+        from skincal.model.rest import rest_from_presses
+
+        return rest_from_presses(dataset.presses.counts)[0]
+    counts = frames.counts[frames.phase == IDLE]
+    levels = np.full(counts.shape[1], np.nan)
+    alive = np.isfinite(counts).any(axis=0)
+    levels[alive] = np.nanmedian(counts[:, alive], axis=0)
+    return levels
+
+
+def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> NDArray[np.bool_]:
+    """Which taxels answered which press: those above their level at rest by more than a threshold.
+
+    Args:
+        dataset: the data.
+        threshold_counts: the threshold [counts].
+
+    Returns:
+        Shape (K, J); a dead taxel (NaN) never answers.
+    """
+    return dataset.presses.counts - rest_levels(dataset) > threshold_counts

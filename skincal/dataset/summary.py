@@ -1,0 +1,127 @@
+"""What a dataset holds, in a few numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
+from skincal.dataset.tables import PHASES, Frames
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a dataset holds.
+
+    Attributes:
+        presses: number of presses.
+        sites: number of different targets, or None where no targets are given.
+        frames: number of frames; 0 where there are none.
+        phases: number of frames by phase.
+        session_s: length of the session [s]; None where no times are given.
+        force_n: least, median and greatest force of the presses [N].
+        threshold_counts: how far above its level at rest a taxel counts as active [counts].
+        active: ``active[n]`` presses were answered by ``n`` taxels.
+        silent: taxels that no press made active.
+        dead: taxels that are NaN in every press.
+        labels: number of presses by value, for each column of branch, pose and the like that is there.
+        columns: names of the other optional columns.
+    """
+
+    presses: int
+    sites: int | None
+    frames: int
+    phases: Mapping[str, int]
+    session_s: float | None
+    force_n: tuple[float, float, float]
+    threshold_counts: float
+    active: tuple[int, ...]
+    silent: tuple[str, ...]
+    dead: tuple[str, ...]
+    labels: Mapping[str, Mapping[str, int]]
+    columns: tuple[str, ...]
+
+    @property
+    def usable(self) -> int:
+        """Presses that at least two taxels answered, as the fit asks for."""
+        return sum(self.active[2:])
+
+
+LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
+"""Columns of which each value is counted."""
+
+
+def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
+    """Counts what a dataset holds.
+
+    Args:
+        dataset: the data.
+        threshold_counts: how far above its level at rest a taxel counts as active [counts].
+    """
+    presses, frames = dataset.presses, dataset.frames
+    active = active_taxels(dataset, threshold_counts)
+    names = dataset.meta.sensor.taxel_columns()
+    dead = np.asarray(np.isnan(presses.counts).all(axis=0))
+    force = presses.force_n
+    return Summary(
+        presses=len(presses),
+        sites=_sites(dataset),
+        frames=0 if frames is None else len(frames),
+        phases={} if frames is None else _phases(frames),
+        session_s=_session_s(dataset),
+        force_n=(float(force.min()), float(np.median(force)), float(force.max())),
+        threshold_counts=threshold_counts,
+        active=tuple(np.bincount(active.sum(axis=1)).tolist()),
+        silent=_names(names, np.asarray(~active.any(axis=0) & ~dead)),
+        dead=_names(names, dead),
+        labels={name: _counted(presses.columns[name]) for name in LABELS if name in presses.columns},
+        columns=tuple(name for name in presses.columns if name not in LABELS),
+    )
+
+
+def _phases(frames: Frames) -> dict[str, int]:
+    counts = np.bincount(frames.phase, minlength=len(PHASES)).tolist()
+    return dict(zip(PHASES, counts, strict=True))
+
+
+def session_times_s(dataset: Dataset) -> NDArray[np.float64] | None:
+    """When each press was made: middle of its hold, or its start [s], shape (K,); None where not known."""
+    presses = dataset.presses
+    hold, release = presses.column("t_hold_s"), presses.column("t_release_s")
+    if hold is not None and release is not None:
+        return (hold + release) / 2
+    for name in ("t_hold_s", "t_start_s"):
+        if presses.column(name) is not None:
+            return presses.columns[name]
+    return None
+
+
+def _session_s(dataset: Dataset) -> float | None:
+    if dataset.frames is not None:
+        return float(np.ptp(dataset.frames.time_s))
+    times = session_times_s(dataset)
+    if times is None or not np.isfinite(times).any():
+        return None
+    return float(np.nanmax(times) - np.nanmin(times))
+
+
+def _sites(dataset: Dataset) -> int | None:
+    targets = [dataset.presses.column(f"target_{axis}_m") for axis in "xyz"]
+    if any(column is None for column in targets):
+        return None
+    return len(np.unique(np.column_stack([np.asarray(column) for column in targets]).round(6), axis=0))
+
+
+def _counted(column: NDArray[np.generic]) -> dict[str, int]:
+    texts = [value if isinstance(value, str) else f"{value:g}" for value in column.tolist()]
+    counted = Counter("not given" if text in ("", "nan") else text for text in texts)
+    return dict(sorted(counted.items()))
+
+
+def _names(names: tuple[str, ...], which: NDArray[np.bool_]) -> tuple[str, ...]:
+    return tuple(names[j] for j in np.flatnonzero(which))

@@ -1,0 +1,163 @@
+"""The tables of a dataset as frozen objects over read-only arrays: presses, frames, taxel positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+PHASES = ("idle", "load", "hold", "unload")
+"""Names of the phases; ``Frames.phase`` holds their index."""
+
+IDLE, LOAD, HOLD, UNLOAD = range(4)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Rows of arrays of equal length; selecting rows gives the same kind of table."""
+
+    @property
+    def columns_by_name(self) -> Mapping[str, NDArray[Any]]:
+        """The columns that have no attribute of their own."""
+        return self.columns  # type: ignore[attr-defined]
+
+    def __len__(self) -> int:
+        return len(self.press)  # type: ignore[attr-defined]
+
+    def column(self, name: str) -> NDArray[Any] | None:
+        """An optional column, shape (rows,); None where the table does not have it."""
+        return self.columns_by_name.get(name)
+
+    def select(self, rows: ArrayLike) -> Self:
+        """The table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
+        index = np.asarray(rows)
+        changes: dict[str, Any] = {}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                changes[item.name] = value[index]
+            elif isinstance(value, Mapping):
+                changes[item.name] = {name: column[index] for name, column in value.items()}
+        return replace(self, **changes)
+
+    def _freeze(self, types: Mapping[str, tuple[Any, tuple[int | None, ...]]]) -> None:
+        """Makes the arrays read-only, of their type and their shape after the rows; None: any length."""
+        rows = len(np.asarray(self.press))  # type: ignore[attr-defined]
+        for name, (dtype, shape) in types.items():
+            if getattr(self, name) is not None:
+                array = np.asarray(getattr(self, name), dtype=dtype)
+                object.__setattr__(self, name, _read_only(_shaped(name, array, (rows, *shape))))
+        columns = {
+            name: _read_only(_shaped(name, np.asarray(column), (rows,)))
+            for name, column in self.columns_by_name.items()
+        }
+        object.__setattr__(self, "columns", MappingProxyType(columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Presses(_Table):
+    """One row a press.
+
+    Attributes:
+        press: number of the press, unique, shape (K,).
+        position_m: measured contact point, fingertip frame [m], shape (K, 3); NaN where not measured.
+        force_n: mean normal force in the hold [N], shape (K,).
+        counts: mean image in the hold [counts], shape (K, J); NaN where a taxel is dead.
+        normals: measured outward normals, shape (K, 3), NaN where not measured; None: the surface's own.
+        columns: every other column, known to skincal or not; text columns hold ``str``, '' where not given.
+
+    Raises:
+        ValueError: the arrays do not have these shapes.
+    """
+
+    press: IntArray
+    position_m: FloatArray
+    force_n: FloatArray
+    counts: FloatArray
+    normals: FloatArray | None = None
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._freeze(
+            {
+                "press": (np.int64, ()),
+                "position_m": (np.float64, (3,)),
+                "force_n": (np.float64, ()),
+                "counts": (np.float64, (None,)),
+                "normals": (np.float64, (3,)),
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Frames(_Table):
+    """One row a time sample, ordered in time over the session.
+
+    Attributes:
+        press: number of the press, -1 where nothing touches, shape (M,).
+        phase: index into :data:`PHASES`, shape (M,).
+        time_s: session clock [s], shape (M,).
+        force_n: normal force [N], shape (M,).
+        position_m: contact point, fingertip frame [m], shape (M, 3); NaN in idle frames.
+        counts: image [counts], shape (M, J); NaN where a taxel is dead.
+        columns: every other column, known to skincal or not.
+    """
+
+    press: IntArray
+    phase: NDArray[np.int8]
+    time_s: FloatArray
+    force_n: FloatArray
+    position_m: FloatArray
+    counts: FloatArray
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._freeze(
+            {
+                "press": (np.int64, ()),
+                "phase": (np.int8, ()),
+                "time_s": (np.float64, ()),
+                "force_n": (np.float64, ()),
+                "position_m": (np.float64, (3,)),
+                "counts": (np.float64, (None,)),
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TaxelPositions:
+    """Where the taxels of a layout that is no grid lie, in the order of the flat index.
+
+    Attributes:
+        centres_m: patch coordinates ``(u, v)`` of the centres [m], shape (J, 2).
+        sizes_m: extents along ``(u, v)`` [m], shape (J, 2).
+    """
+
+    centres_m: FloatArray
+    sizes_m: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centres_m", _read_only(np.asarray(self.centres_m, dtype=float)))
+        object.__setattr__(self, "sizes_m", _read_only(np.asarray(self.sizes_m, dtype=float)))
+
+
+def _shaped(name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
+    if array.ndim != len(shape) or any(
+        want is not None and want != n for want, n in zip(shape, array.shape, strict=True)
+    ):
+        raise ValueError(f"{name}: expected shape {shape}; got {array.shape}")
+    return array
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """A read-only view; the caller's own array stays as writable as it was."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

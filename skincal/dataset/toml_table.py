@@ -1,0 +1,214 @@
+"""Strict reading of one table of a TOML file: types, choices, bounds, and keys that are misspelt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.spec import Pair
+
+MILLIMETRES = "It looks like millimetres; the file is in metres: divide by 1000."
+TWICE = "It looks as if millimetres had been turned into metres twice; multiply by 1000."
+
+NOT_SET = object()
+
+
+class TomlTable:
+    """One table of a TOML file, read key by key.
+
+    A value that is missing or wrong adds an error and reads as a placeholder (NaN, 0, ''), so that the rest
+    can be checked as well; the errors keep a placeholder from being used.
+
+    Args:
+        findings: where errors and warnings go.
+        file: the file's name.
+        name: the table's name; '' for the top level.
+        values: its content.
+        known: the keys that it may have.
+    """
+
+    def __init__(
+        self, findings: Findings, file: str, name: str, values: Mapping[str, Any], known: Sequence[str]
+    ) -> None:
+        self._findings = findings
+        self._file = file
+        self._name = name
+        self._values = values
+        self.extra = {key: value for key, value in values.items() if key not in known}
+        missing = [key for key in known if key not in values]
+        for key in self.extra:
+            self._report_unknown(key, missing or known, known)
+
+    def place(self, key: str) -> str:
+        """The place of a key."""
+        return f"{self._file}, {f'[{self._name}] ' if self._name else ''}{key}"
+
+    def has(self, key: str) -> bool:
+        """Whether the key is there."""
+        return key in self._values
+
+    def error(self, key: str, expected: str, got: object, fix: str = "") -> None:
+        """Adds an error at a key."""
+        self._findings.error(self.place(key), expected, got, fix)
+
+    def number(
+        self,
+        key: str,
+        expected: str = "a number",
+        *,
+        default: Any = NOT_SET,
+        low: float = -math.inf,
+        high: float = math.inf,
+        inf: bool = False,
+    ) -> Any:
+        """A number within ``[low, high]``; the default where it is missing, NaN where it is wrong."""
+        value = self._get(key, default, expected)
+        if value is NOT_SET:
+            return math.nan
+        if not self.has(key):
+            return value
+        if not _is_number(value):
+            return self._wrong(key, expected, value, math.nan)
+        if math.isinf(value) and value > 0 and inf:
+            return value
+        if not math.isfinite(value) or not low <= value <= high:
+            return self._wrong(key, expected, value, math.nan)
+        return value
+
+    def length_m(
+        self,
+        key: str,
+        expected: str,
+        *,
+        low: float,
+        high: float,
+        positive: bool = True,
+        inf: bool = False,
+    ) -> float:
+        """A length [m] within ``[low, high]``; one that is 1000 times too long or short is named so."""
+        value = self._get(key, NOT_SET, expected)
+        if value is NOT_SET:
+            return math.nan
+        if not _is_number(value) or math.isnan(value) or (positive and value <= 0):
+            return self._wrong(key, expected, value, math.nan)
+        return self._plausible_length(key, float(value), expected, low, high, inf)
+
+    def _plausible_length(
+        self, key: str, value: float, expected: str, low: float, high: float, inf: bool
+    ) -> float:
+        if math.isinf(value) and value > 0 and inf:
+            return value
+        if abs(value) > high:
+            fix = MILLIMETRES if low <= abs(value) / 1000 <= high else ""
+            return self._wrong(key, f"{expected}, at most {high:g} m", value, math.nan, fix)
+        if abs(value) < low:
+            fix = TWICE if low <= abs(value) * 1000 <= high else ""
+            return self._wrong(key, f"{expected}, at least {low:g} m", value, math.nan, fix)
+        return value
+
+    def whole(self, key: str, expected: str, *, low: int) -> int:
+        """A whole number from ``low`` on; 0 where it is missing or wrong."""
+        value = self._get(key, NOT_SET, expected)
+        if value is NOT_SET:
+            return 0
+        if not isinstance(value, int) or isinstance(value, bool) or value < low:
+            return self._wrong(key, expected, value, 0)
+        return value
+
+    def size_m(self, key: str, expected: str, *, low: float, high: float) -> Pair | None:
+        """A length or a pair ``[du, dv]`` of them [m]; None where it is missing or wrong."""
+        value = self._get(key, NOT_SET, expected)
+        if value is NOT_SET:
+            return None
+        pair = value if isinstance(value, list) else [value, value]
+        if len(pair) != 2 or not all(_is_number(v) and math.isfinite(v) and v > 0 for v in pair):
+            return self._wrong(key, expected, value, None)
+        for length in pair if isinstance(value, list) else pair[:1]:
+            if math.isnan(self._plausible_length(key, float(length), expected, low, high, inf=False)):
+                return None
+        return float(pair[0]), float(pair[1])
+
+    def range(self, key: str, expected: str, *, limit: float, fix: str = "") -> Pair:
+        """A pair ``[low, high]`` in order, both within ``limit`` of 0; NaN where it is missing or wrong."""
+        value = self._get(key, NOT_SET, expected)
+        nothing = (math.nan, math.nan)
+        if value is NOT_SET:
+            return nothing
+        if not isinstance(value, list) or len(value) != 2 or not all(_is_number(v) for v in value):
+            return self._wrong(key, expected, value, nothing)
+        low, high = float(value[0]), float(value[1])
+        if not (math.isfinite(low) and math.isfinite(high)) or low > high:
+            return self._wrong(key, f"{expected}, in ascending order", value, nothing)
+        if max(-low, high) > limit:
+            return self._wrong(key, f"{expected}, within ±{limit:g}", value, nothing, fix)
+        return low, high
+
+    def choice(self, key: str, options: Sequence[str], *, default: str | None = None) -> Any:
+        """One of some words; '' where it is missing or wrong."""
+        expected = "one of " + ", ".join(f'"{option}"' for option in options)
+        value = self._get(key, NOT_SET if default is None else default, expected)
+        if value is NOT_SET:
+            return ""
+        if value not in options:
+            close = did_you_mean(value, options) if isinstance(value, str) else None
+            return self._wrong(key, expected, value, "", f'Did you mean "{close}"?' if close else "")
+        return value
+
+    def flag(self, key: str, *, default: bool) -> bool:
+        """True or false."""
+        value = self._values.get(key, default)
+        return value if isinstance(value, bool) else self._wrong(key, "true or false", value, default)
+
+    def text(self, key: str, expected: str, *, default: str | None = None) -> str:
+        """A text; '' where it is missing or wrong."""
+        value = self._get(key, NOT_SET if default is None else default, expected)
+        if value is NOT_SET:
+            return ""
+        return value if isinstance(value, str) else self._wrong(key, expected, value, "")
+
+    def raw(self, key: str) -> Any:
+        """The value as it stands; None where it is missing."""
+        return self._values.get(key)
+
+    def absent(self, key: str, reason: str) -> None:
+        """Adds an error if the key is there."""
+        if self.has(key):
+            self.error(key, f"no such key: {reason}", self._values[key], "Remove it.")
+
+    def _get(self, key: str, default: Any, expected: str) -> Any:
+        if key in self._values:
+            return self._values[key]
+        if default is NOT_SET:
+            self.error(
+                key,
+                expected,
+                "nothing",
+                f"Add {key} = … to {f'[{self._name}]' if self._name else 'the top'}.",
+            )
+        return default
+
+    def _wrong(self, key: str, expected: str, value: Any, placeholder: Any, fix: str = "") -> Any:
+        got = (
+            f'"{value}"'
+            if isinstance(value, str)
+            else str(value).lower()
+            if isinstance(value, bool)
+            else value
+        )
+        self.error(key, expected, got, fix)
+        return placeholder
+
+    def _report_unknown(self, key: str, candidates: Sequence[str], known: Sequence[str]) -> None:
+        close = did_you_mean(key, candidates)
+        if close:
+            self.error(key, "a known key", "an unknown one", f'Did you mean "{close}"?')
+            return
+        self._findings.warn(
+            self.place(key), f"one of {', '.join(known)}", "an unknown key", "It is kept and not used."
+        )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,81 @@
+"""Writes a dataset's folder, whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.columns import NORMAL, POSITION
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.meta_file import FILE, write_meta
+from skincal.dataset.position_table import position_columns
+from skincal.dataset.table_file import write_table
+from skincal.dataset.tables import PHASES
+from skincal.files import whole_folder
+
+Format = Literal["csv", "parquet"]
+
+
+def write_dataset(
+    dataset: Dataset,
+    path: str | Path,
+    *,
+    presses_as: Format = "csv",
+    frames_as: Format = "parquet",
+    force: bool = False,
+) -> None:
+    """Writes a dataset as a folder (contract ``skincal-dataset/1``); numbers come back exactly.
+
+    Args:
+        dataset: the data.
+        path: the folder to make.
+        presses_as: format of the table of presses.
+        frames_as: format of the table of frames.
+        force: whether an existing dataset there is replaced.
+
+    Raises:
+        InputError: the folder exists and ``force`` is not given.
+        OSError: the disk is full, or not writable; then nothing is left behind.
+    """
+    with whole_folder(path, force=force, marker=FILE) as folder:
+        write_meta(dataset.meta, folder / FILE)
+        write_table(folder / f"presses.{presses_as}", _press_columns(dataset))
+        if dataset.frames is not None:
+            write_table(folder / f"frames.{frames_as}", _frame_columns(dataset))
+        if dataset.positions is not None:
+            write_table(
+                folder / str(dataset.meta.sensor.positions),
+                position_columns(dataset.meta.sensor, dataset.positions),
+            )
+        for name, content in dataset.meshes.items():
+            (folder / name).write_bytes(content)
+
+
+def _press_columns(dataset: Dataset) -> dict[str, NDArray[Any]]:
+    presses = dataset.presses
+    columns = {"press": presses.press, **_split(POSITION, presses.position_m), "force_n": presses.force_n}
+    if presses.normals is not None:
+        columns |= _split(NORMAL, presses.normals)
+    columns |= _split(dataset.meta.sensor.taxel_columns(), presses.counts)
+    return columns | dict(presses.columns)
+
+
+def _frame_columns(dataset: Dataset) -> dict[str, NDArray[Any]]:
+    frames = dataset.frames
+    assert frames is not None
+    columns: dict[str, NDArray[Any]] = {
+        "press": frames.press,
+        "phase": np.array(PHASES, dtype=object)[frames.phase],
+        "time_s": frames.time_s,
+        "force_n": frames.force_n,
+        **_split(POSITION, frames.position_m),
+        **_split(dataset.meta.sensor.taxel_columns(), frames.counts),
+    }
+    return columns | dict(frames.columns)
+
+
+def _split(names: tuple[str, ...], matrix: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    return dict(zip(names, np.ascontiguousarray(matrix.T), strict=True))

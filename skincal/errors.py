@@ -1,0 +1,55 @@
+"""Errors that say what was expected, what came and what to do.
+
+Every error a person can cause or mend is a :class:`SkincalError`. The command line turns it into a few lines
+on standard error and its ``exit_status``; a library user catches it as an ordinary exception.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong, and where.
+
+    Attributes:
+        place: file, and the place in it: ``presses.csv, column force_n, row 7``.
+        expected: what should have been there.
+        got: what was there.
+        fix: what to do about it; empty where the expectation says it already.
+    """
+
+    place: str
+    expected: str
+    got: str
+    fix: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.place}: expected {self.expected}; got {self.got}"
+        return f"{text}. {self.fix}" if self.fix else text
+
+
+class SkincalError(Exception):
+    """Base of all errors of skincal. ``exit_status`` is what the command line exits with."""
+
+    exit_status = 1
+
+
+class InputError(SkincalError):
+    """The command line or an input file is wrong.
+
+    Attributes:
+        problems: every violation that was found, in the order of the file.
+    """
+
+    exit_status = 2
+
+    def __init__(self, problems: Sequence[Problem] | str) -> None:
+        self.problems: tuple[Problem, ...] = () if isinstance(problems, str) else tuple(problems)
+        super().__init__(problems if isinstance(problems, str) else "\n".join(str(p) for p in problems))
+
+
+class WorkError(SkincalError):
+    """The input is well formed, but the work cannot be done with it (a fit that does not converge, say)."""

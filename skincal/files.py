@@ -1,0 +1,159 @@
+"""Output that appears whole or not at all.
+
+Everything is written beside its destination under a temporary name and moved into place at the end, so a full
+disk, an error or an interrupt leaves the destination as it was.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from skincal.errors import InputError, Problem
+
+
+def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> None:
+    """Checks, before any work is done, that an output may be written.
+
+    Args:
+        path: the output file or folder.
+        force: whether an existing output may be replaced.
+        marker: for a folder, the file that shows it is an earlier output. ``force`` replaces only a folder
+            that holds it (or is empty), so that a mistyped path cannot delete somebody's work.
+
+    Raises:
+        InputError: it exists and may not be replaced, or its parent folder does not exist.
+    """
+    if not path.parent.is_dir():
+        raise InputError(
+            [
+                Problem(
+                    str(path),
+                    "an output inside an existing folder",
+                    "no such folder",
+                    f"mkdir -p {path.parent}",
+                )
+            ]
+        )
+    if not (path.exists() or path.is_symlink()):
+        return
+    if not force:
+        what = "folder" if path.is_dir() else "file"
+        raise InputError(
+            [
+                Problem(
+                    str(path),
+                    "an output that does not exist yet",
+                    f"an existing {what}",
+                    "Add --force to replace it.",
+                )
+            ]
+        )
+    if marker is None and path.is_dir():
+        raise InputError([Problem(str(path), "a file to replace", "a folder", "Choose another name.")])
+    if marker is not None and not path.is_dir():
+        raise InputError([Problem(str(path), "a folder to replace", "a file", "Choose another name.")])
+    if marker is not None and any(path.iterdir()) and not (path / marker).is_file():
+        raise InputError(
+            [
+                Problem(
+                    str(path),
+                    f"a folder with a {marker}",
+                    "a folder of something else",
+                    "Choose another name.",
+                )
+            ]
+        )
+
+
+@contextmanager
+def whole_folder(path: str | Path, *, force: bool = False, marker: str) -> Generator[Path]:
+    """A folder to write into that becomes ``path`` when the block ends without an error.
+
+    Args:
+        path: where the folder shall be.
+        force: whether an earlier output there is replaced.
+        marker: the file that shows that a folder is an earlier output (see :func:`refuse_existing`).
+
+    Yields:
+        The temporary folder.
+
+    Raises:
+        InputError: the destination exists, and is not to be replaced.
+        OSError: the disk is full, or not writable; the destination is as it was.
+    """
+    path = Path(path)
+    refuse_existing(path, force=force, marker=marker)
+    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+    try:
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())
+        _swap(temporary, path)
+    except OSError as error:
+        _name(error, temporary, path)
+        raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def whole_file(path: str | Path, *, force: bool = False) -> Generator[Path]:
+    """A file to write that becomes ``path`` when the block ends without an error.
+
+    Args:
+        path: where the file shall be.
+        force: whether an existing file there is replaced.
+
+    Yields:
+        The temporary path, with the suffix of ``path``.
+
+    Raises:
+        InputError: the destination exists, and is not to be replaced.
+        OSError: the disk is full, or not writable; the destination is as it was.
+    """
+    path = Path(path)
+    refuse_existing(path, force=force)
+    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+    try:
+        yield folder / path.name
+        (folder / path.name).replace(path)
+    except OSError as error:
+        _name(error, folder, path)
+        raise
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _swap(temporary: Path, path: Path) -> None:
+    """Moves a finished folder to its place; an earlier one is kept until the new one is there."""
+    if not path.exists():
+        temporary.replace(path)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.parent))
+    try:
+        path.replace(old)
+        try:
+            temporary.replace(path)
+        except BaseException:
+            old.replace(path)
+            raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _name(error: OSError, temporary: Path, path: Path) -> None:
+    """Lets an error name the output that a person asked for, not the temporary one or nothing at all."""
+    if error.errno is not None and (error.filename is None or str(error.filename).startswith(str(temporary))):
+        error.filename = str(path)
+
+
+def _umask() -> int:
+    """The process's file mode mask; mkdtemp ignores it, an output should not."""
+    import os
+
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

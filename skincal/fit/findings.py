@@ -1,0 +1,170 @@
+"""What a person should know of a fit, said in words, with what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.fit.result import FitFinding, FitResult
+
+_NAMES = {
+    "across_m": "position across (beta)",
+    "y_m": "y",
+    "alpha_rad": "alpha",
+    "elasticity_pa_per_m": "elasticity E",
+    "scale_per_n": "scale S",
+}
+
+FEW_PRESSES = 12
+
+
+def find(result: FitResult, *, dropped: int) -> FitResult:
+    """The result with its findings.
+
+    Args:
+        result: a fit.
+        dropped: how many presses were left out as glitches.
+    """
+    checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _sampling)
+    found = [finding for check in checks for finding in check(result)]
+    if dropped:
+        found.append(
+            FitFinding(
+                "glitches",
+                "warning",
+                f"{dropped} presses do not fit with the others and were left out.",
+                "Look at them in the report; repeat them if the hand slipped.",
+            )
+        )
+    return replace(result, findings=tuple(found))
+
+
+def _edges(result: FitResult) -> Iterator[FitFinding]:
+    for name in ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m"):
+        low, high = getattr(result.box, name)
+        margin = 0.02 * (high - low)
+        interval = result.intervals[name]
+        if high <= low or not np.isfinite(interval).all():
+            continue
+        at_low, at_high = interval[0] <= low + margin, interval[1] >= high - margin
+        if at_low or at_high:
+            side = "both ends" if at_low and at_high else "the lower end" if at_low else "the upper end"
+            yield FitFinding(
+                "range_edge",
+                "warning",
+                f"The interval of {_NAMES[name]} reaches {side} of the searched range: the truth may lie outside.",
+                "Widen the range (dataset.toml [mount], or the range options of the command).",
+            )
+
+
+def _flat(result: FitResult) -> Iterator[FitFinding]:
+    for name, interval in result.intervals.items():
+        if not np.isfinite(interval).all():
+            yield FitFinding(
+                "not_identified",
+                "warning",
+                f"The data do not tell {_NAMES[name]}: its valley does not close within the searched range.",
+                "Press at more places and with more forces, with an indenter smaller than the patch.",
+            )
+
+
+def _presses(result: FitResult) -> Iterator[FitFinding]:
+    used = len(result.problem)
+    if used < FEW_PRESSES:
+        yield FitFinding(
+            "few_presses",
+            "warning",
+            f"Only {used} presses could be used; intervals from so few are rough.",
+            f"Collect until at least {2 * FEW_PRESSES} presses have two active taxels or more.",
+        )
+
+
+def _spread(result: FitResult) -> Iterator[FitFinding]:
+    problem = result.problem
+    extent = np.array([np.ptp(problem.across_m), np.ptp(problem.along_m)])
+    size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
+    if extent.max() < 0.25 * size:
+        yield FitFinding(
+            "one_place",
+            "warning",
+            f"All presses lie within {1e3 * extent.max():.1f} mm of each other: turn and position of the sensor "
+            "cannot be told apart.",
+            "Spread the presses over the whole patch.",
+        )
+
+
+def _rig(result: FitResult) -> Iterator[FitFinding]:
+    declared, found = result.problem.rig.position_sigma_m, result.sigmas.position_m
+    if np.isfinite(declared) and found > 1.5 * declared:
+        yield FitFinding(
+            "positions_worse",
+            "warning",
+            f"Contact positions scatter by {1e3 * found:.2f} mm, more than the {1e3 * declared:.2f} mm declared.",
+            "Check the kinematic calibration; raise [position] sigma_m and slack_m.",
+        )
+    slack, at_bound = result.problem.rig.slack_m, 0
+    if slack > 0:
+        at_bound = int((np.abs(result.presses.slack_m).max(axis=1) > 0.98 * slack).sum())
+    if at_bound > 0.1 * len(result.problem):
+        yield FitFinding(
+            "slack_bound",
+            "warning",
+            f"{at_bound} of {len(result.problem)} presses sit at the bound of their slack ({1e3 * slack:.1f} mm).",
+            "Raise [position] slack_m if the rig can be that far off.",
+        )
+    if result.sigmas.force > 0.03:
+        yield FitFinding(
+            "force_scatter",
+            "warning",
+            f"Forces scatter by {100 * result.sigmas.force:.1f} % against what the images tell.",
+            "Check the torque sensors' zero; a bias that depends on the pose is an effect (force_bias).",
+        )
+
+
+def _misfit(result: FitResult) -> Iterator[FitFinding]:
+    floor, found = result.problem.noise_sigma_counts, result.sigmas.noise_counts
+    bad = int((~result.presses.good).sum())
+    if found > 3.0 * floor and found > 0.5:
+        yield FitFinding(
+            "misfit",
+            "warning",
+            f"Images differ by {found:.2f} counts where noise explains {floor:.2f}: the base model lacks something.",
+            "The intervals are widened for it. `skincal diagnose` looks for what is missing.",
+        )
+    if bad:
+        yield FitFinding(
+            "bad_presses",
+            "info",
+            f"{bad} of {len(result.problem)} presses are matched clearly worse than the rest.",
+            "They are marked red in the report.",
+        )
+    if result.bound == "fixed" and not result.grid.in_valley.any():
+        yield FitFinding(
+            "empty_valley",
+            "warning",
+            f"No combination of the grid comes below the bound of {result.valley_mse_counts2:g} counts².",
+            "Leave the bound out, so that it follows the noise of the data; or use a finer grid.",
+        )
+
+
+def _taxels(result: FitResult) -> Iterator[FitFinding]:
+    cols = result.problem.rig.layout.cols
+    for j in np.flatnonzero(result.dead_taxels):
+        yield FitFinding(
+            "dead_taxel",
+            "warning",
+            f"Taxel ({j // cols}, {j % cols}) does not answer where it is pressed; it was left out.",
+            "Check its wiring.",
+        )
+
+
+def _sampling(result: FitResult) -> Iterator[FitFinding]:
+    if result.bound == "noise" and result.effective_draws < 100:
+        yield FitFinding(
+            "few_draws",
+            "warning",
+            f"The draws are worth only {result.effective_draws:.0f} independent ones; intervals are approximate.",
+            "A misfit of the model is the usual cause; see the other findings.",
+        )

@@ -1,0 +1,152 @@
+"""From counts to taxel loads: the level at rest, the converter's rounding and clipping, dead and saturated taxels.
+
+A mean over frames of a clipped, rounded, noisy signal is not the clipped mean: a taxel at 0 counts with one count of
+noise reads 0.4 on average. Its expectation is a smooth monotone function of the taxel's load, and is inverted here, so
+that everything after works with unclipped values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from skincal.fit.types import Bools, Floats
+from skincal.model.rest import rest_from_presses
+
+_SPREAD = 8.0
+"""Beyond so many sigmas from a bound of the converter, clipping does not matter."""
+
+_MAX_CLIPPED_REST = 1.5
+"""A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
+
+
+@dataclass(frozen=True)
+class Readout:
+    """What the sensor does to a value before it is stored.
+
+    Attributes:
+        value_min: where the converter clips [counts]; None where not known.
+        value_max: the same above.
+        integer: whether counts are whole numbers.
+        rest_subtracted: whether the level at rest has been taken off.
+    """
+
+    value_min: float | None
+    value_max: float | None
+    integer: bool
+    rest_subtracted: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Counts as unclipped values above the level at rest.
+
+    Attributes:
+        values: (K, J) values [counts]; NaN where a taxel was not read.
+        slope: (K, J) how much of a change of the value the counts show, in (0, 1]; small near a bound.
+        saturated: (K, J) at the upper bound: the value is at least this.
+        rest_counts: (J,) level at rest that was taken off, beyond what clipped noise explains [counts].
+        frame_sigma_counts: noise of one frame that the level at rest betrays [counts]; NaN where it does not.
+        rest_sigma_counts: scatter of the hold means of untouched taxels [counts].
+    """
+
+    values: Floats
+    slope: Floats
+    saturated: Bools
+    rest_counts: Floats
+    frame_sigma_counts: float
+    rest_sigma_counts: float
+
+
+def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
+    """Mean count of a taxel at ``value`` with Gaussian noise ``sigma``, rounded and clipped.
+
+    Args:
+        value: any shape [counts].
+        sigma: noise of one frame [counts].
+        readout: bounds and rounding.
+    """
+    value = np.asarray(value, dtype=np.float64)
+    if sigma <= 0:
+        return np.clip(value, readout.value_min, readout.value_max)
+    low, high = readout.value_min, readout.value_max
+    out = value.copy()
+    if low is not None:
+        out = out + _lifted(value - low, sigma, readout.integer)
+    if high is not None:
+        out = out - _lifted(high - value, sigma, readout.integer)
+    return out
+
+
+def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
+    """How much clipping at 0 lifts the mean of a value ``above`` it."""
+    if not integer:
+        z = above / sigma
+        return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
+    # Rounded: sum over the counts below zero of their distance times their probability, P(round(x) <= -k), k >= 1.
+    steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
+    lifted = ndtr((-steps - above[..., None]) / sigma).sum(axis=-1)
+    far = above < -steps[-1]
+    return np.where(far, -above, lifted)
+
+
+def noise_from_rest(rest_mean: float, readout: Readout) -> float:
+    """Noise of one frame [counts] that lifts an untouched taxel to ``rest_mean`` above the lower bound."""
+    if readout.value_min is None or not 0.0 < rest_mean - readout.value_min <= _MAX_CLIPPED_REST:
+        return float("nan")
+    sigmas = np.linspace(0.05, 4.5, 446)
+    means = [
+        float(expected_counts(np.array(readout.value_min), s, readout)) - readout.value_min for s in sigmas
+    ]
+    return float(np.interp(rest_mean - readout.value_min, means, sigmas))
+
+
+def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -> Observed:
+    """Turn hold means into unclipped values above the level at rest.
+
+    Args:
+        counts: (K, J) mean counts of the presses; NaN where not read.
+        readout: what is known of the converter.
+        rest_mean: (J,) mean counts of untouched taxels, from idle frames; None to take it from the presses
+            that leave a taxel dark (the lower third of its readings).
+
+    Returns:
+        Values, with what is known of their noise.
+    """
+    counts = np.asarray(counts, dtype=np.float64)
+    rest, scatter = rest_from_presses(counts)
+    if rest_mean is not None:
+        known = np.isfinite(rest_mean)
+        rest[known] = rest_mean[known]
+    if readout.rest_subtracted:
+        return _plain(counts, readout, np.zeros_like(rest), scatter)
+    sigma = noise_from_rest(float(np.nanmedian(rest)), readout) if np.isfinite(rest).any() else float("nan")
+    if not np.isfinite(sigma):
+        return _plain(counts, readout, np.nan_to_num(rest), scatter)
+    return _unclipped(counts, readout, rest, sigma, scatter)
+
+
+def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float) -> Observed:
+    high = np.inf if readout.value_max is None else readout.value_max
+    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - 0.5
+    return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter)
+
+
+def _unclipped(counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float) -> Observed:
+    low = readout.value_min if readout.value_min is not None else 0.0
+    high = readout.value_max if readout.value_max is not None else max(float(np.nanmax(counts)), low) + 50.0
+    knots = np.arange(low - 2.5 * sigma, high + 2.5 * sigma, 0.05)
+    means = expected_counts(knots, sigma, readout)
+    slopes = np.gradient(means, knots)
+    values = np.interp(counts, means, knots)
+    values[np.isnan(counts)] = np.nan
+    offset = np.interp(rest, means, knots) - low
+    # A level at rest that differs from the common one by less than its own scatter is no offset.
+    doubt = 4.0 * max(scatter, 0.02) / np.sqrt(max(1.0, len(counts) / 3))
+    offset = np.where(np.abs(rest - np.nanmedian(rest)) > doubt, offset, 0.0)
+    offset = np.nan_to_num(offset)
+    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5, sigma)
+    slope = np.maximum(np.interp(counts, means, slopes), 0.05)
+    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter)

@@ -1,0 +1,82 @@
+"""What a person can set of a fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from skincal.fit.problem import ACTIVE_COUNTS
+
+PAPER_BOUND_COUNTS2 = 25.0
+"""The paper's bound of the valley: a root mean square error of five counts per taxel."""
+
+
+@dataclass(frozen=True)
+class SearchBox:
+    """The ranges to search, each low and high.
+
+    Attributes:
+        across_m: position of the sensor's centre round the surface: arc length R beta, or x on a plane [m].
+        y_m: position along the axis [m].
+        alpha_rad: turn [rad].
+        elasticity_pa_per_m: E [Pa/m].
+    """
+
+    across_m: tuple[float, float]
+    y_m: tuple[float, float]
+    alpha_rad: tuple[float, float]
+    elasticity_pa_per_m: tuple[float, float] = (1e8, 2e9)
+
+
+@dataclass(frozen=True)
+class GridSteps:
+    """How finely the macro grid divides the search box; defaults as fine as the paper's result or finer.
+
+    Attributes:
+        across_m: step round the surface, arc length [m].
+        y_m: step along the axis [m].
+        alpha_rad: step of the turn [rad].
+        elasticities: number of values of E, spaced evenly in its logarithm.
+    """
+
+    across_m: float = 1.0e-3
+    y_m: float = 0.25e-3
+    alpha_rad: float = math.radians(2.5)
+    elasticities: int = 24
+
+
+GENERAL_STEPS = GridSteps(2.5e-3, 2.5e-3, math.radians(13.5), 4)
+"""Where every combination is worth nlopt on the skin model itself: some hundreds of combinations. The continuous
+refinement finds its way from so far: in sessions like the paper's it ended at the same peak as from a fine grid."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Settings of a fit.
+
+    Attributes:
+        steps: of the macro grid; None for as fine as the way of the fit affords.
+        active_counts: a taxel is active from so many counts above rest.
+        min_active: presses with fewer active taxels are not used.
+        bound_counts2: None for the valley that the noise of the data defines; a number for all combinations of the
+            grid whose loss is below it (the paper's is 25).
+        level: probability content of the intervals, where the noise defines them.
+        draws: how many draws from the valley are kept.
+        rounds: fewest and most rounds of the sampling.
+        round_size: draws in each round.
+        enough_draws: sampling ends when the weighted draws are worth so many independent ones.
+        per_taxel: also find a scale for every taxel.
+        law_spreads_m: widths of sideways spread that stand for what is not known of the contact law [m].
+    """
+
+    steps: GridSteps | None = None
+    active_counts: float = ACTIVE_COUNTS
+    min_active: int = 2
+    bound_counts2: float | None = None
+    level: float = 0.98
+    draws: int = 2000
+    rounds: tuple[int, int] = (8, 20)
+    round_size: int = 400
+    enough_draws: int = 400
+    per_taxel: bool = False
+    law_spreads_m: tuple[float, ...] = (0.0, 0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3)

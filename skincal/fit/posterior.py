@@ -1,0 +1,399 @@
+"""The joint posterior of the macro variables, with positions, forces and noise integrated out.
+
+A grid cannot resolve the valley of good data: with 25 frames a press the loss is sharp to a hundredth of a
+millimetre. From the best grid points on, the fit therefore goes on continuously, with the likelihood of the absolute
+images: the slack of each press is Gaussian (sigma_p), so is the error of its force (sigma_f), and the residual of the
+images (sigma_n). All three sigmas are estimated from the data along with the macro variables, so that intervals widen
+by themselves on a rig that is worse than it says, and where the model does not quite fit. Integrals over slack and
+force are Laplace's, summed over all places that a press could have been; the macro variables and the sigmas are
+sampled by adaptive importance sampling (Cappe et al. 2008; mixture weights of Cornuet et al. 2012).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
+
+from skincal.fit.presses import PressStates, find_modes, settle
+from skincal.fit.problem import FitProblem
+from skincal.fit.seen import Images, from_patch, to_patch
+from skincal.fit.types import Floats, Ints
+from skincal.fit.volume import fold_of, log_volume
+
+MIN_NOISE = 0.03
+SETTLE = 12
+FORCE_SIGMA, FORCE_SPREAD = 0.005, 1.0
+POSITION_SPREAD = 0.6
+_TRUSTED = 16.0
+"""A press whose mean square is more than this many times the usual is trusted less."""
+
+_UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
+NOISE_SPREAD = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The box of the macro variables: (5,) low and high, in the order of ``MACRO``."""
+
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where presses could have been: number of the press (N,), patch coordinates (N, 2) [m], force error (N,)."""
+
+    press: Ints
+    uv_m: Floats
+    force_error: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """The most probable point.
+
+    Attributes:
+        macro: (5,) macro variables.
+        sigmas: (3,) sigma_p [m], sigma_f, sigma_n [counts].
+        covariance: (5, 5) of the macro variables, Laplace.
+        places: where each press could have been, seen from here.
+        best: (K,) index into ``places`` of each press's best place.
+        states: the presses at their best places.
+        log_density: unnormalised log posterior.
+    """
+
+    macro: Floats
+    sigmas: Floats
+    covariance: Floats
+    places: Places
+    best: Ints
+    states: PressStates
+    log_density: float
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the mass under the peak (Laplace), up to a constant."""
+        # Millimetres and the like keep the determinant away from underflow; a constant factor does not matter.
+        scaled = self.covariance * np.outer(_UNITS, _UNITS)
+        return self.log_density + 0.5 * float(np.linalg.slogdet(scaled)[1])
+
+
+def log_posterior(
+    problem: FitProblem, images: Images, places: Places, bounds: Bounds, points: Floats
+) -> Floats:
+    """Unnormalised log posterior (W,) of points (W, 8): five macro variables and three log sigmas."""
+    inside = ((points[:, :5] >= bounds.low) & (points[:, :5] <= bounds.high)).all(axis=1)
+    inside &= points[:, 7] > np.log(MIN_NOISE)
+    out = np.full(len(points), -np.inf)
+    if not inside.any():
+        return out
+    chosen = points[inside]
+    count, spots = len(chosen), len(places.press)
+    macro = np.repeat(chosen[:, :5], spots, axis=0)
+    sigmas = np.repeat(np.exp(chosen[:, 5:]), spots, axis=0)
+    press = np.tile(places.press, count)
+    start = starting_nuisance(problem, places, macro, press, count)
+    state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
+    fold = fold_of(problem, images, macro, sigmas, press, state)
+    mirrored = _mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
+    evidence = -0.5 * state.objective + log_volume(fold, mirrored)
+    uv = state.uv_m.reshape(count, spots, 2)
+    evidence = np.where(_twins(places.press, uv), -np.inf, evidence.reshape(count, spots))
+    total = np.zeros(count)
+    for k in range(len(problem)):
+        total += logsumexp(evidence[:, places.press == k], axis=1)
+    log_sigma = chosen[:, 5:]
+    lit = float(problem.lit.sum())
+    total -= len(problem) * (2 * log_sigma[:, 0] + log_sigma[:, 1]) + lit * log_sigma[:, 2]
+    out[inside] = total + _log_prior(problem, log_sigma)
+    return out
+
+
+def _log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
+    """Of the sigmas; flat in the macro variables (E and S by their logarithm) and in the log of the noise."""
+    position = (log_sigma[:, 0] - np.log(_position_scale(problem))) / POSITION_SPREAD
+    force = (log_sigma[:, 1] - np.log(FORCE_SIGMA)) / FORCE_SPREAD
+    noise = (log_sigma[:, 2] - np.log(problem.noise_sigma_counts)) / NOISE_SPREAD
+    return -0.5 * (position**2 + force**2 + noise**2)
+
+
+def _position_scale(problem: FitProblem) -> float:
+    sigma = problem.rig.position_sigma_m
+    return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
+
+
+def starting_nuisance(problem: FitProblem, places: Places, macro: Floats, press: Ints, count: int) -> Floats:
+    """Nuisance that keeps a press at its place on the patch when the patch moves."""
+    offset = from_patch(np.tile(places.uv_m, (count, 1)), macro[:, 2])
+    across = offset[:, 0] + macro[:, 0] - problem.across_m[press]
+    along = offset[:, 1] + macro[:, 1] - problem.along_m[press]
+    return np.stack([across, along, np.tile(places.force_error, count)], axis=1)
+
+
+def _twins(press: Ints, uv_m: Floats) -> NDArray[np.bool_]:
+    """(W, N) places that have run into an earlier place of the same press, and would count twice."""
+    twin = np.zeros(uv_m.shape[:2], dtype=bool)
+    for i in range(1, len(press)):
+        for j in range(i - 1, -1, -1):
+            if press[j] != press[i]:
+                break
+            twin[:, i] |= np.abs(uv_m[:, i] - uv_m[:, j]).max(axis=1) < 0.03e-3
+    return twin
+
+
+def _mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> NDArray[np.bool_]:
+    """(count * N,) places whose mirror place is another place of the same press."""
+    spots = len(press)
+    slack, mirror = slack_m.reshape(count, spots, 2), mirror_m.reshape(count, spots, 2)
+    reach = 0.3 * np.abs(mirror - slack).max(axis=2) + 0.03e-3
+    found = np.zeros((count, spots), dtype=bool)
+    for i in range(spots):
+        for j in np.flatnonzero(press == press[i]):
+            if i != j:
+                found[:, i] |= np.abs(slack[:, j] - mirror[:, i]).max(axis=1) < reach[:, i]
+    return found.reshape(-1)
+
+
+def climb(
+    problem: FitProblem, images: Images, bounds: Bounds, start: Floats, *, iterations: int = 25
+) -> Peak:
+    """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
+
+    Args:
+        problem: the presses.
+        images: kernels that span the neighbourhood.
+        bounds: box of the macro variables.
+        start: (5,) macro variables to start from.
+        iterations: at most so many steps; places are searched anew a few times on the way.
+    """
+    macro = np.clip(start, bounds.low, bounds.high)
+    sigmas = np.array([_position_scale(problem) * 0.7, 0.01, 1.5])
+    damping, places = 1e-3, None
+    for step_number in range(iterations):
+        if places is None or step_number in (3, 6, 10, 15):
+            places = _places(problem, images, macro, sigmas)
+        states, best = _at(problem, images, places, macro, sigmas)
+        trust = _trust(problem, states, best)
+        value = float(trust @ states.objective[best])
+        gradient, curvature = _reduced(states, best, sigmas, trust)
+        step = -np.linalg.solve(curvature + np.diag(damping * np.diag(curvature) + 1e-9), gradient)
+        limit = np.array([0.5e-3, 0.5e-3, 0.1, 0.4, 0.2])
+        step *= min(1.0, float((limit / np.maximum(np.abs(step), 1e-30)).min()))
+        trial = np.clip(macro + step, bounds.low, bounds.high)
+        tried, tried_best = _at(problem, images, _moved(places, states), trial, sigmas)
+        trial_value = float(trust @ tried.objective[tried_best])
+        if trial_value <= value + 1e-9:
+            converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > 16
+            macro, damping, states, best = trial, damping * 0.2, tried, tried_best
+            places = _moved(places, states)
+            if converged:
+                break
+        else:
+            damping = max(damping, 1e-4) * 10
+        sigmas = _estimated_sigmas(problem, states, best, sigmas)
+    assert places is not None
+    states, best = _at(problem, images, places, macro, sigmas)
+    _, curvature = _reduced(states, best, sigmas, _trust(problem, states, best))
+    point = np.concatenate([macro, np.log(sigmas)])[None]
+    density = float(log_posterior(problem, images, _moved(places, states), bounds, point)[0])
+    chosen = PressStates(*(array[best] for array in vars(states).values()))
+    return Peak(macro, sigmas, np.linalg.pinv(curvature), _moved(places, states), best, chosen, density)
+
+
+def _places(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats) -> Places:
+    press, nuisance = find_modes(problem, images, macro, sigmas)
+    across = problem.across_m[press] + nuisance[:, 0] - macro[0]
+    along = problem.along_m[press] + nuisance[:, 1] - macro[1]
+    return Places(press, to_patch(across, along, macro[2]), nuisance[:, 2])
+
+
+def _moved(places: Places, states: PressStates) -> Places:
+    return Places(places.press, states.uv_m.copy(), states.nuisance[:, 2].copy())
+
+
+def _at(
+    problem: FitProblem, images: Images, places: Places, macro: Floats, sigmas: Floats
+) -> tuple[PressStates, Ints]:
+    """Presses settled at one macro point, and the best place of each press."""
+    count = len(places.press)
+    many = np.broadcast_to(macro, (count, 5)).copy()
+    start = starting_nuisance(problem, places, many, places.press, 1)
+    state = settle(
+        problem, images, many, np.broadcast_to(sigmas, (count, 3)).copy(), places.press, start, iterations=6
+    )
+    score = state.objective + np.linalg.slogdet(state.hessian)[1]
+    best = [
+        int(rows[np.argmin(score[rows])])
+        for rows in (np.flatnonzero(places.press == k) for k in range(len(problem)))
+    ]
+    return state, np.array(best, dtype=np.intp)
+
+
+def _mean_squares(problem: FitProblem, state: PressStates, rows: Ints) -> Floats:
+    """Mean squared residual of each press over its lit taxels (K,) [counts²]."""
+    squares = np.maximum((state.residual[rows] ** 2).sum(axis=1) - problem.dark_squares, 0.0)
+    return squares / np.maximum(problem.lit.sum(axis=1), 1)
+
+
+def _trust(problem: FitProblem, state: PressStates, rows: Ints) -> Floats:
+    """Weight of each press (K,): less than one where it is matched far worse than the others."""
+    squares = _mean_squares(problem, state, rows)
+    typical = max(float(np.median(squares)), problem.noise_sigma_counts**2)
+    return np.minimum(1.0, _TRUSTED * typical / np.maximum(squares, 1e-30))
+
+
+def _reduced(state: PressStates, rows: Ints, sigmas: Floats, trust: Floats) -> tuple[Floats, Floats]:
+    """Gradient (5,) and Hessian (5, 5) of the macro variables with the nuisance eliminated (Schur complement)."""
+    noise = 1.0 / sigmas[2] ** 2
+    a, b, r = state.macro_slope[rows], state.nuisance_slope[rows], state.residual[rows]
+    prior = 1.0 / sigmas[[0, 0, 1]] ** 2
+    mixed = noise * np.matmul(a.transpose(0, 2, 1), b)
+    own = noise * np.einsum("njd,nj->nd", b, r) + prior * state.nuisance[rows]
+    inverse = np.linalg.inv(state.hessian[rows])
+    gradient = noise * np.einsum("njm,nj->nm", a, r) - np.einsum("nmd,nde,ne->nm", mixed, inverse, own)
+    curvature = noise * np.einsum("njm,njl->nml", a, a) - np.einsum("nmd,nde,nle->nml", mixed, inverse, mixed)
+    return trust @ gradient, np.einsum("n,nml->ml", trust, curvature)
+
+
+def _estimated_sigmas(problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats) -> Floats:
+    """One step of expectation-maximisation for the sigmas, with the priors of :func:`_log_prior`.
+
+    A press that fits far worse than the others counts no more than the bound of :func:`_trust`.
+    """
+    inverse = np.linalg.inv(state.hessian[rows])
+    second = state.nuisance[rows] ** 2 + np.einsum("nii->ni", inverse)
+    second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
+    position = _shrunk(second[:, :2].sum(), second[:, :2].size, _position_scale(problem), POSITION_SPREAD)
+    force = _shrunk(second[:, 2].sum(), len(second), FORCE_SIGMA, FORCE_SPREAD)
+    slope = state.nuisance_slope[rows]
+    explained = float(np.einsum("njd,nde,nje->", slope, inverse, slope))
+    found = _mean_squares(problem, state, rows)
+    capped = np.minimum(found, _TRUSTED * max(float(np.median(found)), problem.noise_sigma_counts**2))
+    squares = float((capped * problem.lit.sum(axis=1)).sum()) + explained
+    noise = _shrunk(squares, int(problem.lit.sum()), problem.noise_sigma_counts, NOISE_SPREAD)
+    return np.array([position, force, max(noise, MIN_NOISE * 1.05)])
+
+
+def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
+    """Maximum of the posterior of a sigma with a log-normal prior: a few Newton steps in its logarithm."""
+    x = 0.5 * np.log(squares / count)
+    for _ in range(20):
+        slope = -count + squares * np.exp(-2 * x) - (x - np.log(centre)) / spread**2
+        x += slope / (2 * squares * np.exp(-2 * x) + 1 / spread**2)
+    return float(np.exp(x))
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Weighted draws of the posterior.
+
+    Attributes:
+        points: (W, 8) macro variables and log sigmas.
+        weight: (W,) normalised weights.
+    """
+
+    points: Floats
+    weight: Floats
+
+    @property
+    def effective(self) -> float:
+        """How many independent draws the weighted ones are worth."""
+        return float(1.0 / (self.weight**2).sum())
+
+    def resampled(self, rng: np.random.Generator, count: int) -> Floats:
+        """(count, 8) draws of equal weight, by systematic resampling."""
+        at = (rng.random() + np.arange(count)) / count
+        rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
+        return self.points[rng.permutation(rows)]
+
+
+Density = Callable[[Floats], Floats]
+"""Takes points (W, 8) to log densities (W,); may spread them over workers."""
+
+
+def sample(
+    peak: Peak,
+    problem: FitProblem,
+    density: Density,
+    rng: np.random.Generator,
+    *,
+    size: int,
+    enough: Callable[[int, Draws], bool],
+) -> Draws:
+    """Adaptive importance sampling round a peak.
+
+    Args:
+        peak: where to start.
+        problem: the presses.
+        density: the log posterior.
+        rng: the only source of chance.
+        size: draws in each round; after each the proposal is fitted to all draws so far.
+        enough: told the rounds done and the draws so far; says when to stop.
+
+    Returns:
+        All draws, weighted against the mixture of all proposals.
+    """
+    lit, presses = float(problem.lit.sum()), len(problem)
+    hyper = np.array([0.5 / presses**0.5, 0.5, 0.7 / lit**0.5]) ** 2
+    covariance = np.zeros((8, 8))
+    covariance[:5, :5] = peak.covariance
+    covariance[5:, 5:] = np.diag(hyper)
+    proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
+    points, values = np.empty((0, 8)), np.empty(0)
+    while True:
+        fresh = proposals[-1].draw(rng, size)
+        points, values = np.concatenate([points, fresh]), np.concatenate([values, density(fresh)])
+        weight = _mixture_weights(points, values, proposals)
+        draws = Draws(points, weight)
+        if enough(len(proposals), draws):
+            return draws
+        proposals.append(_adapted(points, weight, proposals[-1]))
+
+
+class _Student:
+    """A multivariate t distribution with 6 degrees of freedom: tails heavier than the target's."""
+
+    def __init__(self, mean: Floats, covariance: Floats, freedom: float = 6.0) -> None:
+        self.mean, self.freedom = mean, freedom
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+        correlation = covariance / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+        self.root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-6))
+        self.covariance = covariance
+
+    def draw(self, rng: np.random.Generator, count: int) -> Floats:
+        normal = rng.standard_normal((count, len(self.mean)))
+        stretch = np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
+        return self.mean + (normal * stretch[:, None]) @ self.root.T
+
+    def log_density(self, points: Floats) -> Floats:
+        d, v = len(self.mean), self.freedom
+        z = np.linalg.solve(self.root, (points - self.mean).T)
+        constant = gammaln((v + d) / 2) - gammaln(v / 2) - d / 2 * np.log(v * np.pi)
+        determinant = np.linalg.slogdet(self.root)[1]
+        return constant - determinant - (v + d) / 2 * np.log1p((z**2).sum(axis=0) / v)
+
+
+def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Student]) -> Floats:
+    """Weights against the mixture of all proposals, which have drawn equally many points."""
+    mixture = logsumexp([p.log_density(points) for p in proposals], axis=0)
+    log_weight = values - mixture
+    weight = np.exp(log_weight - log_weight.max())
+    return weight / weight.sum()
+
+
+def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
+    """A proposal with the moments of the draws so far; a single heavy draw is not trusted with the shape."""
+    tempered = np.minimum(weight, 1.0 / 40)
+    tempered = tempered / tempered.sum()
+    mean = tempered @ points
+    covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
+    effective = 1.0 / (tempered**2).sum()
+    trust = effective / (effective + 20.0)
+    return _Student(
+        trust * mean + (1 - trust) * last.mean, 1.15 * (trust * covariance + (1 - trust) * last.covariance)
+    )

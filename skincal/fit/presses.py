@@ -1,0 +1,219 @@
+"""The nuisance of every press, on absolute images: where it really was, and what its force really was.
+
+For macro variables m = (centre across, centre along, alpha, log E, log S) a press k has the slack delta (2), and the
+relative error f of its force (1). Its objective is
+
+    Q_k = sum_j w_j^2 (D_kj - S F_k e^f phi_j)^2 / sigma_n^2 + |delta|^2 / sigma_p^2 + f^2 / sigma_f^2
+
+All three are found at once by Gauss-Newton; the Hessian H of Q/2 there gives Laplace's approximation of the integral
+over them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.fit.problem import FitProblem
+from skincal.fit.seen import Images
+from skincal.fit.types import Floats, Ints
+
+MACRO = ("across_m", "y_m", "alpha_rad", "log_elasticity", "log_scale")
+HYPER = ("log_position_sigma", "log_force_sigma", "log_noise_sigma")
+
+_MAX_STEP = np.array([0.4e-3, 0.4e-3, 0.05])
+
+
+@dataclass(frozen=True, eq=False)
+class PressStates:
+    """What Gauss-Newton found for n pairs of a macro draw and a press.
+
+    Attributes:
+        nuisance: (n, 3) slack across, slack along [m], log of the true over the measured force.
+        objective: (n,) Q.
+        hessian: (n, 3, 3) of Q / 2.
+        uv_m: (n, 2) contact position in patch coordinates [m].
+        residual: (n, J) weighted residual, simulated minus observed [counts].
+        simulated: (n, J) simulated values [counts].
+        macro_slope: (n, J, 5) derivative of the weighted residual by the macro variables.
+        nuisance_slope: (n, J, 3) the same by slack and force.
+    """
+
+    nuisance: Floats
+    objective: Floats
+    hessian: Floats
+    uv_m: Floats
+    residual: Floats
+    simulated: Floats
+    macro_slope: Floats
+    nuisance_slope: Floats
+
+
+def evaluate(
+    problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, press: Ints, nuisance: Floats
+) -> PressStates:
+    """Objective, Hessian and slopes at given nuisance.
+
+    Args:
+        problem: the presses.
+        images: simulated images round the macro draws.
+        macro: (n, 5) macro variables in the order of ``MACRO``.
+        sigmas: (n, 3) sigma_p [m], sigma_f [-], sigma_n [counts].
+        press: (n,) number of the press.
+        nuisance: (n, 3) slack and force error.
+    """
+    got = images.see(problem, macro, press, nuisance)
+    counts = (np.exp(macro[:, 4] + nuisance[:, 2]) * problem.force_n[press])[:, None]
+    simulated = counts * got.value
+    weight = problem.weight[press]
+    difference = simulated - problem.values[press]
+    # A saturated taxel only says "at least this".
+    weight = np.where(problem.saturated[press] & (difference > 0), 0.0, weight)
+    counts = counts * weight
+    by_ratio, by_scale = counts * got.by_log_ratio, weight * simulated
+    nuisance_slope = np.concatenate(
+        [counts[..., None] * got.by_contact, (by_scale + by_ratio)[..., None]], axis=-1
+    )
+    others = np.stack([counts * got.by_alpha, -by_ratio, by_scale], axis=-1)
+    macro_slope = np.concatenate([counts[..., None] * got.by_centre, others], axis=-1)
+    residual = weight * difference
+    prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
+    noise = 1.0 / sigmas[:, 2] ** 2
+    objective = noise * ((residual**2).sum(axis=1) - problem.dark_squares[press]) + (prior * nuisance**2).sum(
+        axis=1
+    )
+    hessian = noise[:, None, None] * np.matmul(nuisance_slope.transpose(0, 2, 1), nuisance_slope)
+    hessian[:, [0, 1, 2], [0, 1, 2]] += prior
+    return PressStates(
+        nuisance, objective, hessian, got.uv_m, residual, simulated, macro_slope, nuisance_slope
+    )
+
+
+def settle(
+    problem: FitProblem,
+    images: Images,
+    macro: Floats,
+    sigmas: Floats,
+    press: Ints,
+    start: Floats,
+    *,
+    iterations: int = 4,
+) -> PressStates:
+    """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; arguments as :func:`evaluate`."""
+    bound = np.array([problem.rig.slack_m, problem.rig.slack_m, 0.5])
+    state = evaluate(problem, images, macro, sigmas, press, np.clip(start, -bound, bound))
+    now, rows = state, np.arange(len(press))
+    for number in range(iterations):
+        # Full steps, not only downhill ones: the images hold a press on a thin curved sheet, and a step along it
+        # first leaves the sheet and is brought back by the next. The best point seen is kept.
+        trial = np.clip(now.nuisance + _step(now, sigmas[rows], 1e-6 if number < 6 else 1e-2), -bound, bound)
+        moving = (np.abs(trial - now.nuisance) / _MAX_STEP).max(axis=1) > 2e-4
+        if not moving.any():
+            break
+        rows = rows[moving]
+        now = evaluate(problem, images, macro[rows], sigmas[rows], press[rows], trial[moving])
+        better = now.objective < state.objective[rows]
+        _store(state, now, rows[better], better)
+    return state
+
+
+def _step(state: PressStates, sigmas: Floats, damping: float) -> Floats:
+    prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
+    noise = 1.0 / sigmas[:, 2] ** 2
+    gradient = (
+        noise[:, None] * np.einsum("njd,nj->nd", state.nuisance_slope, state.residual)
+        + prior * state.nuisance
+    )
+    damped = state.hessian.copy()
+    damped[:, [0, 1, 2], [0, 1, 2]] *= 1.0 + damping
+    return np.clip(-solve_small(damped, gradient), -_MAX_STEP, _MAX_STEP)
+
+
+def solve_small(matrices: Floats, vectors: Floats) -> Floats:
+    """Solves n small systems (n, d, d) for (n, d)."""
+    return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0], dtype=np.float64)
+
+
+def _store(state: PressStates, got: PressStates, rows: Ints, which: NDArray[np.bool_]) -> None:
+    """Overwrites rows of a state that :func:`settle` owns."""
+    for old, new in zip(vars(state).values(), vars(got).values(), strict=True):
+        old[rows] = new[which]
+
+
+def find_modes(
+    problem: FitProblem,
+    images: Images,
+    macro: Floats,
+    sigmas: Floats,
+    *,
+    step_m: float = 0.25e-3,
+    most: int = 4,
+    margin: float = 30.0,
+) -> tuple[Ints, Floats]:
+    """All places within the slack where a press could have been, at one macro point.
+
+    Two or more taxels in a row tell one coordinate well and the other only by its size: a mirror image on the other
+    side of the row fits almost as well. All such places are kept, and weighed later.
+
+    Args:
+        problem: the presses.
+        images: kernels.
+        macro: (5,) macro variables.
+        sigmas: (3,) sigma_p, sigma_f, sigma_n.
+        step_m: lattice of starts [m].
+        most: so many places a press at most.
+        margin: places whose objective is so much above the best are left out.
+
+    Returns:
+        Number of the press (N,) and nuisance (N, 3) of every place, best first for each press.
+    """
+    half = int(problem.rig.slack_m / step_m + 1e-9)
+    axis = np.arange(-half, half + 1) * step_m
+    side, count = len(axis), len(problem)
+    lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    press = np.repeat(np.arange(count), len(lattice))
+    start = np.zeros((len(press), 3))
+    start[:, :2] = np.tile(lattice, (count, 1))
+    # A blunt noise keeps the basins wide enough for the lattice.
+    blunt = np.array([sigmas[0], max(sigmas[1], 0.02), max(sigmas[2], 4.0)])
+    many = np.broadcast_to
+    rough = settle(
+        problem,
+        images,
+        many(macro, (len(press), 5)),
+        many(blunt, (len(press), 3)),
+        press,
+        start,
+        iterations=1,
+    )
+    q = rough.objective.reshape(count, side, side)
+    padded = np.pad(q, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+    around = np.stack(
+        [
+            padded[:, 1 + i : 1 + i + side, 1 + j : 1 + j + side]
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+            if (i, j) != (0, 0)
+        ]
+    )
+    low = (q <= around.min(axis=0)).reshape(-1)
+    low &= (q - q.min(axis=(1, 2), keepdims=True)).reshape(-1) < 200.0
+    press, start = press[low], rough.nuisance[low]
+    sharp = many(sigmas, (len(press), 3))
+    state = settle(problem, images, many(macro, (len(press), 5)), sharp, press, start, iterations=12)
+    return _distinct(press, state, count, most, margin)
+
+
+def _distinct(press: Ints, state: PressStates, count: int, most: int, margin: float) -> tuple[Ints, Floats]:
+    kept: list[int] = []
+    for k in range(count):
+        mine: list[int] = []
+        for i in sorted(np.flatnonzero(press == k), key=lambda i: state.objective[i]):
+            if state.objective[i] > state.objective[mine[0] if mine else i] + margin or len(mine) == most:
+                break
+            if all(np.abs(state.uv_m[i] - state.uv_m[m]).max() > 0.05e-3 for m in mine):
+                mine.append(int(i))
+        kept += mine
+    return press[kept], state.nuisance[kept]

@@ -1,0 +1,39 @@
+"""Presses and taxels that must not sway a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.fit.posterior import Peak
+from skincal.fit.presses import PressStates
+from skincal.fit.problem import FitProblem
+from skincal.fit.types import Bools
+
+MAX_GLITCHES = 0.2
+"""At most this part of the presses is called a glitch; beyond it the model is wrong, not the presses."""
+
+
+def glitches(problem: FitProblem, peak: Peak) -> Bools:
+    """Single presses (K,) whose image or force is far from what all others agree on."""
+    states = peak.states
+    squares = np.maximum((states.residual**2).sum(axis=1) - problem.dark_squares, 0.0)
+    rms = np.sqrt(squares / np.maximum(problem.lit.sum(axis=1), 1))
+    typical = max(float(np.median(rms)), problem.noise_sigma_counts)
+    force = np.abs(states.nuisance[:, 2])
+    usual_force = max(1.4826 * float(np.median(force)), 0.005)
+    odd = (rms > np.maximum(6.0 * typical, 1.0)) | (force > np.maximum(8.0 * usual_force, 0.08))
+    allowed = int(MAX_GLITCHES * len(problem))
+    if odd.sum() > allowed:
+        return np.zeros(len(problem), dtype=bool)
+    return odd
+
+
+def dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
+    """Taxels (J,) that stay silent, or never leave one level, where the model says that they are pressed."""
+    simulated, observed = states.simulated, problem.values
+    pressed = (simulated > 5.0) & (problem.weight > 0)
+    enough = pressed.sum(axis=0) >= 3
+    gain = (simulated * observed * pressed).sum(axis=0) / np.maximum(
+        (simulated**2 * pressed).sum(axis=0), 1e-12
+    )
+    return enough & (gain < 0.2)

@@ -1,0 +1,383 @@
+"""The fit, stage by stage: grid, peak, contact law, draws, valley."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.fit.findings import find
+from skincal.fit.gains import taxel_gains
+from skincal.fit.general_table import SkinTable
+from skincal.fit.general_tabling import joined, reach_of, run_table, table_tasks
+from skincal.fit.grid import GridSlab, MacroGrid, span
+from skincal.fit.law import LawSpread, weigh_laws
+from skincal.fit.micro import MicroSettings
+from skincal.fit.options import GENERAL_STEPS, FitOptions, GridSteps, SearchBox
+from skincal.fit.posterior import Bounds, Draws, Peak, sample, starting_nuisance
+from skincal.fit.presses import settle
+from skincal.fit.problem import FitProblem
+from skincal.fit.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
+from skincal.fit.robust import dead_taxels, glitches
+from skincal.fit.seen import Images
+from skincal.fit.tasks import (
+    ClimbTask,
+    DensityTask,
+    Mapper,
+    Neighbourhood,
+    SlabTask,
+    run_climb,
+    run_density,
+    run_slab,
+)
+from skincal.fit.types import Floats
+from skincal.fit.valley import choose, interval, valley_loss, widened
+
+SCALES = (1e-3, 1e5)
+"""Any scale S [1/N] within these is considered."""
+
+TABLES = 3
+"""A peak of the general way that leaves the table it was climbed on is tabled anew so many times at most."""
+
+Progress = Callable[[str, int, int], None]
+"""Told the stage, how much of it is done, and of how much."""
+
+
+class FitError(ValueError):
+    """The presses do not allow a fit."""
+
+
+def _silent(_stage: str, _done: int, _total: int) -> None:
+    return
+
+
+@dataclass(frozen=True, eq=False)
+class FitPlan:
+    """What is evaluated on the grid; the same plan gives the same slabs.
+
+    Attributes:
+        problem: presses that are used.
+        grid: macro variables.
+        settings: of the micro problems.
+    """
+
+    problem: FitProblem
+    grid: MacroGrid
+    settings: MicroSettings
+
+
+def default_steps(problem: FitProblem) -> GridSteps:
+    """Steps of the macro grid that the way of the fit affords."""
+    return GridSteps() if problem.contacts is None else GENERAL_STEPS
+
+
+def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPlan:
+    """Lays out the macro grid and the micro settings.
+
+    Raises:
+        FitError: no press can be used, or fewer than the parameters need.
+    """
+    if len(problem) == 0:
+        raise FitError("no press can be used")
+    if len(problem) < 3:
+        raise FitError(f"only {len(problem)} presses can be used, and the five parameters need at least 3")
+    steps = options.steps or default_steps(problem)
+    grid = MacroGrid(
+        span(*box.across_m, steps.across_m),
+        span(*box.y_m, steps.y_m),
+        span(*box.alpha_rad, steps.alpha_rad),
+        np.log(np.geomspace(*box.elasticity_pa_per_m, steps.elasticities)),
+    )
+    sigma = max(0.5, problem.noise_sigma_counts)
+    return FitPlan(problem, grid, MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m))
+
+
+def solve(
+    plan: FitPlan,
+    box: SearchBox,
+    options: FitOptions,
+    rng: np.random.Generator,
+    *,
+    mapper: Mapper = map,
+    slabs: Mapping[int, GridSlab] | None = None,
+    on_slab: Callable[[int, GridSlab], None] = lambda _turn, _slab: None,
+    progress: Progress = _silent,
+) -> FitResult:
+    """Fits.
+
+    Args:
+        plan: grid and presses, from :func:`plan_fit`.
+        box: ranges to search.
+        options: settings.
+        rng: the only source of chance.
+        mapper: spreads independent work; the result does not depend on it.
+        slabs: turns of the grid that have been evaluated before.
+        on_slab: told of every turn as it is done, so that it can be kept.
+        progress: told how far the work is.
+
+    Returns:
+        Best point, intervals, grid, draws, and what a person should know.
+    """
+    done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
+    bounds = _bounds(box)
+    problem, dropped, dead, peak, table = _refine(plan, done, bounds, mapper, progress)
+    around = Neighbourhood.around(peak.macro, table=table)
+    draws = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
+    law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
+    return _result(plan, box, options, rng, done, problem, dropped, dead, peak, around, draws, law)
+
+
+def _bounds(box: SearchBox) -> Bounds:
+    low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
+    log_e, log_s = np.log(box.elasticity_pa_per_m), np.log(SCALES)
+    return Bounds(np.array([*low, log_e[0], log_s[0]]), np.array([*high, log_e[1], log_s[1]]))
+
+
+def _run_grid(
+    plan: FitPlan,
+    mapper: Mapper,
+    done: dict[int, GridSlab],
+    on_slab: Callable[[int, GridSlab], None],
+    progress: Progress,
+) -> dict[int, GridSlab]:
+    turns = len(plan.grid.alpha_rad)
+    missing = [t for t in range(turns) if t not in done]
+    progress("grid", turns - len(missing), turns)
+    tasks = [SlabTask(plan.problem, plan.grid, t, plan.settings) for t in missing]
+    for turn, slab in zip(missing, mapper(run_slab, tasks), strict=True):
+        done[turn] = slab
+        on_slab(turn, slab)
+        progress("grid", len(done), turns)
+    return done
+
+
+def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[Floats]:
+    """The best grid points that are not neighbours of each other, as macro variables (5,)."""
+    grid, problem = plan.grid, plan.problem
+    mse = np.stack([done[t].mse_counts2 for t in range(len(grid.alpha_rad))])
+    scale = np.stack([done[t].scale_per_n for t in range(len(grid.alpha_rad))])
+    slack = np.stack([done[t].slack_rms_m for t in range(len(grid.alpha_rad))])
+    # What is left at the best grid point is mostly the grid's own coarseness; it serves as the noise here.
+    noise = max(float(mse.min()), problem.noise_sigma_counts**2)
+    sigma = problem.rig.position_sigma_m
+    stiff = 1.0 / sigma**2 if np.isfinite(sigma) and sigma > 0 else 0.0
+    lit = float(problem.lit.sum())
+    score = mse / noise * lit + 2 * len(problem) * slack**2 * stiff
+    score = np.where(scale > 0, score, np.inf)
+    starts: list[Floats] = []
+    for flat in np.argsort(score, axis=None)[:4000]:
+        a, e, x, y = (int(i) for i in np.unravel_index(int(flat), score.shape))
+        if not np.isfinite(score[a, e, x, y]):
+            break
+        point = np.array([
+            grid.across_m[x], grid.y_m[y], grid.alpha_rad[a], grid.log_elasticity[e], np.log(scale[a, e, x, y])
+        ])  # fmt: skip
+        apart = np.array([1.2e-3, 1.2e-3, np.radians(7.0), 0.5, np.inf])
+        if all((np.abs(point - s) > apart).any() for s in starts):
+            starts.append(point)
+        if len(starts) == most:
+            break
+    if not starts:
+        raise FitError(
+            "no combination of the grid gives an image at all; the sensor lies where nothing was pressed"
+        )
+    return starts
+
+
+def _refine(
+    plan: FitPlan, done: Mapping[int, GridSlab], bounds: Bounds, mapper: Mapper, progress: Progress
+) -> tuple[FitProblem, NDArray[np.bool_], NDArray[np.bool_], Peak, SkinTable | None]:
+    """The highest peak, after glitches and dead taxels have been left out.
+
+    Returns:
+        Problem, kept presses, dead taxels, peak, and in the general way the table of images round it.
+    """
+    problem = plan.problem
+    starts = _starts(plan, done)
+    progress("peak", 0, 2)
+    peak = _highest(mapper(run_climb, [ClimbTask(problem, bounds, s) for s in starts]))
+    table = None
+    if problem.contacts is not None:
+        peak, table = _tabled(problem, bounds, peak, mapper)
+    dead = dead_taxels(problem, peak.states)
+    if dead.any():
+        problem = problem.without_taxels(dead)
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
+    progress("peak", 1, 2)
+    keep = ~glitches(problem, peak)
+    if not keep.all():
+        problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
+        # A table goes no further than the peak that it was made for.
+        from_here = (peak.macro, starts[0]) if table is None else (peak.macro,)
+        again = [ClimbTask(problem, bounds, s, table=table) for s in from_here]
+        peak = _highest(mapper(run_climb, again))
+    if table is not None and not table.holds(peak.macro):
+        peak, table = _tabled(problem, bounds, peak, mapper)
+    progress("peak", 2, 2)
+    return problem, keep, dead, peak, table
+
+
+def _tabled(problem: FitProblem, bounds: Bounds, peak: Peak, mapper: Mapper) -> tuple[Peak, SkinTable]:
+    """In the general way, the peak on a fine table of images round it, and that table."""
+    table, tries = None, 0
+    while table is None or (tries < TABLES and not table.holds(peak.macro)):
+        table = joined(list(mapper(run_table, table_tasks(problem, peak.macro, reach_of(peak)))))
+        peak, tries = run_climb(ClimbTask(problem, bounds, peak.macro, table=table)), tries + 1
+    return peak, table
+
+
+def _highest(peaks: object) -> Peak:
+    """The peak with most posterior mass under it (Laplace)."""
+    found: list[Peak] = list(peaks)  # type: ignore[call-overload]
+    return max(found, key=lambda p: p.log_evidence)
+
+
+def _sample(
+    problem: FitProblem,
+    peak: Peak,
+    around: Neighbourhood,
+    bounds: Bounds,
+    options: FitOptions,
+    rng: np.random.Generator,
+    mapper: Mapper,
+    progress: Progress,
+) -> Draws:
+    fewest, most = options.rounds
+
+    def density(points: Floats) -> Floats:
+        # A fixed division, so that results do not depend on the number of workers.
+        parts = [DensityTask(problem, around, peak.places, bounds, p) for p in np.array_split(points, 2)]
+        return np.concatenate(list(mapper(run_density, parts)))
+
+    def enough(done: int, draws: Draws) -> bool:
+        progress("draws", min(done, fewest), fewest)
+        return done >= most or (done >= fewest and draws.effective >= options.enough_draws)
+
+    progress("draws", 0, fewest)
+    return sample(peak, problem, density, rng, size=options.round_size, enough=enough)
+
+
+def _weigh_laws(
+    problem: FitProblem,
+    peak: Peak,
+    table: SkinTable | None,
+    bounds: Bounds,
+    options: FitOptions,
+    mapper: Mapper,
+    progress: Progress,
+) -> LawSpread:
+    spreads = options.law_spreads_m
+    progress("contact law", 0, 1)
+    tasks = [ClimbTask(problem, bounds, peak.macro, spread, table) for spread in spreads[1:]]
+    peaks = [peak, *mapper(run_climb, tasks)]
+    progress("contact law", 1, 1)
+    return weigh_laws(np.array(spreads), peaks)
+
+
+def _result(
+    plan: FitPlan,
+    box: SearchBox,
+    options: FitOptions,
+    rng: np.random.Generator,
+    done: Mapping[int, GridSlab],
+    problem: FitProblem,
+    kept: NDArray[np.bool_],
+    dead: NDArray[np.bool_],
+    peak: Peak,
+    around: Neighbourhood,
+    draws: Draws,
+    law: LawSpread,
+) -> FitResult:
+    centre = draws.weight @ draws.points
+    macro, sigmas = centre[:5], np.exp(centre[5:])
+    images = around.images(problem)
+    presses, mse = _press_fit(problem, images, macro, peak, sigmas)
+    fixed = options.bound_counts2
+    chosen = draws.resampled(rng, options.draws)
+    bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
+    slabs = [done[t] for t in range(len(plan.grid.alpha_rad))]
+    losses = np.stack([s.mse_counts2 for s in slabs])
+    grid = GridResult(
+        plan.grid,
+        losses,
+        np.stack([s.scale_per_n for s in slabs]),
+        np.stack([s.slack_rms_m for s in slabs]),
+        losses <= bound,
+    )
+    if fixed is None:
+        half = len(chosen) // 2
+        calibrated = widened(chosen[:, :5])
+        laws = [calibrated[:half], law.shifted(calibrated[half:], rng)]
+        clouds = [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
+    else:
+        clouds = [choose(grid, options.draws, rng)]
+    level = options.level if fixed is None else 1.0
+    best = np.array([*macro[:3], *np.exp(macro[3:])])
+    intervals = {
+        n: interval(n, [c[:, i] for c in clouds], float(best[i]), box, level)
+        for i, n in enumerate(PARAMETERS)
+    }
+    result = FitResult(
+        best=dict(zip(PARAMETERS, best.tolist(), strict=True)),
+        intervals=intervals,
+        mse_counts2=mse,
+        valley_mse_counts2=float(bound),
+        bound="noise" if fixed is None else "fixed",
+        draws=np.concatenate(clouds),
+        sigmas=Sigmas(*sigmas.tolist()),
+        law_spread_m=law.best_m,
+        effective_draws=draws.effective,
+        grid=grid,
+        presses=presses,
+        problem=problem,
+        box=box,
+        scale_per_taxel_per_n=_per_taxel(problem, images, macro, sigmas, peak) if options.per_taxel else None,
+        dead_taxels=dead,
+        findings=(),
+    )
+    return find(result, dropped=int((~kept).sum()))
+
+
+def _press_fit(
+    problem: FitProblem, images: Images, macro: Floats, peak: Peak, sigmas: Floats
+) -> tuple[PressFit, float]:
+    """The presses at the best point with the force taken as measured, and the loss there."""
+    count = len(peak.places.press)
+    many = np.broadcast_to(macro, (count, 5)).copy()
+    start = starting_nuisance(problem, peak.places, many, peak.places.press, 1)
+    start[:, 2] = 0.0
+    stiff = np.broadcast_to(np.array([sigmas[0], 1e-7, sigmas[2]]), (count, 3)).copy()
+    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
+    best = np.array(
+        [
+            (rows := np.flatnonzero(peak.places.press == k))[np.argmin(state.objective[rows])]
+            for k in range(len(problem))
+        ],
+        dtype=np.intp,
+    )
+    squares = (state.residual[best] ** 2).sum(axis=1)
+    read = np.maximum((problem.weight > 0).sum(axis=1), 1)
+    rmse = np.sqrt(squares / read)
+    expected = (
+        np.sqrt(float(problem.lit.sum()) / max(len(problem), 1) / problem.rig.layout.taxels) * sigmas[2]
+    )
+    good = rmse <= max(3.0 * float(np.median(rmse)), 2.0 * float(expected), 0.5)
+    fit = PressFit(
+        state.nuisance[best][:, :2],
+        state.uv_m[best],
+        problem.values.copy(),
+        state.simulated[best],
+        rmse,
+        good,
+    )
+    return fit, float(squares.sum() / read.sum())
+
+
+def _per_taxel(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, peak: Peak) -> Floats:
+    """Scale of each taxel (J,) [1/N] at the best point."""
+    count = len(peak.places.press)
+    start = starting_nuisance(problem, peak.places, np.tile(macro, (count, 1)), peak.places.press, 1)
+    gains = taxel_gains(problem, images, macro, sigmas, peak.places.press[peak.best], start[peak.best])
+    return np.exp(macro[4] + gains)

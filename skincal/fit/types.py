@@ -1,0 +1,14 @@
+"""Array types of the fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating[Any]]
+"""Floating-point numbers; single precision in the grid, where there are very many of them, else double."""
+
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]

@@ -1,0 +1,36 @@
+"""The skin model: surface, taxel layout, contact and skin (Kasolowsky & Bäuml, IROS 2024, section II)."""
+
+from skincal.model.contact import Contacts, contact_rotations
+from skincal.model.converter import Converter
+from skincal.model.equilibrium import solve_penetration
+from skincal.model.indenters import Bound, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
+from skincal.model.layout import TaxelLayout
+from skincal.model.patch import Patch, patch_cells
+from skincal.model.response import SkinResponse, Status
+from skincal.model.skin import Skin, SkinParameters
+from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Surface
+
+__all__ = [
+    "Bound",
+    "Contacts",
+    "Converter",
+    "Cylinder",
+    "FlatPunch",
+    "Indenter",
+    "MeshIndenter",
+    "MeshSurface",
+    "Patch",
+    "Plane",
+    "RayHits",
+    "SensorPose",
+    "Skin",
+    "SkinParameters",
+    "SkinResponse",
+    "Sphere",
+    "Status",
+    "Surface",
+    "TaxelLayout",
+    "contact_rotations",
+    "patch_cells",
+    "solve_penetration",
+]

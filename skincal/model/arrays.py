@@ -1,0 +1,87 @@
+"""Checked, read-only arrays: what the frozen objects of the model hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_Item = TypeVar("_Item", bound=np.generic)
+
+
+def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: bool = True) -> FloatArray:
+    """A read-only float array of the given shape.
+
+    Args:
+        name: what the array is called, for the error.
+        value: anything numpy can turn into an array; it is copied.
+        shape: length of each axis; ``None`` where any length is good.
+        finite: refuse NaN and infinity.
+
+    Returns:
+        A read-only copy.
+
+    Raises:
+        ValueError: another shape, or a value that is not finite.
+    """
+    array = np.array(value, dtype=np.float64)
+    check_shape(name, array, shape)
+    if finite and not np.all(np.isfinite(array)):
+        bad = np.argwhere(~np.isfinite(array))
+        raise ValueError(
+            f"{name}: expected finite numbers; got {len(bad)} that are not, first at {bad[0].tolist()}"
+        )
+    return frozen(array)
+
+
+def as_floats(value: ArrayLike) -> FloatArray:
+    """The value as a float array, not copied where it is one already."""
+    return np.asarray(value, dtype=np.float64)
+
+
+def check_shape(name: str, array: NDArray[Any], shape: Sequence[int | None]) -> None:
+    """Raise ``ValueError`` unless the array has the shape; ``None`` stands for any length."""
+    fits = array.ndim == len(shape) and all(
+        want in (None, got) for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        want = tuple("any" if n is None else n for n in shape)
+        raise ValueError(f"{name}: expected shape {want}; got {array.shape}")
+
+
+def frozen(array: NDArray[_Item]) -> NDArray[_Item]:
+    """The same array, read-only from now on."""
+    array.setflags(write=False)
+    return array
+
+
+def positive(name: str, value: float) -> float:
+    """The value as a float, if it is finite and greater than zero.
+
+    Raises:
+        ValueError: it is not.
+    """
+    number = float(value)
+    if not (np.isfinite(number) and number > 0):
+        raise ValueError(f"{name}: expected a finite number > 0; got {value!r}")
+    return number
+
+
+def unit_rows(name: str, value: ArrayLike, *, finite: bool = True) -> FloatArray:
+    """Read-only unit vectors (K, 3), normalised to the last bit.
+
+    Raises:
+        ValueError: a row whose length is not 1 to within 1e-6; rows with NaN pass if ``finite`` is false.
+    """
+    rows = floats(name, value, (None, 3), finite=finite)
+    length = np.linalg.norm(rows, axis=1)
+    bad = np.flatnonzero(np.abs(length - 1) > 1e-6)
+    if bad.size:
+        raise ValueError(f"{name}: expected unit vectors; got length {length[bad[0]]:.6g} in row {bad[0]}")
+    return frozen(rows / length[:, None])

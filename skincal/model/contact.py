@@ -1,0 +1,152 @@
+"""Contacts: where an indenter touches the fingertip, how it is turned and how hard it presses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skincal.model.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    check_shape,
+    floats,
+    frozen,
+    unit_rows,
+)
+
+_DEGENERATE = 1e-6
+"""Below this length the part of an axis that lies in the tangent plane has no direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """A batch of K contacts, in the fingertip frame.
+
+    The indenter's frame is turned by ``rotations`` and moved to ``origins_m``. Left out, the indenter touches at
+    ``points_m`` with its +z along the normal and its +y along the fingertip's +y as far as the tangent plane
+    allows (its +x along the fingertip's +x where the normal is parallel to y). A free object (a marble, a bolt)
+    gives both; then ``points_m`` only says where the press is.
+
+    A row with NaN in its point, normal or origin is a press whose place is not known.
+
+    Attributes:
+        points_m: (K, 3) contact points [m].
+        normals: (K, 3) unit contact normals n_c, out of the fingertip and into the indenter.
+        force_n: (K,) normal forces F_n [N], positive when pressing.
+        rotations: (K, 3, 3) from the indenter's frame to the fingertip's.
+        origins_m: (K, 3) origins of the indenter's frame [m].
+    """
+
+    points_m: FloatArray
+    normals: FloatArray
+    force_n: FloatArray
+    rotations: FloatArray | None = None
+    origins_m: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        points = floats("contact points_m", self.points_m, (None, 3), finite=False)
+        count = len(points)
+        normals = unit_rows("contact normals", self.normals, finite=False)
+        check_shape("contact normals", normals, (count, 3))
+        object.__setattr__(self, "points_m", points)
+        object.__setattr__(self, "normals", normals)
+        force = floats("contact force_n", self.force_n, (count,), finite=False)
+        object.__setattr__(self, "force_n", force)
+        if self.rotations is not None:
+            object.__setattr__(self, "rotations", _checked_rotations(self.rotations, count))
+        if self.origins_m is not None:
+            origins = floats("contact origins_m", self.origins_m, (count, 3), finite=False)
+            object.__setattr__(self, "origins_m", origins)
+
+    def __len__(self) -> int:
+        return len(self.force_n)
+
+    @cached_property
+    def indenter_rotations(self) -> FloatArray:
+        """(K, 3, 3) rotations from the indenter's frame to the fingertip's."""
+        return contact_rotations(self.normals) if self.rotations is None else self.rotations
+
+    @property
+    def indenter_origins_m(self) -> FloatArray:
+        """(K, 3) origins of the indenter's frame [m]."""
+        return self.points_m if self.origins_m is None else self.origins_m
+
+    @property
+    def local_directions(self) -> FloatArray:
+        """(K, 3) contact normals in the indenter's frame: +z, unless rotations say otherwise."""
+        if self.rotations is None:
+            upward = np.zeros((len(self), 3))
+            upward[:, 2] = 1.0
+            return upward
+        return np.einsum("kij,ki->kj", self.rotations, self.normals)
+
+    @property
+    def local_points_m(self) -> FloatArray:
+        """(K, 3) contact points in the indenter's frame [m]: its origin, unless origins say otherwise."""
+        if self.origins_m is None:
+            return np.zeros((len(self), 3))
+        return np.einsum("kij,ki->kj", self.indenter_rotations, self.points_m - self.origins_m)
+
+    @property
+    def known(self) -> BoolArray:
+        """(K,) True where the force and all that says where it acts are finite."""
+        places = [
+            self.points_m,
+            self.normals,
+            self.indenter_origins_m,
+            self.indenter_rotations.reshape(-1, 9),
+        ]
+        finite: BoolArray = np.isfinite(np.concatenate([self.force_n[:, None], *places], axis=1))
+        return np.logical_and.reduce(finite, axis=1)
+
+    def __getitem__(self, rows: slice | IntArray | BoolArray) -> Contacts:
+        """Some of the contacts."""
+        return Contacts(
+            self.points_m[rows],
+            self.normals[rows],
+            self.force_n[rows],
+            None if self.rotations is None else self.rotations[rows],
+            None if self.origins_m is None else self.origins_m[rows],
+        )
+
+
+def contact_rotations(normals: ArrayLike) -> FloatArray:
+    """Rotations whose columns are the axes of the indenter's frame, +z along the contact normal.
+
+    Args:
+        normals: (K, 3) unit contact normals.
+
+    Returns:
+        (K, 3, 3), right-handed. +y is the fingertip's +y less its part along the normal; where nothing is left of
+        it (a normal along y), +x is the fingertip's +x.
+    """
+    z = np.asarray(normals, dtype=np.float64)
+    y = -z[:, 1:2] * z
+    y[:, 1] += 1.0
+    length = np.sqrt(np.einsum("ki,ki->k", y, y))
+    at_tip = length < _DEGENERATE
+    if at_tip.any():
+        y[at_tip] = np.cross(z[at_tip], [1.0, 0.0, 0.0])
+        length[at_tip] = np.sqrt(np.einsum("ki,ki->k", y[at_tip], y[at_tip]))
+    y /= length[:, None]
+    x = np.stack(
+        [y[:, i] * z[:, j] - y[:, j] * z[:, i] for i, j in ((1, 2), (2, 0), (0, 1))],
+        axis=1,
+    )
+    return np.stack([x, y, z], axis=-1)
+
+
+def _checked_rotations(rotations: ArrayLike, count: int) -> FloatArray:
+    """Rotations (K, 3, 3) that are rotations; rows with NaN pass."""
+    matrices = floats("contact rotations", rotations, (count, 3, 3), finite=False)
+    skew = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    bad = np.flatnonzero((skew > 1e-6) | (np.linalg.det(matrices) < 0))
+    if bad.size:
+        raise ValueError(
+            f"contact rotations: expected right-handed rotation matrices; got none in row {bad[0]}"
+        )
+    return frozen(matrices)

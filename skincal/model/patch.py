@@ -1,0 +1,192 @@
+"""The patch of skin as tactile points (paper, equation 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from skincal.model.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    check_shape,
+    floats,
+    frozen,
+    positive,
+    unit_rows,
+)
+from skincal.model.layout import TaxelLayout
+from skincal.model.surfaces.base import SensorPose, Surface
+from skincal.model.tiles import Tiles
+
+_SNAP_M = 1e-9
+"""Edges of taxels nearer than this are the same edge [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Tactile points t_i = (position, normal, area), and the taxel each belongs to.
+
+    Attributes:
+        points_m: (N, 3) positions, fingertip frame [m].
+        normals: (N, 3) outward unit normals n_t.
+        areas_m2: (N,) areas a_t [m²].
+        taxel: (N,) flat taxel index; -1 in the gaps and the margin.
+        layout: the taxels.
+        border: (N,) True where the patch ends; a press that reaches such a point is not wholly on the patch. Left
+            out, no point counts as border.
+    """
+
+    points_m: FloatArray
+    normals: FloatArray
+    areas_m2: FloatArray
+    taxel: IntArray
+    layout: TaxelLayout
+    border: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points_m", floats("patch points_m", self.points_m, (None, 3)))
+        count = len(self.points_m)
+        object.__setattr__(self, "normals", unit_rows("patch normals", self.normals))
+        check_shape("patch normals", self.normals, (count, 3))
+        object.__setattr__(self, "areas_m2", floats("patch areas_m2", self.areas_m2, (count,)))
+        if np.any(self.areas_m2 < 0):
+            raise ValueError(f"patch areas_m2: expected areas >= 0; got {self.areas_m2.min():.6g}")
+        taxel = np.array(self.taxel, dtype=np.int64)
+        check_shape("patch taxel", taxel, (count,))
+        if count and not (taxel.min() >= -1 and taxel.max() < self.layout.taxels):
+            raise ValueError(
+                f"patch taxel: expected -1 to {self.layout.taxels - 1}; got {taxel.min()} to {taxel.max()}"
+            )
+        object.__setattr__(self, "taxel", frozen(taxel))
+        border = (
+            np.array(self.border, dtype=np.bool_) if np.size(self.border) else np.zeros(count, dtype=np.bool_)
+        )
+        check_shape("patch border", border, (count,))
+        object.__setattr__(self, "border", frozen(border))
+
+    def __len__(self) -> int:
+        return len(self.points_m)
+
+    @cached_property
+    def tiles(self) -> Tiles:
+        """The points in compact groups, cut at first use."""
+        return Tiles.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
+
+    @classmethod
+    def build(
+        cls,
+        surface: Surface,
+        layout: TaxelLayout,
+        pose: SensorPose,
+        resolution_m: float = 0.25e-3,
+        margin_m: float = 8e-3,
+    ) -> Patch:
+        """Cut the patch into cells and lay them on the surface.
+
+        Cells are at most ``resolution_m`` long and end at the edges of the taxels, so that every taxel has its
+        exact area; the paper's layout gives 122 x 122 of 0.25 mm. Where the taxels have so many different edges
+        that this would more than double the cells of an axis, the axis is cut evenly.
+
+        Args:
+            surface: the fingertip.
+            layout: the taxels.
+            pose: where the patch is.
+            resolution_m: longest edge of a cell [m].
+            margin_m: how far the skin goes on around the taxels [m]. It carries force and is not sensed.
+
+        Returns:
+            The patch; points of margin and gaps that have no place on the surface are left out.
+
+        Raises:
+            ValueError: lengths that make no sense, or a taxel that has no place on the surface.
+        """
+        uv, size = patch_cells(layout, resolution_m, margin_m)
+        points, normals = surface.wrap(pose, uv)
+        areas = surface.cell_areas(pose, uv, size)
+        taxel = layout.taxel_at(uv)
+        placed = np.isfinite(points).all(axis=1) & np.isfinite(areas)
+        lost = np.unique(taxel[~placed & (taxel >= 0)])
+        if lost.size:
+            raise ValueError(
+                f"patch: expected every taxel to lie on the surface; got {lost.size} taxels beyond its edge or "
+                f"wrapped round by more than half a turn (first: {lost[0]}). Check the pose and the pitch"
+            )
+        border = _border(placed, columns=len(np.unique(uv[:, 0])))
+        return cls(
+            points[placed],
+            normals[placed],
+            areas[placed],
+            taxel[placed],
+            layout,
+            border[placed],
+        )
+
+
+def patch_cells(layout: TaxelLayout, resolution_m: float, margin_m: float) -> tuple[FloatArray, FloatArray]:
+    """The cells that a patch is cut into, row by row (u runs fastest).
+
+    Args:
+        layout: the taxels.
+        resolution_m: longest edge of a cell [m].
+        margin_m: width of the margin [m], zero or more.
+
+    Returns:
+        Centres (N, 2) and edge lengths (N, 2) along u and v [m].
+
+    Raises:
+        ValueError: a resolution that is not positive or a negative margin.
+    """
+    positive("resolution_m", resolution_m)
+    if not (np.isfinite(margin_m) and margin_m >= 0):
+        raise ValueError(f"margin_m: expected a finite length >= 0; got {margin_m!r}")
+    low, high = layout.bounds_m
+    edges = [
+        _cell_edges(
+            np.concatenate(
+                [
+                    (layout.centres_m - layout.sizes_m / 2)[:, k],
+                    (layout.centres_m + layout.sizes_m / 2)[:, k],
+                ]
+            ),
+            (low[k] - margin_m, high[k] + margin_m),
+            resolution_m,
+        )
+        for k in range(2)
+    ]
+    centre_u, centre_v = ((e[1:] + e[:-1]) / 2 for e in edges)
+    size_u, size_v = (np.diff(e) for e in edges)
+    centres = np.stack(np.meshgrid(centre_u, centre_v), axis=-1).reshape(-1, 2)
+    sizes = np.stack(np.meshgrid(size_u, size_v), axis=-1).reshape(-1, 2)
+    return centres, sizes
+
+
+def _border(placed: BoolArray, columns: int) -> BoolArray:
+    """Which cells (N,), row by row, have fewer than four neighbours that lie on the surface."""
+    inside: BoolArray = np.pad(placed.reshape(-1, columns), 1)
+    whole = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    return ~whole.ravel()
+
+
+def _cell_edges(taxel_edges: FloatArray, span: tuple[float, float], resolution_m: float) -> FloatArray:
+    """Edges of the cells along one axis: through the taxels' edges, or even where those are too many."""
+    even = np.linspace(*span, _cells_in(span[1] - span[0], resolution_m) + 1)
+    stops = np.unique(np.concatenate([span, taxel_edges]))
+    stops = stops[np.concatenate([[True], np.diff(stops) > _SNAP_M])]
+    ends: list[float] = stops.tolist()
+    pieces = list(pairwise(ends))
+    counts = [_cells_in(high - low, resolution_m) for low, high in pieces]
+    if sum(counts) > 2 * (len(even) - 1):
+        return even
+    parts: list[FloatArray] = []
+    for (low, high), count in zip(pieces, counts, strict=True):
+        parts.append(np.linspace(low, high, count, endpoint=False))
+    return np.concatenate([*parts, stops[-1:]])
+
+
+def _cells_in(length_m: float, resolution_m: float) -> int:
+    """How many cells a length needs; a hair's breadth too much does not cost another cell."""
+    return max(1, int(np.ceil(length_m / resolution_m - 1e-6)))

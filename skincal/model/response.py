@@ -1,0 +1,113 @@
+"""What a press does to a patch: loads, penetration, force (paper, section II-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.contact import Contacts
+from skincal.model.indenters.base import Indenter
+from skincal.model.patch import Patch
+from skincal.model.touch import Pressing, Touch, touch
+
+_CHUNK = 16
+"""Contacts worked on at once, so that their arrays stay in the processor's cache."""
+_ROOM = 2**22
+"""Fewer at once if all points of that many contacts would be more than this."""
+
+
+class Status(IntEnum):
+    """How a press came out."""
+
+    OK = 0
+    """The patch carries the force, and the press stays inside it."""
+    NO_FORCE = 1
+    """The force is zero or negative: no load."""
+    NOT_TOUCHED = 2
+    """No point of the patch can be touched: no load, although there is a force."""
+    AT_BORDER = 3
+    """The press reaches the patch's border: what it touches is taken to carry the whole force."""
+    UNKNOWN = 4
+    """The force, the place or the normal is NaN or infinite: so is the load."""
+
+
+# Plain numbers: an enumeration's members are slow to turn into arrays.
+_OK, _NO_FORCE, _NOT_TOUCHED, _AT_BORDER, _UNKNOWN = (int(status) for status in Status)
+
+
+@dataclass(frozen=True, eq=False)
+class SkinResponse:
+    """What a batch of K contacts does to the skin.
+
+    Attributes:
+        loads_n: (K, J) loads that the taxels feel [N], before the scale.
+        penetration_m: (K,) eps_max [m], from the first point touched.
+        force_n: (K,) normal force that all points together carry [N]: F_n again, or 0.
+        centroid_m: (K, 3) centre of that force [m]; NaN where there is none.
+        points: (K,) number of points touched.
+        status: (K,) a :class:`Status` for each press.
+    """
+
+    loads_n: FloatArray
+    penetration_m: FloatArray
+    force_n: FloatArray
+    centroid_m: FloatArray
+    points: IntArray
+    status: IntArray
+
+    @classmethod
+    def at_rest(cls, status: IntArray, taxels: int) -> SkinResponse:
+        """No load anywhere; NaN where the status is unknown."""
+        count = len(status)
+        fill = np.where(status == _UNKNOWN, np.nan, 0.0)
+        loads, centroid = np.repeat(fill[:, None], taxels, axis=1), np.full((count, 3), np.nan)
+        return cls(loads, fill.copy(), fill, centroid, np.zeros(count, dtype=np.int64), status)
+
+
+def respond(patch: Patch, elasticity_pa_per_m: float, indenter: Indenter, contacts: Contacts) -> SkinResponse:
+    """Loads, penetration and force of every contact on a patch; what each status means is told there.
+
+    Args:
+        patch: the tactile points.
+        elasticity_pa_per_m: E [Pa/m].
+        indenter: what presses.
+        contacts: K contacts.
+    """
+    known, presses = contacts.known, contacts.force_n > 0
+    status = np.where(known, np.where(presses, _NOT_TOUCHED, _NO_FORCE), _UNKNOWN)
+    response = SkinResponse.at_rest(status, patch.layout.taxels)
+    pressed = np.flatnonzero(known & presses)
+    if not (len(patch) and len(pressed)):
+        return response
+    # Alike forces together: the presses of a chunk share the number of tiles that they look at.
+    pressed = pressed[np.argsort(contacts.force_n[pressed], kind="stable")]
+    pressing = Pressing.of(contacts, pressed, indenter, elasticity_pa_per_m)
+    chunk = int(min(max(_ROOM // len(patch), 1), _CHUNK))
+    for k in range(0, len(pressed), chunk):
+        rows = slice(k, k + chunk)
+        found = touch(patch.tiles, indenter, pressing[rows] if chunk < len(pressed) else pressing)
+        _enter(response, pressed[rows], patch.layout.taxels + 1, elasticity_pa_per_m, found)
+    return response
+
+
+def _enter(response: SkinResponse, rows: IntArray, bins: int, elasticity: float, found: Touch) -> None:
+    """Sum up what was found for some rows; those that touch nothing stay as they are."""
+    gap, weight, depth = found.settled.gap_m, found.settled.weight_m2, found.settled.depth_m
+    carried = np.maximum(depth[:, None] - gap, 0.0)
+    carried *= weight
+    touched = carried > 0
+    sums = elasticity * (carried[:, None] @ found.points[..., :5])[:, 0]
+    slot = found.taxel + (1 + bins * np.arange(len(rows)))[:, None]
+    carried *= found.facing
+    loads = np.bincount(slot.ravel(), carried.ravel(), len(rows) * bins)
+    hit = sums[:, 3] > 0
+    response.loads_n[rows] = elasticity * loads.reshape(-1, bins)[:, 1:]
+    response.force_n[rows] = sums[:, 3]
+    response.points[rows] = touched.sum(axis=1)
+    response.penetration_m[rows] = depth
+    rows, sums = rows[hit], sums[hit]
+    response.centroid_m[rows] = sums[:, :3] / sums[:, 3:4]
+    response.status[rows] = np.where(sums[:, 4] > 0, _AT_BORDER, _OK)

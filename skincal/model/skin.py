@@ -1,0 +1,84 @@
+"""The skin: contacts in, tactile images out (paper, section II-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skincal.model.arrays import FloatArray, floats, positive
+from skincal.model.contact import Contacts
+from skincal.model.converter import Converter
+from skincal.model.indenters.base import Indenter
+from skincal.model.patch import Patch
+from skincal.model.response import SkinResponse, respond
+
+
+@dataclass(frozen=True, eq=False)
+class SkinParameters:
+    """What the calibration finds.
+
+    Attributes:
+        elasticity_pa_per_m: E, stress per local penetration [Pa/m].
+        scale_per_n: S, counts per newton on a taxel [1/N]: one number, or one for each taxel (J,).
+    """
+
+    elasticity_pa_per_m: float
+    scale_per_n: float | FloatArray
+
+    def __post_init__(self) -> None:
+        elasticity = positive("elasticity_pa_per_m", self.elasticity_pa_per_m)
+        object.__setattr__(self, "elasticity_pa_per_m", elasticity)
+        scale = np.asarray(self.scale_per_n, dtype=np.float64)
+        checked = floats("scale_per_n", scale, (None,) * min(scale.ndim, 1))
+        object.__setattr__(self, "scale_per_n", float(checked) if scale.ndim == 0 else checked)
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A patch of skin with its parameters and converter.
+
+    Attributes:
+        patch: the tactile points.
+        parameters: E and S.
+        converter: what happens after the scale.
+    """
+
+    patch: Patch
+    parameters: SkinParameters
+    converter: Converter = field(default_factory=Converter)
+
+    def __post_init__(self) -> None:
+        scale = np.asarray(self.parameters.scale_per_n)
+        if scale.ndim and len(scale) != self.patch.layout.taxels:
+            raise ValueError(
+                f"scale_per_n: expected one number or {self.patch.layout.taxels}; got {len(scale)}"
+            )
+
+    def respond(self, indenter: Indenter, contacts: Contacts) -> SkinResponse:
+        """Loads, penetration and force of every contact.
+
+        A force of zero or less, and a press that touches no point, give no load; a force that is NaN or
+        infinite, or a place with NaN, gives NaN; :attr:`SkinResponse.status` says which. A press that reaches the
+        border of the patch or lies outside it, but touches it, is carried by the points it touches.
+
+        Args:
+            indenter: what presses.
+            contacts: K contacts.
+        """
+        return respond(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts)
+
+    def loads(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
+        """Loads on the taxels (K, J) [N], before the scale.
+
+        The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4).
+        """
+        return self.respond(indenter, contacts).loads_n
+
+    def values(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
+        """Taxel values T_j (K, J) = S_j times the load [counts], neither rounded nor clipped."""
+        return self.loads(indenter, contacts) * self.parameters.scale_per_n
+
+    def image(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
+        """Tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to look at them."""
+        return self.converter.apply(self.values(indenter, contacts))

@@ -1,0 +1,104 @@
+"""What a fingertip surface must be able to do, and where the sensor sits on it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skincal.model.arrays import FloatArray, floats
+
+
+@dataclass(frozen=True)
+class SensorPose:
+    """Where the centre of the patch lies and how the patch is turned (paper, section II-B).
+
+    Attributes:
+        y_m: position of the centre along the axis [m].
+        alpha_rad: turn about the outward normal at the centre, right-handed [rad].
+        beta_rad: position round the axis, on a cylinder or a mesh [rad].
+        x_m: position across, on a plane [m].
+    """
+
+    y_m: float
+    alpha_rad: float
+    beta_rad: float = 0.0
+    x_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("y_m", "alpha_rad", "beta_rad", "x_m"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"pose {name}: expected a finite number; got {getattr(self, name)!r}")
+
+
+class Surface(ABC):
+    """The fingertip's surface at rest. Add a kind with one file beside this one.
+
+    Points and normals are in the fingertip frame: origin on the axis, +y along it to the tip, +z out of the
+    surface where beta = 0, x = y × z.
+    """
+
+    @abstractmethod
+    def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Lay points of the patch on the surface.
+
+        Args:
+            pose: where the patch is.
+            uv_m: (N, 2) patch coordinates [m]: arc lengths from the centre along the patch's own axes.
+
+        Returns:
+            Points (N, 3) [m] and outward unit normals (N, 3). Rows are NaN where the surface has no such place:
+            beyond its edge, or round it by more than half a turn, where the patch would lie on itself.
+        """
+
+    @abstractmethod
+    def normal_at(self, points_m: ArrayLike) -> FloatArray:
+        """Outward unit normals (K, 3) at the points of the surface nearest to ``points_m`` (K, 3) [m]."""
+
+    @abstractmethod
+    def project(self, points_m: ArrayLike) -> FloatArray:
+        """The points of the surface (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
+
+    @abstractmethod
+    def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
+        """Move points along the surface.
+
+        Args:
+            points_m: (K, 3) points [m]; those off the surface are projected first.
+            across_m: (K,) arc length towards growing beta (on a plane +x) [m].
+            along_m: (K,) arc length towards +y [m].
+
+        Returns:
+            (K, 3) points of the surface [m].
+        """
+
+    def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
+        """Areas of the cells of the patch around its points, on the surface.
+
+        Args:
+            pose: where the patch is.
+            uv_m: (N, 2) centres of the cells [m].
+            size_m: (N, 2) edge lengths of the cells along u and v [m].
+
+        Returns:
+            (N,) areas [m²]. Wrapping keeps them on a surface that can be unrolled; others override this.
+        """
+        del pose, uv_m
+        return floats("size_m", size_m, (None, 2)).prod(axis=1)
+
+
+def turned(pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Arc lengths across and along the finger of points of the patch (contract: u cos a - v sin a, u sin a + v cos a).
+
+    Args:
+        pose: its ``alpha_rad`` is used.
+        uv_m: (N, 2) patch coordinates [m].
+
+    Returns:
+        Across (N,) and along (N,) [m], from the patch's centre.
+    """
+    u, v = floats("uv_m", uv_m, (None, 2)).T
+    cos, sin = np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)
+    return u * cos - v * sin, u * sin + v * cos

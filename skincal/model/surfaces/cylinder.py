@@ -1,0 +1,61 @@
+"""The cylindrical part of a fingertip, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skincal.model.arrays import FloatArray, as_floats, floats, positive
+from skincal.model.surfaces.base import SensorPose, Surface, turned
+
+
+@dataclass(frozen=True)
+class Cylinder(Surface):
+    """A cylinder about the fingertip's y axis, without ends.
+
+    A point is (R sin beta, y, R cos beta), its outward normal (sin beta, 0, cos beta).
+
+    Attributes:
+        radius_m: R [m].
+    """
+
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius_m", positive("cylinder radius_m", self.radius_m))
+
+    def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Lay points of the patch on the cylinder; exact, as a cylinder can be unrolled. See :meth:`Surface.wrap`."""
+        across, along = turned(pose, uv_m)
+        turn = np.where(np.abs(across) <= np.pi * self.radius_m, across / self.radius_m, np.nan)
+        normals = _radial(pose.beta_rad + turn)
+        points = self.radius_m * normals
+        points[:, 1] = np.where(np.isnan(turn), np.nan, pose.y_m + along)
+        normals[:, 1] = np.where(np.isnan(turn), np.nan, 0.0)
+        return points, normals
+
+    def normal_at(self, points_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.normal_at`. A point on the axis counts as lying at beta = 0."""
+        return _radial(self._beta(floats("points_m", points_m, (None, 3), finite=False)))
+
+    def project(self, points_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.project`. A point on the axis goes to beta = 0."""
+        return self.offset(points_m, 0.0, 0.0)
+
+    def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.offset`."""
+        points = floats("points_m", points_m, (None, 3), finite=False)
+        moved = self.radius_m * _radial(self._beta(points) + as_floats(across_m) / self.radius_m)
+        moved[:, 1] = points[:, 1] + as_floats(along_m)
+        return moved
+
+    @staticmethod
+    def _beta(points: FloatArray) -> FloatArray:
+        return np.arctan2(points[:, 0], points[:, 2])
+
+
+def _radial(beta: FloatArray) -> FloatArray:
+    """Outward normals (N, 3) at angles (N,) round the axis [rad]."""
+    return np.column_stack([np.sin(beta), np.zeros_like(beta), np.cos(beta)])

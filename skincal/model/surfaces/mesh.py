@@ -1,0 +1,176 @@
+"""Any triangle mesh as a fingertip."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+from trimesh import triangles
+
+from skincal.model.arrays import FloatArray, IntArray, floats, positive
+from skincal.model.contact import contact_rotations
+from skincal.model.mesh import TriangleMesh
+from skincal.model.surfaces.base import SensorPose, Surface
+from skincal.model.surfaces.shading import corner_normals
+from skincal.model.surfaces.walk import Stand, Walker
+
+
+class MeshSurface(Surface):
+    """A fingertip given as triangles, in the fingertip frame. Its base may be open.
+
+    The patch is laid on it like a cloth: from its centre a spine is walked straight along v, and from every
+    point of the spine a row straight along u, both on the surface (geodesics). On a surface that can be unrolled
+    this is exact but for the mesh; on one that cannot, a real patch wrinkles or stretches, and here rows spread
+    or crowd with the distance from the spine. Areas are those of the laid cells.
+
+    Normals are averaged at the vertices over faces that differ by less than ``crease_rad``, so that a mesh of a
+    cylinder has the cylinder's normals; across a sharper edge they are the faces' own.
+    """
+
+    def __init__(
+        self,
+        vertices_m: ArrayLike,
+        faces: ArrayLike,
+        *,
+        step_m: float = 0.5e-3,
+        crease_rad: float = np.pi / 6,
+    ) -> None:
+        """Check the mesh and build its ray structure.
+
+        Args:
+            vertices_m: (V, 3) vertices, fingertip frame [m].
+            faces: (F, 3) indices of vertices.
+            step_m: length of the steps that walk over the surface [m].
+            crease_rad: angle between faces from which on an edge is real [rad].
+
+        Raises:
+            ValueError: a mesh without any area, with NaN, with indices out of range, or wound both ways.
+        """
+        self._mesh = TriangleMesh("surface mesh", vertices_m, faces)
+        self._mesh.check_winding()
+        self._outward = _outward_sign(self._mesh)
+        self._walker = Walker(
+            self._mesh,
+            corner_normals(self._mesh, crease_rad),
+            positive("step_m", step_m),
+        )
+        centroids = self._mesh.vertices_m[self._mesh.faces].mean(axis=1)
+        self._centroids = KDTree(centroids)
+        corners = self._mesh.vertices_m[self._mesh.faces]
+        self._face_reach_m = float(np.linalg.norm(corners - centroids[:, None], axis=2).max())
+
+    def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Lay points of the patch on the mesh. See :meth:`Surface.wrap`.
+
+        NaN where a row leaves the mesh. A patch wider than the way round is not noticed: it lies on itself.
+
+        Raises:
+            ValueError: no mesh at the patch's centre, or it is met end on, so that "along the finger" is undefined.
+        """
+        u, v = floats("uv_m", uv_m, (None, 2)).T
+        rows, row = np.unique(v, return_inverse=True)
+        centre = self._centre(pose)
+        spine = _walk_both_ways(self._walker, centre, np.zeros(len(rows), dtype=np.int64), rows)
+        laid = _walk_both_ways(self._walker, spine.turned_right(), row, u)
+        return laid.points_m, laid.normals
+
+    def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
+        """Areas (N,) [m²] of the cells whose corners are laid on the mesh. See :meth:`Surface.cell_areas`."""
+        uv, half = (
+            floats("uv_m", uv_m, (None, 2)),
+            floats("size_m", size_m, (None, 2)) / 2,
+        )
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners, _ = self.wrap(pose, (uv + signs[:, None] * half).reshape(-1, 2))
+        a, b, c, d = corners.reshape(4, -1, 3)
+        # Half the cross product of the diagonals: the area of a quadrilateral, flat or nearly so.
+        return np.linalg.norm(np.cross(c - a, d - b), axis=1) / 2
+
+    def normal_at(self, points_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.normal_at`."""
+        return self._nearest(points_m).normals
+
+    def project(self, points_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.project`."""
+        return self._nearest(points_m).points_m
+
+    def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
+        """Walk straight from each point; NaN where that leaves the mesh. See :meth:`Surface.offset`."""
+        start = self._nearest(points_m)
+        count = len(start.points_m)
+        across, along = (
+            np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)) for x in (across_m, along_m)
+        )
+        length = np.hypot(across, along)
+        frame = contact_rotations(start.normals)
+        heading = across[:, None] * frame[:, :, 0] + along[:, None] * frame[:, :, 1]
+        heading = np.where(
+            length[:, None] > 0,
+            heading / np.where(length > 0, length, 1.0)[:, None],
+            frame[:, :, 1],
+        )
+        start = Stand(start.points_m, start.normals, heading)
+        return self._walker.walk(start, np.arange(count), length).points_m
+
+    def _centre(self, pose: SensorPose) -> Stand:
+        """The patch's centre, met from outside on the way to the axis, heading along v."""
+        radial = np.array([[np.sin(pose.beta_rad), 0.0, np.cos(pose.beta_rad)]])
+        axis = np.array([[0.0, pose.y_m, 0.0]])
+        far = 2 * (float(np.linalg.norm(self._mesh.centre_m - axis)) + self._mesh.radius_m)
+        face, distance = self._mesh.first_hit(axis + far * radial, -radial)
+        if not distance[0] < far:
+            raise ValueError(
+                f"surface mesh: expected the mesh at the patch's centre, y = {pose.y_m:.6g} m and "
+                f"beta = {pose.beta_rad:.6g} rad; got nothing there. Check the pose and the mesh's unit (metres)"
+            )
+        points = axis + (far - distance)[:, None] * radial
+        normals = self._walker.normals(face, points, -radial)
+        frame = contact_rotations(normals)
+        if abs(normals[0, 1]) > 1 - 1e-9:
+            raise ValueError(
+                "surface mesh: expected a normal across the finger at the patch's centre; got one along y"
+            )
+        heading = np.cos(pose.alpha_rad) * frame[:, :, 1] - np.sin(pose.alpha_rad) * frame[:, :, 0]
+        return Stand(points, normals, heading)
+
+    def _nearest(self, points_m: ArrayLike) -> Stand:
+        """Nearest points of the mesh, their outward normals, and no heading; NaN for points with NaN."""
+        points = floats("points_m", points_m, (None, 3), finite=False)
+        nearest, normals = np.full(points.shape, np.nan), np.full(points.shape, np.nan)
+        known = np.flatnonzero(np.isfinite(points).all(axis=1))
+        face = np.zeros(len(points), dtype=np.int64)
+        for k in known:
+            candidates = self._candidates(points[k])
+            corners = self._mesh.vertices_m[self._mesh.faces[candidates]]
+            repeated = np.tile(points[k], (len(candidates), 1))
+            on_face: FloatArray = triangles.closest_point(corners, repeated)  # pyright: ignore[reportUnknownMemberType]
+            best = np.argmin(np.sum((on_face - points[k]) ** 2, axis=1))
+            nearest[k], face[k] = on_face[best], candidates[best]
+        inward = -self._outward * self._mesh.normals[face[known]]
+        normals[known] = self._walker.normals(face[known], nearest[known], inward)
+        return Stand(nearest, normals, np.full(points.shape, np.nan))
+
+    def _candidates(self, point: FloatArray) -> IntArray:
+        """Every face that may hold the nearest point: none further than the nearest centroid plus a face's reach."""
+        distance, _ = self._centroids.query(point)
+        reach = (float(distance) + self._face_reach_m) * (1 + 1e-9)
+        return np.asarray(self._centroids.query_ball_point(point, reach), dtype=np.int64)
+
+
+def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: FloatArray) -> Stand:
+    """Walks of signed lengths: negative ones go backwards, and still head forwards at their end."""
+    count = len(start.points_m)
+    both = Stand(
+        np.concatenate([start.points_m] * 2),
+        np.concatenate([start.normals] * 2),
+        np.concatenate([start.heading, -start.heading]),
+    )
+    back = length_m < 0
+    ends = walker.walk(both, which + count * back, np.abs(length_m))
+    return Stand(ends.points_m, ends.normals, np.where(back[:, None], -1.0, 1.0) * ends.heading)
+
+
+def _outward_sign(mesh: TriangleMesh) -> float:
+    """+1 where the faces' normals point out of the finger, -1 where into it (for a closed mesh: the volume's sign)."""
+    middle = mesh.vertices_m[mesh.faces].mean(axis=1) - mesh.centre_m
+    return 1.0 if np.sum(mesh.areas_m2 * np.einsum("ij,ij->i", middle, mesh.normals)) >= 0 else -1.0

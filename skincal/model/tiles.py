@@ -1,0 +1,83 @@
+"""Which points of a patch can be touched at all: only those are cast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
+
+_POINTS = 16
+"""Points in a tile, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """N points of a patch in B compact groups of M, each within a ball.
+
+    B * M may be more than N: the rest are copies of points, without an area.
+
+    Attributes:
+        points: (B, M, 8) position [m], a one, 1 where the patch ends and 0 elsewhere, and normal times area [m²]:
+            all that is needed of a point side by side, so that it is fetched once and moved with one product.
+        taxel: (B, M) flat taxel index, -1 for none.
+        centres_m: (3, B) centres of the balls [m].
+        radii_m: (B,) radii of the balls [m].
+        facing_m2: (B, 3) sum of the points' normals times areas [m²].
+    """
+
+    points: FloatArray
+    taxel: IntArray
+    centres_m: FloatArray
+    radii_m: FloatArray
+    facing_m2: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        points_m: FloatArray,
+        normals: FloatArray,
+        areas_m2: FloatArray,
+        taxel: IntArray,
+        border: BoolArray,
+    ) -> Tiles:
+        """Cut points (N, 3) with normals (N, 3), areas, taxels and border (N,) into tiles."""
+        slot = _grouped(points_m)
+        index = slot % len(points_m)
+        ones = np.ones((len(points_m), 1))
+        points = np.concatenate(
+            [points_m, ones, border[:, None].astype(np.float64), normals * areas_m2[:, None]], axis=1
+        )[index]
+        points[slot >= len(points_m), 5:] = 0.0
+        place = points[..., :3]
+        centres = (place.min(axis=1) + place.max(axis=1)) / 2
+        radii = np.linalg.norm(place - centres[:, None], axis=2).max(axis=1)
+        values = (
+            points,
+            taxel[index],
+            centres.T.copy(),
+            radii,
+            points[..., 5:].sum(axis=1),
+        )
+        for value in values:
+            value.setflags(write=False)
+        return cls(*values)
+
+
+def _grouped(points: FloatArray) -> IntArray:
+    """Slots (B, M) in groups of neighbours, B a power of two; slot s holds point s mod N.
+
+    All groups are halved across their longest side at once, again and again.
+    """
+    groups = 1
+    while groups * _POINTS < len(points):
+        groups *= 2
+    slots = np.arange(groups * -(-len(points) // groups)).reshape(1, -1)
+    while len(slots) < groups:
+        places = points[slots % len(points)]
+        longest = np.argmax(np.ptp(places, axis=1), axis=1)
+        along = np.take_along_axis(places, longest[:, None, None], axis=2)[..., 0]
+        slots = np.take_along_axis(slots, np.argsort(along, axis=1, kind="stable"), axis=1)
+        slots = slots.reshape(2 * len(slots), -1)
+    return slots

@@ -1,0 +1,159 @@
+"""From contacts to distances and penetration, at the points that can be touched (paper, section II-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.contact import Contacts
+from skincal.model.equilibrium import Settled, settle
+from skincal.model.indenters.base import Indenter
+from skincal.model.indenters.bound import Bound
+from skincal.model.tiles import Tiles
+
+_COARSE = 64
+"""Tiles from which the penetration is guessed."""
+_AHEAD = 1.2
+"""How much deeper than that guess is looked at once. A guess that was too low costs a second look, no more."""
+_FAR_M = 1e3
+"""Stands for infinity where it would spoil a sum [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """Points near K contacts: all that are penetrated, and some that are not.
+
+    Attributes:
+        points: (K, M, 8) see :class:`Tiles`; some stand twice, the second time without weight.
+        taxel: (K, M) flat taxel index, -1 for none.
+        facing: (K, M) max(-n_s,i . n_c, 0).
+        settled: the equilibrium: delta, eps_max, d_i - delta and a_i max(n_t,i . n_c, 0).
+    """
+
+    points: FloatArray
+    taxel: IntArray
+    facing: FloatArray
+    settled: Settled
+
+
+@dataclass(frozen=True, eq=False)
+class Pressing:
+    """K contacts made ready for casting.
+
+    Attributes:
+        normals: (K, 3) contact normals n_c, fingertip frame.
+        directions: (K, 3) contact normals, indenter's frame.
+        motion: (K, 8, 4) takes a point of :class:`Tiles` to its place in the indenter's frame and its weight.
+        bound: the indenter's bound, its own frame.
+        tip_bound: the same, fingertip frame.
+        load_m3: (K,) F / E [m³], finite and positive.
+    """
+
+    normals: FloatArray
+    directions: FloatArray
+    motion: FloatArray
+    bound: Bound
+    tip_bound: Bound
+    load_m3: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        contacts: Contacts,
+        rows: IntArray,
+        indenter: Indenter,
+        elasticity_pa_per_m: float,
+    ) -> Pressing:
+        """Some of the contacts, all of them known and pressing."""
+        rotations, origins = (
+            contacts.indenter_rotations[rows],
+            contacts.indenter_origins_m[rows],
+        )
+        normals, directions = contacts.normals[rows], contacts.local_directions[rows]
+        motion = np.zeros((len(rows), 8, 4))
+        motion[:, :3, :3] = rotations
+        motion[:, 3, :3] = -(origins[:, None] @ rotations)[:, 0]
+        motion[:, 5:, 3] = normals
+        bound = indenter.bound(directions, contacts.local_points_m[rows])
+        load = contacts.force_n[rows] / elasticity_pa_per_m
+        return cls(normals, directions, motion, bound, bound.moved(rotations, origins), load)
+
+    def __getitem__(self, rows: slice) -> Pressing:
+        """Some of them."""
+        return Pressing(
+            self.normals[rows],
+            self.directions[rows],
+            self.motion[rows],
+            self.bound[rows],
+            self.tip_bound[rows],
+            self.load_m3[rows],
+        )
+
+
+def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing) -> Touch:
+    """Find all points that contacts penetrate, and how deep.
+
+    Only what the indenter can reach before a guessed limit is looked at. Points left out can only have carried
+    some of the force, so the level found without them is too deep if anything. Where it stays within the limit, no
+    point left out is reached at that level, so it is the level of all points, exactly. Where it does not, it is
+    itself a limit that is far enough.
+
+    Args:
+        tiles: the points of the patch.
+        indenter: what presses.
+        pressing: K contacts.
+    """
+    place = pressing.tip_bound.place(tiles.centres_m)
+    begins = pressing.tip_bound.distance(place, tiles.radii_m)
+    order = np.argsort(begins, axis=1)
+    begins = np.sort(begins, axis=1)
+    soonest = order[:, :_COARSE]
+    centre = pressing.tip_bound.distance(np.take_along_axis(place, soonest[:, None], axis=2))
+    limit = _guess(tiles, pressing, soonest, centre)
+    while True:
+        width = max(1, int((begins <= limit[:, None]).sum(axis=1).max()))
+        found = _look(tiles, indenter, pressing, order[:, :width], limit)
+        level = found.settled.first_m + found.settled.depth_m
+        low = level > limit
+        if not low.any():
+            return found
+        limit = np.where(low, level, limit)
+
+
+def _guess(tiles: Tiles, pressing: Pressing, tile: IntArray, distance_m: FloatArray) -> FloatArray:
+    """A limit (K,) [m] that the level probably does not pass: the level if the indenter filled its bound.
+
+    Args:
+        tiles: the points of the patch.
+        pressing: K contacts.
+        tile: (K, T) the tiles that can be reached first.
+        distance_m: (K, T) the bound's distances at their centres, nearly in ascending order [m].
+    """
+    weight = np.maximum((tiles.facing_m2.take(tile, axis=0) @ pressing.normals[:, :, None])[..., 0], 0.0)
+    weight[distance_m == np.inf] = 0.0
+    distance = np.minimum(distance_m, _FAR_M)
+    area, moment = weight.cumsum(axis=1), (weight * distance).cumsum(axis=1)
+    carries = distance * area - moment < pressing.load_m3[:, None]
+    last = tile.shape[1] - 1 - np.argmax(carries[:, ::-1], axis=1)
+    row = np.arange(len(tile))
+    area, moment, first = area[row, last], moment[row, last], distance.min(axis=1)
+    level = np.divide(pressing.load_m3 + moment, area, out=np.full(len(tile), np.inf), where=area > 0)
+    return first + _AHEAD * (level - first)
+
+
+def _look(
+    tiles: Tiles,
+    indenter: Indenter,
+    pressing: Pressing,
+    tile: IntArray,
+    limit_m: FloatArray,
+) -> Touch:
+    """Cast the points of tiles (K, T) nearer than limits (K,), and find the level at which they carry the force."""
+    points = tiles.points.take(tile, axis=0).reshape(len(tile), -1, 8)
+    moved = points @ pressing.motion
+    weight = np.maximum(moved[..., 3], 0.0)
+    distance, facing = indenter.heights(moved[..., :3], pressing.directions, pressing.bound, limit_m)
+    taxel = tiles.taxel.take(tile, axis=0).reshape(len(tile), -1)
+    return Touch(points, taxel, facing, settle(distance, weight, pressing.load_m3))

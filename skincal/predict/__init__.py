@@ -1,0 +1,7 @@
+"""What a calibration says of presses: images predicted for the contacts of a dataset."""
+
+from skincal.predict.mismatch import Mismatch
+from skincal.predict.places import Places, Seen, best_places
+from skincal.predict.prediction import Prediction, predict_dataset
+
+__all__ = ["Mismatch", "Places", "Prediction", "Seen", "best_places", "predict_dataset"]

@@ -1,0 +1,261 @@
+"""The best contact position of every press within its slack, on absolute images, for any skin and indenter.
+
+For a press with observed values D and simulated values T the objective is
+
+    Q(delta) = sum_j w_j^2 (T_j(delta) - D_j)^2 / sigma_n^2  +  |delta|^2 / sigma_p^2,    |delta_i| <= slack
+
+(the paper's micro variables, section III-B, on absolute images, with what the rig's position is worth). Pose, E and
+scale are known here, so the size of the image tells of the position too. A lattice finds the basins, since the mirror
+image on the other side of a row of taxels fits almost as well; damped Gauss-Newton steps with differences finish.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating[Any]]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
+
+Simulate = Callable[[Floats, Ints], Floats]
+"""Takes slacks (n, 2) [m] and the presses that they are of (n,) to values (n, J) [counts], not clipped."""
+
+LATTICE_M, MOST_NODES = 0.4e-3, 21
+"""Spacing of the lattice [m], and its nodes along a side at most."""
+
+BASINS = 5
+"""So many basins of a press are followed at most."""
+
+BLUNT_COUNTS = 4.0
+"""On the lattice residuals count no more than with this noise, so that basins are as wide as its cells."""
+
+DIFFERENCE_M, LONGEST_STEP_M, SETTLED_M = 1e-5, 0.4e-3, 2e-7
+STRIDES, ROUNDS = 12, 10
+ROOM = 4_000_000
+"""Simulated values held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Images that the positions shall explain.
+
+    Attributes:
+        values: (K, J) observed values above rest [counts].
+        weight: (K, J) weight of a residual; 0 where a taxel was not read.
+        saturated: (K, J) the value is a lower bound.
+        lit: (K, J) taxels that answered; the noise is estimated from them.
+        floor_counts: the noise is taken to be this or more [counts].
+    """
+
+    values: Floats
+    weight: Floats
+    saturated: Bools
+    lit: Bools
+    floor_counts: float
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """What was found.
+
+    Attributes:
+        slack_m: (K, 2) best slack across and along [m].
+        objective: (K,) Q there.
+        noise_counts: sigma_n that a residual was compared with [counts].
+    """
+
+    slack_m: Floats
+    objective: Floats
+    noise_counts: float
+
+
+def best_places(simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float) -> Places:
+    """Finds the best slack of every press.
+
+    The noise is estimated from the data: it is what is left when positions are chosen with a noise of one count, by
+    the median over the presses, so that a few glitches do not count.
+
+    Args:
+        simulate: the skin.
+        seen: images of K presses.
+        position_sigma_m: one sigma of the measured positions [m]; inf where they are worth nothing.
+        slack_m: bound along each direction, finite [m].
+
+    Raises:
+        ValueError: the bound is negative or not finite.
+    """
+    if not (np.isfinite(slack_m) and slack_m >= 0):
+        raise ValueError(f"slack_m: expected a finite length >= 0; got {slack_m!r}")
+    count = len(seen.values)
+    nowhere = slack_m == 0 or position_sigma_m == 0
+    problem = _Problem(
+        simulate, seen, 0.0 if nowhere else 1.0 / position_sigma_m**2, 0.0 if nowhere else slack_m
+    )
+    if nowhere or count == 0:
+        zero, press = np.zeros((count, 2)), np.arange(count)
+        noise = max(seen.floor_counts, 1e-3)
+        return Places(zero, problem.evaluate(zero, press, noise)[0], noise)
+    press, start = problem.basins(max(seen.floor_counts, BLUNT_COUNTS))
+    noise = max(seen.floor_counts, 1.0)
+    slack, objective = problem.descend(start, press, noise)
+    best = _best_of(press, objective, count)
+    noise = max(seen.floor_counts, problem.typical_residual(slack[best], press[best]))
+    slack, objective = problem.descend(slack, press, noise)
+    best = _best_of(press, objective, count)
+    return Places(slack[best], objective[best], noise)
+
+
+def _best_of(press: Ints, objective: Floats, count: int) -> Ints:
+    """The row (K,) with the least objective of each press."""
+    order = np.lexsort((objective, press))
+    return order[np.searchsorted(press[order], np.arange(count))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The best places seen so far: slacks (n, 2), objectives (n,) and residuals (n, J). Its arrays change."""
+
+    slack_m: Floats
+    objective: Floats
+    residual: Floats
+
+    def keep(self, rows: Ints, slack_m: Floats, objective: Floats, residual: Floats) -> Bools:
+        """Takes what is better than before in some rows, and says where that is."""
+        better = objective < self.objective[rows]
+        won = rows[better]
+        self.slack_m[won], self.objective[won] = slack_m[better], objective[better]
+        self.residual[won] = residual[better]
+        return better
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    simulate: Simulate
+    seen: Seen
+    stiffness: float
+    slack_m: float
+
+    def evaluate(self, slack_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
+        """Objective (n,) and whitened residuals (n, J)."""
+        residual = self.residual(slack_m, press) / noise
+        return (residual**2).sum(axis=1) + self.stiffness * (slack_m**2).sum(axis=1), residual
+
+    def residual(self, slack_m: Floats, press: Ints) -> Floats:
+        """Weighted residuals (n, J) [counts]; a taxel at its upper bound only says "at least this"."""
+        seen = self.seen
+        difference = self.simulate(slack_m, press) - seen.values[press]
+        weight = np.where(seen.saturated[press] & (difference > 0), 0.0, seen.weight[press])
+        return np.where(weight > 0, weight * difference, 0.0)
+
+    def basins(self, noise: float) -> tuple[Ints, Floats]:
+        """Presses (n,) and slacks (n, 2) of the low places of a lattice over the slack's square."""
+        half = min(int(np.ceil(self.slack_m / LATTICE_M)), MOST_NODES // 2)
+        axis = np.linspace(-self.slack_m, self.slack_m, 2 * half + 1)
+        lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        count, taxels = self.seen.values.shape
+        each = max(1, ROOM // (len(lattice) * taxels))
+        found: list[tuple[Ints, Floats]] = []
+        for first in range(0, count, each):
+            some = np.arange(first, min(first + each, count))
+            slack, press = np.tile(lattice, (len(some), 1)), np.repeat(some, len(lattice))
+            objective = self.evaluate(slack, press, noise)[0].reshape(len(some), len(axis), len(axis))
+            k, node = _low_places(objective)
+            found.append((some[k], lattice[node]))
+        return np.concatenate([k for k, _ in found]), np.concatenate([at for _, at in found])
+
+    def descend(self, start_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
+        """Gauss-Newton from n places: slacks (n, 2) and objectives (n,), never worse than at the start."""
+        best = _Best(start_m.copy(), *self.evaluate(start_m, press, noise))
+        self._stride(best, press, noise)
+        self._go_down(best, press, noise)
+        return best.slack_m, best.objective
+
+    def _stride(self, best: _Best, press: Ints, noise: float) -> None:
+        """Full steps, of which the best place is kept.
+
+        A press that few taxels feel lies in a thin curved valley: a step along it leaves it, the next one comes back.
+        """
+        rows, now, residual = np.arange(len(press)), best.slack_m, best.residual
+        for _ in range(STRIDES):
+            trial = self._moved(now, press[rows], residual, np.full(len(rows), 1e-6), noise)
+            far = np.abs(trial - now).max(axis=1) > SETTLED_M
+            if not far.any():
+                break
+            rows, now = rows[far], trial[far]
+            objective, residual = self.evaluate(now, press[rows], noise)
+            best.keep(rows, now, objective, residual)
+
+    def _go_down(self, best: _Best, press: Ints, noise: float) -> None:
+        """Damped steps, downhill only (Levenberg-Marquardt)."""
+        rows, damping = np.arange(len(press)), np.full(len(press), 1e-3)
+        for _ in range(ROUNDS):
+            trial = self._moved(best.slack_m[rows], press[rows], best.residual[rows], damping[rows], noise)
+            far = np.abs(trial - best.slack_m[rows]).max(axis=1) > SETTLED_M
+            if not far.any():
+                break
+            rows = rows[far]
+            better = best.keep(rows, trial[far], *self.evaluate(trial[far], press[rows], noise))
+            damping[rows] *= np.where(better, 0.2, 10.0)
+
+    def _moved(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
+        step = self._step(slack, press, residual, damping, noise)
+        return np.clip(slack + step, -self.slack_m, self.slack_m)
+
+    def _step(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
+        # Inwards, so that a difference does not leave the square.
+        ahead = np.where(slack > 0, -DIFFERENCE_M, DIFFERENCE_M)
+        slopes: list[Floats] = []
+        for axis in (0, 1):
+            moved = slack.copy()
+            moved[:, axis] += ahead[:, axis]
+            slopes.append((self.residual(moved, press) / noise - residual) / ahead[:, axis : axis + 1])
+        slope = np.stack(slopes, axis=-1)
+        gradient = np.einsum("njd,nj->nd", slope, residual) + self.stiffness * slack
+        hessian = np.einsum("njd,nje->nde", slope, slope)
+        # At the bound, and drawn outwards: that direction is held, and the other one goes on alone.
+        held = (np.abs(slack) >= self.slack_m * (1 - 1e-12)) & (gradient * slack < 0)
+        gradient = np.where(held, 0.0, gradient)
+        mixed = np.where(held.any(axis=1), 0.0, hessian[:, 0, 1])
+        diagonal = np.einsum("ndd->nd", hessian) + self.stiffness
+        # Where the image says nothing and the prior is off, a floor keeps the step finite.
+        diagonal = diagonal * (1.0 + damping[:, None]) + 1e-9 * diagonal.sum(axis=1, keepdims=True) + 1.0
+        determinant = diagonal.prod(axis=1) - mixed**2
+        step = (mixed[:, None] * gradient[:, ::-1] - diagonal[:, ::-1] * gradient) / determinant[:, None]
+        return np.clip(step, -LONGEST_STEP_M, LONGEST_STEP_M)
+
+    def typical_residual(self, slack_m: Floats, press: Ints) -> float:
+        """Median over the presses of the rms over lit taxels, the two free coordinates of each allowed for."""
+        lit = self.seen.lit[press]
+        squares = np.where(lit, self.residual(slack_m, press) ** 2, 0.0).sum(axis=1)
+        number = lit.sum(axis=1)
+        if not (number > 2).any():
+            return 0.0
+        return float(np.sqrt(np.median(squares[number > 2] / (number[number > 2] - 2))))
+
+
+def _low_places(objective: Floats) -> tuple[Ints, Ints]:
+    """Nodes no higher than their neighbours, the lowest of each press: presses (n,) and flat nodes (n,).
+
+    Args:
+        objective: (K, A, A) over lattices.
+    """
+    side = objective.shape[1]
+    padded = np.pad(objective, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+    around = [
+        padded[:, 1 + i : 1 + i + side, 1 + j : 1 + j + side]
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+        if (i, j) != (0, 0)
+    ]
+    low = (objective <= np.min(around, axis=0)).reshape(len(objective), -1)
+    rated = np.where(low, objective.reshape(len(objective), -1), np.inf)
+    nodes = np.argsort(rated, axis=1, kind="stable")[:, :BASINS]
+    taken = np.isfinite(np.take_along_axis(rated, nodes, axis=1))
+    taken[:, 0] = True
+    press = np.broadcast_to(np.arange(len(objective))[:, None], nodes.shape)
+    return press[taken], nodes[taken]

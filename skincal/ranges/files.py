@@ -1,0 +1,148 @@
+"""Ranges as a file: TOML, JSON or YAML, by its suffix; numbers come back exactly."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, cast
+
+import tomli_w
+import yaml
+
+from skincal.errors import InputError, Problem
+from skincal.files import whole_file
+from skincal.ranges.plain import from_plain, to_plain
+from skincal.ranges.ranges import Ranges
+
+Plain = dict[str, Any]
+
+
+class _TwiceError(ValueError):
+    """A key that stands twice in one table; TOML refuses that by itself."""
+
+    def __init__(self, key: object) -> None:
+        super().__init__(f"the key {key} twice in one table")
+
+
+class _YamlLoader(yaml.SafeLoader):
+    """Safe, refuses doubled keys, and reads ``2.36e8`` as the number a person means by it."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys: list[object] = [
+            self.construct_object(key, deep=True)  # pyright: ignore[reportUnknownMemberType]
+            for key, _ in node.value
+        ]
+        _refuse_twice(keys)
+        return super().construct_mapping(node, deep=deep)
+
+
+# YAML 1.1 wants a point and a signed exponent in a float; people and JSON write neither.
+_YamlLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+
+
+def _refuse_twice(keys: list[object]) -> None:
+    for i, key in enumerate(keys):
+        if key in keys[:i]:
+            raise _TwiceError(key)
+
+
+def _json_table(pairs: list[tuple[str, Any]]) -> Plain:
+    _refuse_twice([key for key, _ in pairs])
+    return dict(pairs)
+
+
+def _dump_toml(plain: Plain) -> str:
+    """TOML with one line a draw: the writer's own layout would take a line for each figure."""
+    skin: Plain = plain.get("skin", {})
+    joint: Plain | None = skin.get("joint")
+    if joint is None:
+        return tomli_w.dumps(plain)
+    rest = {**plain, "skin": {key: table for key, table in skin.items() if key != "joint"}}
+    head = tomli_w.dumps({"skin": {"joint": {key: v for key, v in joint.items() if key != "draws"}}})
+    rows = "".join(f"    [{', '.join(map(repr, row))}],\n" for row in joint["draws"])
+    return f"{tomli_w.dumps(rest)}\n{head}draws = [\n{rows}]\n"
+
+
+def _dump_yaml(plain: Plain) -> str:
+    return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100)
+
+
+def _dump_json(plain: Plain) -> str:
+    return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _load_yaml(text: str) -> object:
+    return yaml.load(text, _YamlLoader)
+
+
+def _load_json(text: str) -> object:
+    return json.loads(text, object_pairs_hook=_json_table)
+
+
+_LOAD: Final[dict[str, Callable[[str], object]]] = {
+    ".toml": tomllib.loads, ".json": _load_json, ".yaml": _load_yaml, ".yml": _load_yaml,
+}  # fmt: skip
+_DUMP: Final[dict[str, Callable[[Plain], str]]] = {
+    ".toml": _dump_toml, ".json": _dump_json, ".yaml": _dump_yaml, ".yml": _dump_yaml,
+}  # fmt: skip
+
+
+def file_format(path: str | Path) -> str:
+    """The suffix that decides the format.
+
+    Raises:
+        InputError: it is none of ``.toml``, ``.json``, ``.yaml``, ``.yml``.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _LOAD:
+        got = f'the suffix "{suffix}"' if suffix else "no suffix"
+        raise InputError([Problem(str(path), f"a file name ending in {', '.join(_LOAD)}", got)])
+    return suffix
+
+
+def read_ranges(path: str | Path) -> Ranges:
+    """Reads ranges (contract ``skincal-ranges/1``).
+
+    Args:
+        path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
+
+    Raises:
+        InputError: the file cannot be read, or anything in it is wrong; every violation is listed.
+    """
+    path = Path(path)
+    suffix = file_format(path)
+    try:
+        values = _LOAD[suffix](path.read_text(encoding="utf-8"))
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError([Problem(str(path), "a ranges file", reason)]) from error
+    except (ValueError, yaml.YAMLError, RecursionError) as error:
+        # The parser's message holds the line and the column.
+        kind = suffix.removeprefix(".").upper()
+        raise InputError([Problem(str(path), kind, " ".join(str(error).split()))]) from error
+    if not isinstance(values, Mapping):
+        got = type(values).__name__
+        raise InputError([Problem(str(path), "tables: format, finger, object, skin", f"a {got}")])
+    return from_plain(cast("Mapping[str, Any]", values), path.name)
+
+
+def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
+    """Writes ranges; the file appears whole or not at all.
+
+    Args:
+        ranges: what to write.
+        path: where; the suffix decides the format.
+        force: whether a file there is replaced.
+
+    Raises:
+        InputError: unknown suffix, or the file exists and ``force`` is not given.
+        OSError: the disk is full, or not writable.
+    """
+    text = _DUMP[file_format(path)](to_plain(ranges))
+    with whole_file(path, force=force) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,146 @@
+"""The parameters that may be randomized: full name, unit, shape, meaning. Files are checked against it.
+
+A parameter that a file leaves out is not randomized: the simulation keeps its nominal value.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from skincal.calibration.effects import EFFECT_NAMES
+
+Shape = Literal["scalar", "joint", "joint_12", "joint_3", "xyz", "taxel", "any"]
+"""What one draw is: a number; one each joint, each joint 1 and 2, each joint 3; a vector; one each taxel.
+
+``any`` is an effect's own business: a number if its bounds are numbers, an array if they are lists.
+"""
+
+
+@dataclass(frozen=True)
+class Name:
+    """One parameter that may be randomized.
+
+    Attributes:
+        path: full name with its tables: ``skin.y_m``.
+        unit: unit for people; ``1`` for a pure number.
+        shape: what one draw is.
+        meaning: what is drawn.
+        least: the smallest value that makes sense.
+        most: the largest value that makes sense; bounds beyond it are mostly a wrong unit.
+    """
+
+    path: str
+    unit: str
+    shape: Shape
+    meaning: str
+    least: float = -math.inf
+    most: float = math.inf
+
+    @property
+    def table(self) -> str:
+        """The table it stands in: ``object.marble``."""
+        return self.path.rpartition(".")[0]
+
+
+_FINGER: Final = (
+    Name("finger.joint_offset_rad", "rad", "joint", "added to the measured joint angles", -math.pi, math.pi),
+    Name("finger.joint_noise_rad", "rad", "joint", "added to the measured joint angles", -math.pi, math.pi),
+    Name("finger.k_p_nm_per_rad", "N m/rad", "joint", "stiffness of the joint controller", 0.0),
+    Name("finger.k_d_nms_per_rad", "N m s/rad", "joint", "damping of the joint controller", 0.0),
+    Name(
+        "finger.parasitic_stiffness_nm_per_rad",
+        "N m/rad",
+        "joint",
+        "stiffness K_e of the drive between motor and joint",
+        0.0,
+    ),
+    Name(
+        "finger.stick_friction_12_nm", "N m", "joint_12", "stick friction of joints 1 and 2 of a finger", 0.0
+    ),
+    Name("finger.stick_friction_3_nm", "N m", "joint_3", "stick friction of joint 3 of a finger", 0.0),
+    Name("finger.lateral_friction", "1", "scalar", "friction coefficient of the fingertips", 0.0),
+)
+
+
+def _object(name: str) -> tuple[Name, ...]:
+    table = f"object.{name}"
+    return (
+        Name(f"{table}.position_m", "m", "xyz", "added to the initial position", -1.0, 1.0),
+        Name(f"{table}.mass_kg", "kg", "scalar", "mass", 0.0, 10.0),
+        Name(f"{table}.radius_m", "m", "scalar", "radius", 0.0, 0.5),
+        Name(f"{table}.lateral_friction", "1", "scalar", "friction coefficient against sliding", 0.0),
+        Name(f"{table}.spinning_friction", "1", "scalar", "friction coefficient against spinning", 0.0),
+        Name(f"{table}.rolling_friction", "1", "scalar", "friction coefficient against rolling", 0.0),
+        Name(f"{table}.random_force_n", "N", "xyz", "force that disturbs the object"),
+    )
+
+
+_BOLT_ANGLES: Final = (
+    Name("object.bolt.psi_deg", "°", "scalar", "added to the initial angle psi", -180.0, 180.0),
+    Name("object.bolt.theta_deg", "°", "scalar", "added to the initial angle theta", -180.0, 180.0),
+    Name("object.bolt.phi_deg", "°", "scalar", "added to the initial angle phi", -180.0, 180.0),
+)
+
+_SKIN: Final = (
+    Name("skin.x_m", "m", "scalar", "centre of the patch on a plane", -1.0, 1.0),
+    Name("skin.y_m", "m", "scalar", "centre of the patch along the finger", -1.0, 1.0),
+    Name("skin.beta_deg", "°", "scalar", "centre of the patch round the fingertip", -360.0, 360.0),
+    Name("skin.alpha_deg", "°", "scalar", "turn of the patch about its normal", -360.0, 360.0),
+    Name(
+        "skin.x_offset_m", "m", "scalar", "added to the nominal centre, as arc towards +beta or +x", -1.0, 1.0
+    ),
+    Name("skin.y_offset_m", "m", "scalar", "added to the nominal centre, along +y", -1.0, 1.0),
+    Name("skin.elasticity_pa_per_m", "Pa/m", "scalar", "stress over penetration, E", 0.0),
+    Name("skin.scale_per_n", "1/N", "scalar", "counts over taxel load, S, common to all taxels", 0.0),
+    Name("skin.scale_offset_per_n", "1/N", "taxel", "added to the common scale: S_j = S + this"),
+    Name("skin.taxel_offset_counts", "counts", "taxel", "added to the taxel's value"),
+    Name("skin.noise_sigma_counts", "counts", "taxel", "standard deviation of the taxel's noise", 0.0),
+    Name(
+        "skin.taxel_noise_counts", "counts", "taxel", "noise, added to the taxel's value on top of the offset"
+    ),
+)
+
+NAMES: Final[dict[str, Name]] = {
+    name.path: name for name in (*_FINGER, *_object("marble"), *_object("bolt"), *_BOLT_ANGLES, *_SKIN)
+}
+"""Every parameter by its full name, in the order in which files list them; effects aside."""
+
+TABLES: Final[tuple[str, ...]] = ("finger", "object.marble", "object.bolt", "skin", "skin.effects.NAME")
+
+EFFECTS_PREFIX: Final = "skin.effects."
+
+
+def find(path: str) -> Name | None:
+    """The parameter of this name, or None. An effect of the contract may have parameters of any name."""
+    if path in NAMES:
+        return NAMES[path]
+    effect, _, parameter = path.removeprefix(EFFECTS_PREFIX).partition(".")
+    if path.startswith(EFFECTS_PREFIX) and effect in EFFECT_NAMES and parameter and "." not in parameter:
+        return Name(path, "", "any", f"{parameter} of the effect {effect}")
+    return None
+
+
+def sort_key(path: str) -> tuple[int, str]:
+    """Puts names in the table's order, effects last; the draws do not depend on the order in a file."""
+    order = list(NAMES)
+    return (order.index(path), "") if path in NAMES else (len(order), path)
+
+
+def expected_names(path: str) -> str:
+    """What could have stood in the place of an unknown name, for an error message."""
+    if path.startswith(EFFECTS_PREFIX):
+        return f"skin.effects.NAME.PARAMETER with NAME one of {', '.join(EFFECT_NAMES)}"
+    table = path.rpartition(".")[0]
+    siblings = [name.path for name in NAMES.values() if name.table == table]
+    if siblings:
+        return f"one of {', '.join(siblings)}"
+    return f"a parameter in one of the tables {', '.join(TABLES)}"
+
+
+def suggestion(path: str) -> str:
+    """``Did you mean ...?``, or nothing."""
+    close = difflib.get_close_matches(path, NAMES, n=1, cutoff=0.75)
+    return f"Did you mean {close[0]}?" if close else ""

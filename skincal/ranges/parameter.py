@@ -1,0 +1,190 @@
+"""One randomized parameter: a distribution, when it is drawn, and where its figures come from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Final, Literal, get_args
+
+from skincal.errors import InputError, Problem
+
+Distribution = Literal["uniform", "log_uniform", "normal", "constant"]
+Mode = Literal["episode", "step"]
+Source = Literal["calibrated", "assumed"]
+Numbers = float | tuple[float, ...]
+"""One figure for all joints or taxels, or one for each."""
+
+DISTRIBUTIONS: Final[tuple[str, ...]] = get_args(Distribution)
+MODES: Final[tuple[str, ...]] = get_args(Mode)
+SOURCES: Final[tuple[str, ...]] = get_args(Source)
+FIGURES: Final[dict[str, tuple[str, ...]]] = {
+    "uniform": ("low", "high"),
+    "log_uniform": ("low", "high"),
+    "normal": ("mean", "sigma"),
+    "constant": ("value",),
+}
+"""The figures that each distribution needs. A normal may have ``sigma_from`` in place of ``sigma``."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter that is drawn anew each episode or each step.
+
+    The figures are in the unit that the parameter's name carries. Each is one number, or a tuple with one
+    number a joint or taxel. Build one with :meth:`uniform`, :meth:`log_uniform`, :meth:`normal` or
+    :meth:`constant`.
+
+    Attributes:
+        distribution: ``uniform`` and ``log_uniform`` in [low, high], ``normal``, or ``constant``.
+        mode: drawn once an ``episode``, or at every ``step`` of the skin and the policy.
+        source: ``calibrated`` if a fit to data gave the figures, else ``assumed``.
+        low: lower bound of a (log-)uniform distribution.
+        high: upper bound of a (log-)uniform distribution.
+        mean: mean of a normal distribution.
+        sigma: standard deviation of a normal distribution.
+        sigma_from: full name of another parameter, drawn per episode, whose draw is the standard deviation:
+            the taxel noise N(0, sigma) with sigma ~ U(0, 5) is such a one.
+        value: value of a constant.
+
+    Raises:
+        InputError: figures that the distribution needs are missing, superfluous or impossible; all at once.
+    """
+
+    distribution: Distribution
+    mode: Mode = "episode"
+    source: Source = "assumed"
+    low: Numbers | None = None
+    high: Numbers | None = None
+    mean: Numbers | None = None
+    sigma: Numbers | None = None
+    sigma_from: str | None = None
+    value: Numbers | None = None
+
+    def __post_init__(self) -> None:
+        if found := problems(self, "parameter"):
+            raise InputError(found)
+
+    @classmethod
+    def uniform(
+        cls, low: Numbers, high: Numbers, mode: Mode = "episode", source: Source = "assumed"
+    ) -> Parameter:
+        """U(low, high)."""
+        return cls("uniform", mode, source, low=low, high=high)
+
+    @classmethod
+    def log_uniform(
+        cls, low: Numbers, high: Numbers, mode: Mode = "episode", source: Source = "assumed"
+    ) -> Parameter:
+        """The logarithm is uniform between log(low) and log(high); both above 0."""
+        return cls("log_uniform", mode, source, low=low, high=high)
+
+    @classmethod
+    def normal(
+        cls, mean: Numbers, sigma: Numbers | str, mode: Mode = "step", source: Source = "assumed"
+    ) -> Parameter:
+        """N(mean, sigma²); a string for sigma is the name of the parameter whose draw it is."""
+        if isinstance(sigma, str):
+            return cls("normal", mode, source, mean=mean, sigma_from=sigma)
+        return cls("normal", mode, source, mean=mean, sigma=sigma)
+
+    @classmethod
+    def constant(cls, value: Numbers, mode: Mode = "episode", source: Source = "assumed") -> Parameter:
+        """Always the same value."""
+        return cls("constant", mode, source, value=value)
+
+    def figures(self) -> dict[str, Numbers]:
+        """The figures that are set, by name."""
+        pairs = {name: getattr(self, name) for name in ("low", "high", "mean", "sigma", "value")}
+        return {name: numbers for name, numbers in pairs.items() if numbers is not None}
+
+    def size(self) -> int | None:
+        """How many numbers a figure holds, or None if one number stands for all joints or taxels."""
+        sizes = {len(numbers) for numbers in self.figures().values() if isinstance(numbers, tuple)}
+        return max(sizes, default=None)
+
+    def width(self) -> float:
+        """Width of the range (the widest, of several); 4 sigma of a normal, nan if that is drawn itself."""
+        if self.distribution == "constant":
+            return 0.0
+        if self.distribution == "normal":
+            return 4.0 * max(as_tuple(self.sigma)) if self.sigma is not None else math.nan
+        lows, highs = _paired(self.low, self.high)
+        return max(high - low for low, high in zip(lows, highs, strict=True))
+
+
+FIELDS: Final[tuple[str, ...]] = tuple(f.name for f in fields(Parameter))
+
+
+def as_tuple(numbers: Numbers | None) -> tuple[float, ...]:
+    """The number or numbers as a tuple; empty for none."""
+    if numbers is None:
+        return ()
+    return numbers if isinstance(numbers, tuple) else (numbers,)
+
+
+def problems(parameter: Parameter, place: str) -> list[Problem]:
+    """Everything that is wrong with a parameter.
+
+    Args:
+        parameter: the parameter, possibly impossible.
+        place: how to call the place in the messages: ``ranges.toml, [skin.y_m]``.
+    """
+    found = [
+        Problem(f"{place} {key}", f"one of {', '.join(allowed)}", repr(got))
+        for key, allowed, got in (
+            ("distribution", DISTRIBUTIONS, parameter.distribution),
+            ("mode", MODES, parameter.mode),
+            ("source", SOURCES, parameter.source),
+        )
+        if got not in allowed
+    ]
+    if parameter.distribution in DISTRIBUTIONS:
+        found += _figure_problems(parameter, place)
+    return found
+
+
+def _figure_problems(parameter: Parameter, place: str) -> list[Problem]:
+    """Missing, superfluous, not finite, of different lengths, or in the wrong order."""
+    set_figures = set(parameter.figures())
+    if parameter.sigma_from is not None:
+        set_figures.add("sigma_from")
+    needed = set(FIGURES[parameter.distribution])
+    if parameter.distribution == "normal" and "sigma_from" in set_figures:
+        needed = {"mean", "sigma_from"}
+    expected = f"{' and '.join(FIGURES[parameter.distribution])} for a {parameter.distribution} distribution"
+    found = [Problem(f"{place} {key}", expected, "nothing") for key in sorted(needed - set_figures)]
+    found += [
+        Problem(f"{place} {key}", expected, f"{key} = {getattr(parameter, key)}", f"Take {key} out.")
+        for key in sorted(set_figures - needed)
+    ]
+    for key, numbers in parameter.figures().items():
+        if not as_tuple(numbers) or not all(math.isfinite(number) for number in as_tuple(numbers)):
+            found.append(Problem(f"{place} {key}", "finite numbers", str(numbers)))
+    return found or _order_problems(parameter, place)
+
+
+def _order_problems(parameter: Parameter, place: str) -> list[Problem]:
+    sizes = {len(numbers) for numbers in parameter.figures().values() if isinstance(numbers, tuple)}
+    if len(sizes) > 1:
+        return [Problem(place, "lists of one length", f"lengths {sorted(sizes)}")]
+    if parameter.distribution == "normal":
+        low_sigma = min(as_tuple(parameter.sigma), default=0.0)
+        return [Problem(f"{place} sigma", "at least 0", f"{low_sigma}")] if low_sigma < 0.0 else []
+    if parameter.distribution == "constant":
+        return []
+    lows, highs = _paired(parameter.low, parameter.high)
+    found: list[Problem] = []
+    if any(low > high for low, high in zip(lows, highs, strict=True)):
+        found.append(
+            Problem(f"{place} low", "not above high", f"low = {parameter.low}, high = {parameter.high}")
+        )
+    if parameter.distribution == "log_uniform" and min(lows) <= 0.0:
+        found.append(Problem(f"{place} low", "above 0 for a log_uniform distribution", f"{min(lows)}"))
+    return found
+
+
+def _paired(low: Numbers | None, high: Numbers | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Both as tuples of the same length."""
+    lows, highs = as_tuple(low), as_tuple(high)
+    size = max(len(lows), len(highs))
+    return lows * size if len(lows) == 1 else lows, highs * size if len(highs) == 1 else highs

@@ -1,0 +1,191 @@
+"""A whole set of randomized parameters, by full name, and the joint cloud of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.errors import InputError, Problem
+from skincal.ranges.names import NAMES, find, sort_key
+from skincal.ranges.parameter import Mode, Parameter, Source
+from skincal.ranges.rules import collection_problems, joint_problems
+from skincal.ranges.sampling import Sample, draw
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointDraws:
+    """Parameters of the skin that are drawn together: one row of the valley's cloud an episode.
+
+    The parameters of a calibration depend on each other (a stiffer skin goes with another place of the
+    patch). A box of intervals forgets that, the cloud keeps it.
+
+    Attributes:
+        columns: full names: ``("skin.y_m", "skin.beta_deg", ...)``.
+        draws: one row a draw, shape (N, columns), read-only.
+        source: where the draws come from.
+    """
+
+    columns: tuple[str, ...]
+    draws: FloatArray
+    source: Source = "calibrated"
+
+    def __init__(self, columns: Iterable[str], draws: ArrayLike, source: Source = "calibrated") -> None:
+        object.__setattr__(self, "columns", tuple(columns))
+        array = np.array(draws, dtype=np.float64)
+        array.setflags(write=False)
+        object.__setattr__(self, "draws", array)
+        object.__setattr__(self, "source", source)
+        if found := joint_problems(self.columns, self.draws, source, "[skin.joint]"):
+            raise InputError(found)
+
+    def __len__(self) -> int:
+        return len(self.draws)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, JointDraws):
+            return NotImplemented
+        same_names = self.columns == other.columns and self.source == other.source
+        return same_names and np.array_equal(self.draws, other.draws)
+
+
+class Ranges(Mapping[str, Parameter]):
+    """What is randomized and how: an immutable mapping from full names (``skin.y_m``) to parameters.
+
+    A parameter that is not in it is not randomized. Where a joint cloud is present, it goes before the
+    ranges of the same names; those stay as the box round it.
+
+    Attributes:
+        joint: parameters that are drawn together, or None.
+        provenance: where the ranges come from: preset, dataset, version.
+        warnings: what a person should know of how they came about; not kept in files.
+    """
+
+    __slots__ = ("_parameters", "joint", "provenance", "warnings")
+    _parameters: dict[str, Parameter]
+    joint: JointDraws | None
+    provenance: Mapping[str, str]
+    warnings: tuple[Problem, ...]
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Parameter],
+        joint: JointDraws | None = None,
+        provenance: Mapping[str, str] | None = None,
+        warnings: Iterable[Problem] = (),
+    ) -> None:
+        """Checks the whole.
+
+        Args:
+            parameters: by full name.
+            joint: the cloud.
+            provenance: free text by name.
+            warnings: what a person should know.
+
+        Raises:
+            InputError: unknown names, figures out of bounds, a dangling ``sigma_from``; all at once.
+        """
+        if found := collection_problems(parameters):
+            raise InputError(found)
+        ordered = {path: parameters[path] for path in sorted(parameters, key=sort_key)}
+        object.__setattr__(self, "_parameters", ordered)
+        object.__setattr__(self, "joint", joint)
+        object.__setattr__(self, "provenance", dict(provenance or {}))
+        object.__setattr__(self, "warnings", tuple(warnings))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"Ranges is frozen; build a new one to change {name}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Ranges, (self._parameters, self.joint, self.provenance, self.warnings)
+
+    def __getitem__(self, path: str) -> Parameter:
+        return self._parameters[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parameters)
+
+    def __len__(self) -> int:
+        return len(self._parameters)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Ranges):
+            return NotImplemented
+        same_rest = self.joint == other.joint and dict(self.provenance) == dict(other.provenance)
+        return self._parameters == other._parameters and same_rest
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        joint = f", joint cloud of {len(self.joint)}" if self.joint else ""
+        return f"Ranges({len(self)} parameters, {len(self.calibrated())} calibrated{joint})"
+
+    def table(self, prefix: str) -> dict[str, Parameter]:
+        """The parameters of one table (``skin``, ``object.marble``) by their short names."""
+        start = prefix + "."
+        return {path.removeprefix(start): p for path, p in self.items() if path.startswith(start)}
+
+    def calibrated(self) -> tuple[str, ...]:
+        """Full names of the parameters that a fit to data gave."""
+        return tuple(path for path, parameter in self.items() if parameter.source == "calibrated")
+
+    def require(self, paths: Iterable[str]) -> None:
+        """Checks that the parameters a task cannot do without are there.
+
+        Args:
+            paths: full names.
+
+        Raises:
+            InputError: naming every one that is missing.
+        """
+        missing = [path for path in paths if path not in self]
+        if missing:
+            raise InputError(
+                [
+                    Problem(f"ranges, [{path}]", _meaning(path), "nothing", "Add the table.")
+                    for path in missing
+                ]
+            )
+
+    def replace(self, parameters: Mapping[str, Parameter]) -> Ranges:
+        """A copy with some parameters added or put in the place of others."""
+        return Ranges({**self, **parameters}, self.joint, self.provenance, self.warnings)
+
+    def sample(
+        self,
+        rng: np.random.Generator,
+        mode: Mode = "episode",
+        *,
+        joints: int = 6,
+        taxels: int = 16,
+        episode: Sample | None = None,
+    ) -> Sample:
+        """Draws every parameter of one mode.
+
+        Draws do not depend on the order in which a file lists the parameters.
+
+        Args:
+            rng: the generator, advanced by the draws.
+            mode: ``episode``: what holds for a whole episode; ``step``: what is new at each step.
+            joints: number of joints, finger by finger, three a finger.
+            taxels: number of taxels J.
+            episode: the episode's draws, needed for a step whose noise level is drawn per episode.
+
+        Returns:
+            Draws in nested dictionaries by the tables of the file, ``sample["skin"]["y_m"]``, in the unit of
+            the name: a float, or an array of shape (joints,), per taxel (J,), for vectors (3,).
+
+        Raises:
+            ValueError: the mode is unknown, the sizes do not fit, or ``episode`` is needed and not given.
+        """
+        return draw(self, self.joint, rng, mode, joints=joints, taxels=taxels, episode=episode)
+
+
+def _meaning(path: str) -> str:
+    name = find(path)
+    return f"{name.meaning} [{name.unit}]" if name and path in NAMES else "a range"

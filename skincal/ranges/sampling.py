@@ -1,0 +1,132 @@
+"""Draws from parameters with a generator that is handed in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.ranges.names import Shape, find
+from skincal.ranges.parameter import MODES, Mode, Numbers, Parameter
+
+if TYPE_CHECKING:
+    from skincal.ranges.ranges import JointDraws
+
+FloatArray = NDArray[np.float64]
+Draw = float | FloatArray
+Sample = dict[str, Any]
+"""Nested dictionaries by the tables of the file; the leaves are :data:`Draw`."""
+
+
+def draw(
+    parameters: Mapping[str, Parameter],
+    joint: JointDraws | None,
+    rng: np.random.Generator,
+    mode: Mode,
+    *,
+    joints: int,
+    taxels: int,
+    episode: Sample | None,
+) -> Sample:
+    """Draws every parameter of one mode; see :meth:`skincal.ranges.Ranges.sample`."""
+    if mode not in MODES:
+        raise ValueError(f"mode must be one of {', '.join(MODES)}; got {mode!r}")
+    sample: Sample = {}
+    # The cloud is drawn first and its box not at all, so that the draws do not depend on it.
+    together = _draw_row(joint, rng) if joint is not None and mode == "episode" else {}
+    covered = set(joint.columns) if joint is not None else set[str]()
+    for path, parameter in parameters.items():
+        if parameter.mode == mode and path not in covered:
+            size = _size(path, parameter, joints=joints, taxels=taxels)
+            put(sample, path, _draw_one(path, parameter, rng, size, episode))
+    for path, value in together.items():
+        put(sample, path, value)
+    return sample
+
+
+def get(sample: Sample, path: str) -> Draw:
+    """The draw of a parameter by its full name.
+
+    Raises:
+        KeyError: the sample does not hold it.
+    """
+    node: Any = sample
+    for key in path.split("."):
+        node = node[key]
+    return node
+
+
+def put(sample: Sample, path: str, value: Draw) -> None:
+    """Stores a draw by its full name."""
+    *tables, name = path.split(".")
+    for table in tables:
+        sample = sample.setdefault(table, {})
+    sample[name] = value
+
+
+def _draw_row(joint: JointDraws, rng: np.random.Generator) -> dict[str, float]:
+    row = joint.draws[int(rng.integers(len(joint.draws)))]
+    return dict(zip(joint.columns, (float(value) for value in row), strict=True))
+
+
+def _draw_one(
+    path: str, parameter: Parameter, rng: np.random.Generator, size: int | None, episode: Sample | None
+) -> Draw:
+    values = _values(path, parameter, rng, 1 if size is None else size, episode)
+    return float(values[0]) if size is None else values
+
+
+def _values(
+    path: str, parameter: Parameter, rng: np.random.Generator, size: int, episode: Sample | None
+) -> FloatArray:
+    if parameter.distribution == "constant":
+        return np.broadcast_to(_array(parameter.value), (size,)).astype(np.float64)
+    if parameter.distribution == "normal":
+        return rng.normal(_array(parameter.mean), _sigma(path, parameter, episode), size)
+    low, high = _array(parameter.low), _array(parameter.high)
+    if parameter.distribution == "log_uniform":
+        # exp(log(x)) may miss x by one unit in the last place, and then leave the range.
+        return np.clip(np.exp(rng.uniform(np.log(low), np.log(high), size)), low, high)
+    # A span of equal bounds, or of neighbouring floats, must not round beyond them either.
+    return np.clip(rng.uniform(low, high, size), low, high)
+
+
+def _sigma(path: str, parameter: Parameter, episode: Sample | None) -> FloatArray:
+    if parameter.sigma_from is None:
+        return _array(parameter.sigma)
+    if episode is None:
+        raise ValueError(
+            f"{path} takes its standard deviation from the episode's draw of {parameter.sigma_from}; "
+            'hand it in: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
+        )
+    return np.asarray(get(episode, parameter.sigma_from), dtype=np.float64)
+
+
+def _array(numbers: Numbers | None) -> FloatArray:
+    return np.asarray(numbers, dtype=np.float64)
+
+
+def _size(path: str, parameter: Parameter, *, joints: int, taxels: int) -> int | None:
+    """Length of a draw; None: a plain float."""
+    name = find(path)
+    shape: Shape = name.shape if name is not None else "scalar"
+    if shape in ("joint_12", "joint_3") and joints % 3:
+        raise ValueError(f"{path} needs three joints a finger; got joints={joints}")
+    own = parameter.size()
+    sizes: dict[Shape, int | None] = {
+        "scalar": None,
+        "joint": joints,
+        "joint_12": joints // 3 * 2,
+        "joint_3": joints // 3,
+        "xyz": 3,
+        "taxel": taxels,
+        "any": own,
+    }
+    size = sizes[shape]
+    if own is not None and own != size:
+        raise ValueError(
+            f"{path} holds {own} numbers, but a draw has {size} (joints={joints}, taxels={taxels})"
+        )
+    return size

@@ -1,0 +1,252 @@
+"""The picture of a dataset: where the presses lie, how hard they were, which taxels answered, and when."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from skincal.dataset import IDLE, Dataset
+from skincal.dataset.placement import patch_coordinates
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
+from skincal.dataset.summary import session_times_s
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    LIGHT,
+    ORANGE,
+    SEQUENTIAL,
+    equal_axes_mm,
+    new_figure,
+    style,
+)  # fmt: skip
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FEW_NUMBERS = 8
+"""Up to this many taxels at once, every number of active taxels has its own colour."""
+
+LARGEST_MARK_PT2 = 110.0
+MOST_LINE_POINTS = 20_000
+MOST_NAMED_TAXELS = 36
+
+
+def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Figure:
+    """Draws a dataset.
+
+    Args:
+        dataset: the data.
+        threshold_counts: how far above its level at rest a taxel counts as active [counts].
+
+    Returns:
+        A figure with the patch, the forces, the number of taxels that answered, the session and the taxels.
+    """
+    active = active_taxels(dataset, threshold_counts)
+    with style():
+        name = dataset.folder.name if dataset.folder else "dataset"
+        figure = new_figure(11.5, 8.5, f"{name}: {len(dataset.presses)} presses")
+        grid = figure.add_gridspec(3, 3, width_ratios=(1.0, 1.0, 0.95), height_ratios=(1, 1, 0.9))
+        _draw_patch(figure, figure.add_subplot(grid[:2, :2]), dataset, active.sum(axis=1))
+        _draw_forces(figure.add_subplot(grid[0, 2]), dataset.presses.force_n)
+        _draw_numbers(figure.add_subplot(grid[1, 2]), active.sum(axis=1), threshold_counts)
+        _draw_session(figure.add_subplot(grid[2, :2]), dataset)
+        _draw_taxels(figure, figure.add_subplot(grid[2, 2]), dataset, active)
+    return figure
+
+
+def _draw_patch(figure: Figure, axes: Axes, dataset: Dataset, number: NDArray[np.int64]) -> None:
+    pose, layout = dataset.nominal_pose(), dataset.layout()
+    reach = 3 * float(np.abs(layout.bounds_m).max())
+    uv = 1e3 * patch_coordinates(dataset.surface(), pose, dataset.presses.position_m, reach)
+    _draw_layout(axes, 1e3 * layout.centres_m, 1e3 * layout.sizes_m, dataset.meta.sensor.cols)
+    given = np.asarray(np.isfinite(uv).all(axis=1))
+    near = given & _near(1e3 * layout.bounds_m, uv)
+    axes.update_datalim(1e3 * layout.bounds_m)
+    axes.margins(0.06)
+    equal_axes_mm(axes, "u", "v")
+    axes.set_title("Presses on the patch", pad=22)
+    notes = [_nominal(dataset), *_notes(given, near, uv)]
+    axes.annotate("; ".join(notes), (0, 1), (0, 6), "axes fraction", "offset points", fontsize=8, va="bottom")
+    if near.any():
+        _draw_presses(figure, axes, uv[near], dataset.presses.force_n[near], number[near])
+    axes.autoscale_view()
+
+
+def _draw_layout(axes: Axes, centres: FloatArray, sizes: FloatArray, cols: int) -> None:
+    for j, (centre, size) in enumerate(zip(centres, sizes, strict=True)):
+        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
+        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=GREY, linewidth=0.6))
+        if len(centres) <= MOST_NAMED_TAXELS:
+            name = f"{j // cols},{j % cols}"
+            axes.annotate(name, corner, (2, 2), textcoords="offset points", fontsize=6, color=GREY)
+
+
+def _nominal(dataset: Dataset) -> str:
+    mount = dataset.meta.mount
+    across = f"x {1e3 * mount.x_m:g} mm" if mount.x_m is not None else f"beta {mount.beta_deg:g}°"
+    return f"at its nominal pose: y {1e3 * mount.y_m:g} mm, {across}, alpha {mount.alpha_deg:g}°"
+
+
+def _notes(given: BoolArray, near: BoolArray, uv: FloatArray) -> list[str]:
+    notes = []
+    if not given.all():
+        notes.append(f"{int(np.sum(~given))} presses without a position")
+    if np.any(given & ~near):
+        notes.append(f"{int(np.sum(given & ~near))} presses far off are not drawn")
+    if near.sum() > 1 and np.ptp(uv[near], axis=0).max() < 1e-6:
+        notes.append(f"{int(near.sum())} presses at one place")
+    return notes
+
+
+def _near(patch: FloatArray, uv: FloatArray) -> BoolArray:
+    """Which presses lie within a patch's size of the patch [mm]; a stray one must not shrink the rest."""
+    size = float(np.ptp(patch, axis=0).max())
+    return np.asarray((np.abs(uv - patch.mean(axis=0)) <= 1.5 * size).all(axis=1))
+
+
+def _draw_presses(
+    figure: Figure, axes: Axes, uv: FloatArray, force: FloatArray, number: NDArray[np.int64]
+) -> None:
+    """One mark a press: colour is the number of active taxels, area the force."""
+    pt2_per_n = LARGEST_MARK_PT2 / max(float(np.percentile(force, 95)), 1e-12)
+    area = np.clip(force * pt2_per_n, 4, 2 * LARGEST_MARK_PT2)
+    colours, norm = _colours(int(number.max(initial=0)))
+    # Hard presses first, so that gentle ones lie on top of them.
+    order = np.argsort(-force)
+    look: Any = {"edgecolors": BLACK, "linewidths": 0.5, "alpha": 0.85}
+    axes.scatter(*uv[order].T, s=area[order], c=number[order], cmap=colours, norm=norm, **look)
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.6, pad=0.01, label="active taxels")
+    if isinstance(norm, BoundaryNorm):
+        ticks = list(range(int(number.max(initial=0)) + 1))
+        bar.set_ticks(ticks, labels=[str(n) for n in ticks])
+        bar.ax.tick_params(length=0)
+    else:
+        bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    _explain_areas(axes, force, pt2_per_n)
+
+
+def _explain_areas(axes: Axes, force: FloatArray, pt2_per_n: float) -> None:
+    look: Any = {"linestyle": "", "marker": "o", "markerfacecolor": "white", "markeredgecolor": BLACK}
+    handles = [
+        Line2D([], [], markersize=max(f * pt2_per_n, 4) ** 0.5, markeredgewidth=0.5, label=f"{f:g} N", **look)
+        for f in _round_forces(force)
+    ]
+    place: Any = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.1), "borderaxespad": 0.0}
+    axes.legend(handles=handles, ncols=len(handles), title="force", alignment="left", **place)
+
+
+def _colours(most: int) -> tuple[Colormap, Normalize]:
+    colours = mpl.colormaps[SEQUENTIAL]
+    if most > FEW_NUMBERS:
+        return colours, Normalize(0, most)
+    steps = ListedColormap(colours(np.linspace(0.05, 1, most + 1)))
+    return steps, BoundaryNorm(np.arange(most + 2) - 0.5, most + 1)
+
+
+def _round_forces(force: FloatArray) -> list[float]:
+    """Three round forces over the range that occurs, for the legend."""
+    highest = float(np.percentile(force, 95))
+    ticks = MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(0, highest)
+    return [float(t) for t in ticks if 0 < t <= highest]
+
+
+def _draw_forces(axes: Axes, force: FloatArray) -> None:
+    axes.hist(force, bins=min(max(len(force) // 4, 5), 30), color=BLUE, edgecolor="white", linewidth=0.5)
+    axes.axvline(float(np.median(force)), color=ORANGE, label=f"median {np.median(force):.4g} N")
+    axes.set_title("Forces")
+    axes.set_xlabel("force in the hold [N]")
+    axes.set_ylabel("presses")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.margins(y=0.25)
+    axes.legend(loc="upper right")
+
+
+def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float) -> None:
+    most = int(number.max(initial=0))
+    if most <= 2 * FEW_NUMBERS:
+        bars = axes.bar(np.arange(most + 1), np.bincount(number), width=0.8)
+        for n, bar in enumerate(bars):
+            bar.set_color(BLUE if n >= 2 else GREY)
+        axes.bar_label(bars, fontsize=8, padding=1)
+        axes.set_xticks(np.arange(most + 1))
+        axes.margins(y=0.15)
+    else:
+        axes.hist(number[number < 2], bins=1, range=(-0.5, 1.5), color=GREY)
+        axes.hist(number[number >= 2], bins=20, color=BLUE, edgecolor="white", linewidth=0.5)
+    axes.set_title("Answers (grey: fewer than two)" if number.min(initial=2) < 2 else "Answers")
+    axes.set_xlabel(f"taxels more than {threshold:g} counts above rest")
+    axes.set_ylabel("presses")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _draw_session(axes: Axes, dataset: Dataset) -> None:
+    times = session_times_s(dataset)
+    _draw_frames(axes, dataset)
+    x = np.arange(len(dataset.presses), dtype=float) if times is None else times
+    axes.set_xlabel("press, in the order of the table" if times is None else "session time [s]")
+    for label, marker, colour, rows in _branches(dataset):
+        axes.plot(x[rows], dataset.presses.force_n[rows], marker, color=colour, markersize=4, label=label)
+    axes.set_title("Session")
+    axes.set_ylabel("force [N]")
+    axes.set_ylim(bottom=min(0.0, float(dataset.presses.force_n.min())))
+    axes.grid(axis="y")
+    axes.margins(y=0.15)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
+
+
+def _draw_frames(axes: Axes, dataset: Dataset) -> None:
+    frames = dataset.frames
+    if frames is None or session_times_s(dataset) is None:
+        return
+    step = max(len(frames) // MOST_LINE_POINTS, 1)
+    force = np.where(frames.phase == IDLE, np.nan, frames.force_n)[::step]
+    axes.plot(frames.time_s[::step], force, color=GREY, linewidth=0.6, alpha=0.7, label="frames with contact")
+
+
+def _branches(dataset: Dataset) -> list[tuple[str, str, str, BoolArray]]:
+    """Label, marker, colour and rows of the presses by branch."""
+    branch = dataset.presses.column("branch")
+    if branch is None:
+        return [("hold of a press", "o", BLUE, np.ones(len(dataset.presses), dtype=bool))]
+    kinds = (
+        ("up", "reached from below", "^", BLUE),
+        ("down", "reached from above", "v", ORANGE),
+        ("", "branch not given", "o", BLACK),
+    )
+    found = [(label, marker, colour, np.asarray(branch == value)) for value, label, marker, colour in kinds]
+    return [item for item in found if item[3].any()]
+
+
+def _draw_taxels(figure: Figure, axes: Axes, dataset: Dataset, active: BoolArray) -> None:
+    """How many presses each taxel answered, as the image lies in memory; a cross: it never did."""
+    sensor = dataset.meta.sensor
+    answers = active.sum(axis=0).reshape(sensor.rows, sensor.cols)
+    if sensor.rows > 1.5 * sensor.cols:
+        # A tall image is drawn lying down, to use the place there is.
+        image = axes.imshow(answers.T, origin="lower", cmap=SEQUENTIAL, vmin=0, aspect="auto")
+        axes.set(xlabel="row r", ylabel="column c")
+        silent = np.argwhere(answers == 0)
+    else:
+        image = axes.imshow(answers, origin="lower", cmap=SEQUENTIAL, vmin=0)
+        axes.set(xlabel="column c", ylabel="row r")
+        silent = np.argwhere(answers == 0)[:, ::-1]
+    if len(silent):
+        axes.plot(*silent.T, "x", color="white", markersize=5, markeredgewidth=1.0)
+    axes.set_anchor("W")
+    axes.set_title("Presses answered, by taxel" + (f" (x: none, {len(silent)})" if len(silent) else ""))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    bar = figure.colorbar(image, ax=axes, pad=0.02, label="presses")
+    bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,0 +1,149 @@
+"""The report of a fit: one page that holds everything, and its pictures beside it."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from skincal.calibration import Calibration
+from skincal.dataset import Dataset
+from skincal.fit.result import FitResult
+from skincal.report.fit_draws import draws_figure
+from skincal.report.fit_images import images_figure
+from skincal.report.fit_residuals import residuals_figure, scatter_figure
+from skincal.report.fit_slack import slack_figure
+from skincal.report.fit_story import (
+    bound_story,
+    headline,
+    parameter_rows,
+    press_rows,
+    provenance_rows,
+    scatter_rows,
+    verdict,
+)
+from skincal.report.fit_valley import valley_figure
+from skincal.report.style import png_bytes
+
+PAGE = "report.html"
+
+
+@dataclass(frozen=True)
+class _Section:
+    """One figure of the report."""
+
+    stem: str
+    title: str
+    caption: str
+    draw: Callable[[FitResult, Dataset], Figure]
+
+
+SECTIONS = (
+    _Section(
+        "valley",
+        "The valley over the macro variables",
+        "The grid of the paper. Diagonal: error along one variable. Below: error over two of them. In both it is the "
+        "least over all other variables, the scale and every contact position. The grid is coarser than good data "
+        "are sharp, so its least error may lie above the valley's bound; the draws show the valley itself.",
+        lambda result, _: valley_figure(result),
+    ),
+    _Section(
+        "draws",
+        "Draws from the valley",
+        "Draws of all five parameters, as `export-dr --joint` hands them on. Lines: best value and interval of each. "
+        "Above the diagonal their correlations: where one is large, the box of the intervals is wider than the cloud.",
+        lambda result, _: draws_figure(result),
+    ),
+    _Section(
+        "images",
+        "Measured against simulated images",
+        "Three maps a press: measured, simulated, difference; u to the right, v up, taxels as they lie on the patch. "
+        "Green frame: matched as well as the noise lets expect. Red, thick frame: not. Presses that were left out as "
+        "glitches stand first; what they differ by may lie beyond the scale.",
+        images_figure,
+    ),
+    _Section(
+        "slack",
+        "Contact positions",
+        "Left: from the measured (black) to the estimated position (red), on the patch at its best pose. Right: the "
+        "same shifts from one point. A mean far from zero, or shifts that crowd at the bound, mean that the rig is "
+        "off by more than its slack allows.",
+        slack_figure,
+    ),
+    _Section(
+        "residuals",
+        "Residuals",
+        "Every press may choose its position, so small residuals alone prove little; a pattern does. By taxel: unequal "
+        "gains. Against force or value: a law that is not linear. Over the session: drift.",
+        residuals_figure,
+    ),
+    _Section(
+        "scatter",
+        "Measured against simulated values",
+        "Left: all taxels that were touched. Right: their differences. They lie closer than the curves where a press "
+        "touches so few taxels that its position explains most of them; the scatter that was found allows for that.",
+        lambda result, _: scatter_figure(result),
+    ),
+)
+
+
+def write_fit_report(
+    result: FitResult, calibration: Calibration, dataset: Dataset, folder: str | Path
+) -> None:
+    """Writes ``report.html`` and its pictures (``valley.png`` ...) into a folder.
+
+    The page holds its pictures itself and needs nothing from elsewhere; it can be sent to somebody as one file.
+
+    Args:
+        result: the fit.
+        calibration: what it became; gives the provenance.
+        dataset: that was fitted.
+        folder: an existing folder; files of the same names are replaced.
+    """
+    folder = Path(folder)
+    figures = []
+    for section in SECTIONS:
+        picture = png_bytes(section.draw(result, dataset))
+        file = f"{section.stem}.png"
+        (folder / file).write_bytes(picture)
+        data = base64.b64encode(picture).decode("ascii")
+        figures.append({"title": section.title, "caption": section.caption, "file": file, "data": data})
+    (folder / PAGE).write_text(_page(result, calibration, dataset, figures), encoding="utf-8")
+
+
+def _page(
+    result: FitResult, calibration: Calibration, dataset: Dataset, figures: list[dict[str, str]]
+) -> str:
+    environment = Environment(
+        loader=PackageLoader("skincal.report"),
+        autoescape=select_autoescape(["html"]),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    environment.filters["code"] = _with_code
+    fine, words = headline(result)
+    return environment.get_template("fit.html").render(
+        name=calibration.provenance.dataset or (dataset.folder.name if dataset.folder else "dataset"),
+        source=dataset.meta.source,
+        fine=fine,
+        headline=words,
+        verdict=verdict(result),
+        findings=sorted(result.findings, key=lambda finding: finding.severity != "warning"),
+        parameters=parameter_rows(result),
+        bound=bound_story(result, calibration),
+        scatter=scatter_rows(result),
+        figures=figures,
+        presses=press_rows(result, dataset),
+        provenance=provenance_rows(calibration),
+    )
+
+
+def _with_code(text: str) -> Markup:
+    """Text with what stands between backticks set as code; everything in it is escaped."""
+    return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))

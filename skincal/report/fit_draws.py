@@ -1,0 +1,169 @@
+"""The valley as its draws tell it: every parameter, and every pair of them, with the intervals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from skincal.fit.result import FitResult
+from skincal.report.fit_quantities import Quantity, quantities
+from skincal.report.style import (
+    BLUE,
+    DIVERGING,
+    GREY,
+    ORANGE,
+    RED,
+    few_logarithmic_ticks,
+    new_figure,
+    style,
+)  # fmt: skip
+
+FloatArray = NDArray[np.floating[Any]]
+
+BINS = 40
+MOST_DOTS = 1500
+
+
+def draws_figure(result: FitResult) -> Figure:
+    """Draws the cloud of the valley's draws.
+
+    Args:
+        result: a fit.
+
+    Returns:
+        On the diagonal each parameter alone, below it the pairs, above it their correlations.
+    """
+    all_of = quantities(result)
+    count = len(all_of)
+    with style():
+        figure = new_figure(11, 10.5, f"Draws from the valley ({len(result.draws)})")
+        grid = figure.add_gridspec(count, count)
+        for i, row in enumerate(all_of):
+            for j, col in enumerate(all_of):
+                axes = figure.add_subplot(grid[i, j])
+                if i == j:
+                    _draw_alone(axes, col)
+                elif j < i:
+                    _draw_pair(axes, col, row)
+                else:
+                    _write_correlation(axes, row.draws, col.draws)
+                    continue
+                _label(axes, col, row, bottom=i == count - 1, left=j == 0 and i > 0)
+        figure.legend(handles=_handles(), loc="outside upper right", ncols=4)
+    return figure
+
+
+def _draw_alone(axes: Axes, of: Quantity) -> None:
+    low, high = _limits(of)
+    axes.hist(of.draws, bins=_bins(of), color=BLUE)  # type: ignore[arg-type]
+    _mark(axes, of, "x", band=True)
+    title = f"{of.label} {of.shown(of.best)} {of.unit}" if of.identified else f"{of.label}: not identified"
+    axes.set_title(title, fontsize=9)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.set_xlim(low, high)
+
+
+def _bins(of: Quantity) -> FloatArray:
+    """Edges of the bars. Draws from a grid fall on its few values: then there is one bar for each of them."""
+    low, high = _limits(of)
+    different = np.unique(of.draws)
+    if 1 < len(different) < BINS:
+        middle = (different[1:] + different[:-1]) / 2
+        return np.concatenate([[2 * different[0] - middle[0]], middle, [2 * different[-1] - middle[-1]]])
+    return np.geomspace(low, high, BINS + 1) if _by_logarithm(of) else np.linspace(low, high, BINS + 1)
+
+
+def _draw_pair(axes: Axes, col: Quantity, row: Quantity) -> None:
+    dots = slice(None, None, max(1, len(col.draws) // MOST_DOTS))
+    axes.plot(col.draws[dots], row.draws[dots], ".", color=BLUE, alpha=0.35, markersize=3, markeredgewidth=0)
+    _mark(axes, col, "x")
+    _mark(axes, row, "y")
+    look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
+    axes.plot(col.best, row.best, "o", markersize=8, **look)
+    axes.set_xlim(*_limits(col))
+    axes.set_ylim(*_limits(row))
+
+
+def _mark(axes: Axes, of: Quantity, along: str, *, band: bool = False) -> None:
+    """Ends of the interval, and those of the searched range where they are in sight."""
+    line = axes.axvline if along == "x" else axes.axhline
+    if of.identified:
+        for end in (of.low, of.high):
+            line(end, color=ORANGE, linewidth=1.2)
+    if band:
+        line(of.best, color=RED, linewidth=1.2)
+    low, high = _limits(of)
+    for end in of.searched or ():
+        if low < end < high:
+            line(end, color=GREY, linewidth=1.0, linestyle=":")
+
+
+def _limits(of: Quantity) -> tuple[float, float]:
+    """All draws, the best and the interval, with a margin."""
+    low, high = min(float(of.draws.min()), of.best), max(float(of.draws.max()), of.best)
+    if of.identified:
+        low, high = min(low, of.low), max(high, of.high)
+    if _spans_decades(of, low, high):
+        return low * (low / high) ** 0.05, high * (high / low) ** 0.05
+    margin = 0.05 * (high - low) or 0.01 * abs(high) or 1.0
+    return low - margin, high + margin
+
+
+def _by_logarithm(of: Quantity) -> bool:
+    return _spans_decades(of, *_limits(of))
+
+
+def _spans_decades(of: Quantity, low: float, high: float) -> bool:
+    """Whether E spans so much that it is drawn by its logarithm."""
+    return of.logarithmic and low > 0 and high > 3 * low
+
+
+def _write_correlation(axes: Axes, one: FloatArray, other: FloatArray) -> None:
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_visible(False)
+    if np.ptp(one) == 0 or np.ptp(other) == 0:
+        return
+    value = round(float(np.corrcoef(one, other)[0, 1]), 2) + 0.0
+    axes.imshow([[value]], cmap=DIVERGING, vmin=-1.6, vmax=1.6, aspect="auto")
+    text = f"{value:.2f}".replace("-", "−")
+    axes.text(0, 0, text, ha="center", va="center", fontsize=9 + 5 * abs(value))
+
+
+def _label(axes: Axes, col: Quantity, row: Quantity, *, bottom: bool, left: bool) -> None:
+    _few_ticks(axes, "x", col)
+    if bottom:
+        axes.set_xlabel(col.axis_label)
+    else:
+        axes.tick_params(labelbottom=False)
+    if col is not row:
+        _few_ticks(axes, "y", row)
+    if left:
+        axes.set_ylabel(row.axis_label)
+    else:
+        axes.tick_params(labelleft=False)
+
+
+def _few_ticks(axes: Axes, along: str, of: Quantity) -> None:
+    if _by_logarithm(of):
+        axes.set(**{f"{along}scale": "log"})
+        few_logarithmic_ticks(getattr(axes, f"{along}axis"))
+    else:
+        getattr(axes, f"{along}axis").set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
+
+
+def _handles() -> list[Any]:
+    return [
+        Line2D([], [], color=RED, label="best"),
+        Line2D([], [], color=ORANGE, label="interval"),
+        Line2D([], [], color=GREY, linestyle=":", label="searched range"),
+        Patch(facecolor="#C6DAE8", label="correlation"),
+    ]

@@ -1,0 +1,213 @@
+"""Measured against simulated images, press by press, as the taxels lie on the patch."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset
+from skincal.fit.result import FitResult
+from skincal.model import TaxelLayout
+from skincal.report.fit_left_out import left_out
+from skincal.report.fit_presses import chosen_presses
+from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure, style
+
+FloatArray = NDArray[np.floating[Any]]
+
+ALL_UP_TO = 48
+"""So many presses are all shown; of more, some of the worst, of the best and from between."""
+
+COLUMNS = 4
+COLOURS = "YlGnBu"
+"""Most taxels of a press read nothing: that is the light end."""
+
+UNREAD = "#D0D0D0"
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """A press to show: its images (J,) [counts], NaN where not read, and what is written over them."""
+
+    words: str
+    mark: str
+    good: bool
+    observed: FloatArray
+    simulated: FloatArray
+
+    @property
+    def difference(self) -> FloatArray:
+        return self.simulated - self.observed
+
+
+def images_figure(result: FitResult, dataset: Dataset) -> Figure:
+    """Draws three maps a press: what was measured, what is simulated at the best point, and the difference.
+
+    Args:
+        result: a fit.
+        dataset: that was fitted.
+
+    Returns:
+        A figure with the presses that match worst first, before them those that were left out as glitches; green
+        frames mark good ones, red frames bad ones.
+    """
+    chosen = chosen_presses(result.presses.rmse_counts, ALL_UP_TO)
+    glitches, used = _left_out_pairs(result, dataset), _used_pairs(result, dataset, chosen)
+    pairs = glitches + used
+    tiles = _Tiles.of(result.problem.rig.layout, len(pairs))
+    counts = Normalize(0.0, max((float(np.nanmax([p.observed, p.simulated])) for p in pairs), default=1.0))
+    # Glitches do not set this scale: next to them nothing else would be seen.
+    most = max((float(np.nanmax(np.abs(p.difference), initial=0.0)) for p in used), default=0.1)
+    differences = Normalize(-max(most, 0.1), max(most, 0.1))
+    count = len(result.problem)
+    part = f"{len(chosen)} of {count} presses" if len(chosen) < count else "all presses used"
+    title = f"Measured | simulated | simulated − measured ({part}, worst first)"
+    with style():
+        figure = new_figure(*tiles.size_in, title)
+        grid = figure.add_gridspec(2, 2, height_ratios=(0.12, tiles.size_in[1] - 0.12), hspace=0.02)
+        axes = figure.add_subplot(grid[1, :])
+        for place, pair in enumerate(pairs):
+            for number, values in enumerate((pair.observed, pair.simulated, pair.difference)):
+                norm, colours = (differences, DIVERGING) if number == 2 else (counts, COLOURS)
+                axes.add_collection(tiles.map(place, number, values, norm, colours))
+            _frame(axes, tiles, place, pair)
+        axes.set_xlim(0, tiles.width)
+        axes.set_ylim(-tiles.height, 0)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        _add_bars(figure, grid, counts, differences)
+    return figure
+
+
+def _used_pairs(result: FitResult, dataset: Dataset, chosen: NDArray[np.int64]) -> list[_Pair]:
+    problem, presses = result.problem, result.presses
+    observed = np.where(problem.weight > 0, presses.observed, np.nan)
+    pairs: list[_Pair] = []
+    for k in chosen:
+        good, rmse = bool(presses.good[k]), f"rmse {presses.rmse_counts[k]:.2g}"
+        words = f"press {dataset.presses.press[problem.rows[k]]}, {problem.force_n[k]:.3g} N"
+        pairs.append(_Pair(words, rmse if good else f"bad: {rmse}", good, observed[k], presses.simulated[k]))
+    return pairs
+
+
+def _left_out_pairs(result: FitResult, dataset: Dataset) -> list[_Pair]:
+    table = dataset.presses
+    return [
+        _Pair(
+            f"press {table.press[press.row]}, {table.force_n[press.row]:.3g} N",
+            f"left out: rmse {press.rmse_counts:.2g}",
+            False,
+            press.observed,
+            press.simulated,
+        )
+        for press in left_out(result, dataset)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tiles:
+    """Where everything lies in the figure: a tile a press, three maps in it; unit is the longer side of a map.
+
+    Attributes:
+        corners: (J, 4, 2) corners of the taxels in a map.
+        map_width: of a map.
+        map_height: of a map.
+        rows: of tiles.
+    """
+
+    corners: FloatArray
+    map_width: float
+    map_height: float
+    rows: int
+
+    GAP, TITLE, BETWEEN = 0.2, 0.3, 0.32
+
+    @classmethod
+    def of(cls, layout: TaxelLayout, presses: int) -> _Tiles:
+        low, high = layout.bounds_m
+        unit = float((high - low).max())
+        at = (layout.centres_m - low) / unit
+        half = layout.sizes_m / unit / 2
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners = at[:, None] + half[:, None] * signs
+        width, height = (high - low) / unit
+        return cls(corners, float(width), float(height), max(1, math.ceil(presses / COLUMNS)))
+
+    @property
+    def tile_width(self) -> float:
+        return 3 * self.map_width + 2 * self.GAP
+
+    @property
+    def width(self) -> float:
+        return COLUMNS * self.tile_width + (COLUMNS + 1) * self.BETWEEN
+
+    @property
+    def height(self) -> float:
+        return self.rows * (self.map_height + self.TITLE + self.BETWEEN) + self.BETWEEN
+
+    @property
+    def size_in(self) -> tuple[float, float]:
+        """Size of the figure with its title and colour bars."""
+        scale = 11.0 / self.width
+        return 11.0, max(self.height * scale, 1.5) + 1.2
+
+    def corner(self, place: int) -> tuple[float, float]:
+        """Lower left corner of a tile's maps."""
+        row, column = divmod(place, COLUMNS)
+        left = self.BETWEEN + column * (self.tile_width + self.BETWEEN)
+        top = self.BETWEEN / 2 + row * (self.map_height + self.TITLE + self.BETWEEN) + self.TITLE
+        return left, -(top + self.map_height)
+
+    def map(
+        self, place: int, number: int, values: FloatArray, norm: Normalize, colours: str
+    ) -> PolyCollection:
+        """One map: a rectangle a taxel, u to the right and v up; grey where nothing was read."""
+        left, bottom = self.corner(place)
+        shift = np.array([left + number * (self.map_width + self.GAP), bottom])
+        look = PolyCollection(
+            list(self.corners + shift),
+            norm=norm,
+            cmap=mpl.colormaps[colours].with_extremes(bad=UNREAD),
+            edgecolors=UNREAD,
+            linewidths=0.3,
+        )
+        look.set_array(np.ma.masked_invalid(values))
+        return look
+
+
+def _frame(axes: Axes, tiles: _Tiles, place: int, pair: _Pair) -> None:
+    left, bottom = tiles.corner(place)
+    pad = 0.07
+    axes.add_patch(
+        Rectangle(
+            (left - pad, bottom - pad),
+            tiles.tile_width + 2 * pad,
+            tiles.map_height + 2 * pad,
+            fill=False,
+            edgecolor=GREEN if pair.good else RED,
+            linewidth=1.4 if pair.good else 2.6,
+        )
+    )
+    top, right = bottom + tiles.map_height + pad + 0.05, left + tiles.tile_width + pad
+    axes.text(left - pad, top, pair.words, fontsize=7, color=BLACK, va="bottom")
+    axes.text(right, top, pair.mark, fontsize=7, color=GREY if pair.good else RED, va="bottom", ha="right")
+
+
+def _add_bars(figure: Figure, grid: GridSpec, counts: Normalize, differences: Normalize) -> None:
+    for column, norm, colours, label in (
+        (0, counts, COLOURS, "measured and simulated: value above rest [counts]"),
+        (1, differences, DIVERGING, "simulated − measured [counts]"),
+    ):
+        place = figure.add_subplot(grid[0, column])
+        figure.colorbar(ScalarMappable(norm, colours), cax=place, orientation="horizontal", label=label)

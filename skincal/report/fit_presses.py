@@ -1,0 +1,86 @@
+"""The presses of a fit by their numbers: which were used, where they lie on the patch, which to show."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset
+from skincal.dataset.placement import patch_coordinates
+from skincal.fit.problem import USED
+from skincal.fit.result import FitResult
+from skincal.model import SensorPose
+
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PressView:
+    """All presses of the session (N) and those that were used (K), in patch coordinates of the best pose.
+
+    Attributes:
+        press: (N,) numbers of the presses.
+        used: (K,) rows of the presses that were used.
+        unused: (N - K,) rows of the others.
+        measured_uv_m: (N, 2) measured contact positions [m]; NaN where there is none.
+        estimated_uv_m: (K, 2) estimated ones [m].
+    """
+
+    press: IntArray
+    used: IntArray
+    unused: IntArray
+    measured_uv_m: FloatArray
+    estimated_uv_m: FloatArray
+
+    @classmethod
+    def of(cls, result: FitResult, dataset: Dataset) -> PressView:
+        """The presses of a fit of a dataset."""
+        rows = np.asarray(result.problem.rows, dtype=np.int64)
+        surface = result.problem.rig.surface
+        others = np.setdiff1d(np.arange(len(dataset.presses)), rows)
+        return cls(
+            dataset.presses.press,
+            rows,
+            others,
+            patch_coordinates(surface, best_pose(result), dataset.presses.position_m),
+            result.presses.uv_m,
+        )
+
+
+def best_pose(result: FitResult) -> SensorPose:
+    """The best pose of the patch."""
+    best, radius = result.best, result.problem.rig.arc_radius_m
+    across = best["across_m"]
+    if radius is not None:
+        return SensorPose(best["y_m"], best["alpha_rad"], beta_rad=across / radius)
+    return SensorPose(best["y_m"], best["alpha_rad"], x_m=across)
+
+
+def why_unused(result: FitResult) -> list[tuple[str, int]]:
+    """Reasons why presses were not used, and how many of each, the most frequent first."""
+    return Counter(status for status in result.problem.status if status != USED).most_common()
+
+
+def chosen_presses(rmse_counts: FloatArray, most: int, few: int = 30) -> IntArray:
+    """Presses to show, the worst first: all of them, or if there are too many a part with worst and best.
+
+    Args:
+        rmse_counts: (K,) error of each press [counts].
+        most: up to so many are all shown.
+        few: else so many: a third of them the worst, a sixth the best, the rest evenly from between.
+
+    Returns:
+        Indices of the presses.
+    """
+    order = np.argsort(-rmse_counts, kind="stable")
+    count = len(order)
+    if count <= most:
+        return order
+    worst, best = few // 3, few // 6
+    between = np.linspace(worst, count - best - 1, few - worst - best).round().astype(np.int64)
+    return order[np.concatenate([np.arange(worst), between, np.arange(count - best, count)])]

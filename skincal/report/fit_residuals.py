@@ -1,0 +1,244 @@
+"""What the model leaves unexplained: by taxel, by force, by value, over the session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset
+from skincal.dataset.summary import session_times_s
+from skincal.fit.result import FitResult
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    DIVERGING,
+    GREY,
+    LIGHT,
+    ORANGE,
+    RED,
+    equal_axes_mm,
+    new_figure,
+    style,
+)  # fmt: skip
+
+FloatArray = NDArray[np.floating[Any]]
+BoolArray = NDArray[np.bool_]
+
+TOUCHED_COUNTS = 1.0
+"""A taxel takes part where it answered, or should have answered with so many counts."""
+
+MOST_DOTS = 4000
+MOST_LABELLED = 36
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Simulated minus measured values of the taxels that take part.
+
+    Attributes:
+        difference: (K, J) [counts]; NaN where a taxel takes no part.
+        touched: (K, J) the taxel answered or should have, and was read.
+    """
+
+    difference: FloatArray
+    touched: BoolArray
+
+    @classmethod
+    def of(cls, result: FitResult) -> Residuals:
+        """The residuals at the best point. A saturated taxel, simulated higher, is right."""
+        presses, problem = result.presses, result.problem
+        touched = (problem.weight > 0) & (problem.lit | (presses.simulated >= TOUCHED_COUNTS))
+        difference = presses.simulated - presses.observed
+        difference = np.where(problem.saturated & (difference > 0), 0.0, difference)
+        return cls(np.where(touched, difference, np.nan), touched)
+
+
+def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
+    """Draws the residuals of the taxels that were touched.
+
+    Args:
+        result: a fit.
+        dataset: that was fitted.
+
+    Returns:
+        A figure: mean and rms by taxel; against force, simulated value and time of the session.
+    """
+    found, problem = Residuals.of(result), result.problem
+    force = np.broadcast_to(problem.force_n[:, None], found.touched.shape)
+    with style():
+        figure = new_figure(11, 7.4, "Residuals, simulated − measured, of the taxels that were touched")
+        grid = figure.add_gridspec(2, 6)
+        mean = _by_taxel(found, np.mean)
+        rms = _by_taxel(found, lambda d: np.sqrt(np.mean(d**2)))
+        most = float(np.nanmax(np.abs(mean), initial=0.1))
+        places = [figure.add_subplot(grid[0, k : k + 2]) for k in (0, 2, 4)]
+        _draw_taxels(
+            figure, places[0], result, mean, Normalize(-most, most), DIVERGING, "Mean by taxel [counts]"
+        )
+        top = Normalize(0.0, float(np.nanmax(rms, initial=0.1)))
+        _draw_taxels(figure, places[1], result, rms, top, "YlGnBu", "rms by taxel [counts]")
+        _draw_presses(places[2], result, dataset)
+        below = [figure.add_subplot(grid[1, k : k + 3]) for k in (0, 3)]
+        _draw_against(below[0], force[found.touched], found, "measured force [N]", "Against force")
+        simulated = result.presses.simulated[found.touched]
+        _draw_against(below[1], simulated, found, "simulated value [counts]", "Against value")
+    return figure
+
+
+def scatter_figure(result: FitResult) -> Figure:
+    """Draws measured against simulated values, and how the residuals are distributed.
+
+    Args:
+        result: a fit.
+
+    Returns:
+        A figure with two panels.
+    """
+    found = Residuals.of(result)
+    observed = result.presses.observed[found.touched]
+    simulated = result.presses.simulated[found.touched]
+    bad = np.broadcast_to(~result.presses.good[:, None], found.touched.shape)[found.touched]
+    with style():
+        figure = new_figure(11, 5.2, "Measured against simulated values of the taxels that were touched")
+        grid = figure.add_gridspec(1, 2)
+        axes = figure.add_subplot(grid[0])
+        low = float(min(observed.min(initial=0.0), 0.0))
+        high = 1.05 * float(max(observed.max(initial=1.0), simulated.max(initial=1.0)))
+        axes.plot([low, high], [low, high], color=GREY, linewidth=0.8, label="equal")
+        some = slice(None, None, max(1, len(observed) // MOST_DOTS))
+        axes.plot(
+            simulated[some],
+            observed[some],
+            ".",
+            color=BLUE,
+            alpha=0.6,
+            markersize=5,
+            label="taxel of a press",
+        )
+        if bad.any():
+            axes.plot(simulated[bad], observed[bad], "x", color=RED, markersize=5, label="of a bad press")
+        axes.set(xlabel="simulated [counts]", ylabel="measured, above rest [counts]", aspect="equal")
+        axes.set_xlim(low, high)
+        axes.set_ylim(low, high)
+        axes.legend(loc="upper left")
+        _draw_distribution(figure.add_subplot(grid[1]), result, found)
+    return figure
+
+
+def _draw_distribution(axes: Axes, result: FitResult, found: Residuals) -> None:
+    values = found.difference[found.touched]
+    sigma, floor = result.sigmas.noise_counts, result.problem.noise_sigma_counts
+    reach = max(float(np.quantile(np.abs(values), 0.99)) if len(values) else 0.0, 4 * sigma)
+    edges = np.linspace(-reach, reach, 41)
+    axes.hist(np.clip(values, -reach, reach), bins=list(edges), color=BLUE, density=True)
+    at = np.linspace(-reach, reach, 201)
+    for width, colour, words in (
+        (sigma, ORANGE, f"normal, scatter found: {sigma:.2g} counts"),
+        (floor, BLACK, f"normal, noise of untouched taxels: {floor:.2g} counts"),
+    ):
+        line = "--" if colour == BLACK else "-"
+        density = np.exp(-0.5 * (at / width) ** 2) / (width * np.sqrt(2 * np.pi))
+        axes.plot(at, density, color=colour, linestyle=line, label=words)
+    outside = int((np.abs(values) > reach).sum())
+    if outside:
+        axes.plot([], [], " ", label=f"{outside} beyond, in the outermost bars")
+    axes.set(xlabel="simulated − measured [counts]", ylabel="density [1/count]")
+    axes.margins(y=0.35)
+    axes.legend(loc="upper left")
+
+
+def _by_taxel(found: Residuals, of: Any) -> FloatArray:
+    """A figure of every taxel's residuals (J,); NaN where it never took part."""
+    values = np.full(found.touched.shape[1], np.nan)
+    for j in np.flatnonzero(found.touched.any(axis=0)):
+        values[j] = of(found.difference[found.touched[:, j], j])
+    return values
+
+
+def _draw_taxels(
+    figure: Figure,
+    axes: Axes,
+    result: FitResult,
+    values: FloatArray,
+    norm: Normalize,
+    colours: str,
+    title: str,
+) -> None:
+    layout = result.problem.rig.layout
+    centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
+    corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    boxes = PolyCollection(
+        list(corners),
+        norm=norm,
+        cmap=mpl.colormaps[colours].with_extremes(bad=LIGHT),
+        edgecolors=GREY,
+        linewidths=0.4,
+    )
+    boxes.set_array(np.ma.masked_invalid(values))
+    axes.add_collection(boxes)
+    if layout.taxels <= MOST_LABELLED:
+        for centre, value in zip(centres, values, strict=True):
+            if np.isfinite(value):
+                dark = abs(norm(value) - 0.5) > 0.3 if colours == DIVERGING else norm(value) > 0.6
+                text = f"{value:.2f}".replace("-", "−")
+                axes.text(
+                    centre[0],
+                    centre[1],
+                    text,
+                    ha="center",
+                    va="center",
+                    fontsize=7,
+                    color="white" if dark else BLACK,
+                )
+    axes.autoscale_view()
+    equal_axes_mm(axes, "u", "v")
+    axes.set_title(title)
+    figure.colorbar(boxes, ax=axes, shrink=0.8, pad=0.02)
+
+
+def _draw_presses(axes: Axes, result: FitResult, dataset: Dataset) -> None:
+    """Error of the presses over the session: a trend here is a drift."""
+    rows, presses = result.problem.rows, result.presses
+    times = session_times_s(dataset)
+    x = rows.astype(np.float64) if times is None else times[rows]
+    good = presses.good
+    axes.plot(x[good], presses.rmse_counts[good], "o", color=BLUE, markersize=3.5, label="good")
+    if not good.all():
+        axes.plot(x[~good], presses.rmse_counts[~good], "D", color=RED, markersize=5, label="bad")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, ncols=2)
+    axes.set_title("Over the session")
+    axes.set_xlabel("press, in the order of the table" if times is None else "session time [s]")
+    axes.set_ylabel("rmse of a press [counts]")
+    axes.set_ylim(bottom=0)
+    axes.margins(y=0.2)
+    axes.grid(axis="y")
+
+
+def _draw_against(axes: Axes, x: FloatArray, found: Residuals, label: str, title: str) -> None:
+    y = found.difference[found.touched]
+    some = slice(None, None, max(1, len(y) // MOST_DOTS))
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    axes.plot(x[some], y[some], ".", color=BLUE, alpha=0.5, markersize=4, label="taxel of a press")
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, 8))) if len(x) >= 16 else np.empty(0)
+    if len(edges) > 2:
+        part = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+        groups = [np.flatnonzero(part == k) for k in range(len(edges) - 1)]
+        middle = np.array([np.median(x[g]) for g in groups if len(g)])
+        low, half, high = np.array([np.quantile(y[g], [0.16, 0.5, 0.84]) for g in groups if len(g)]).T
+        axes.fill_between(middle, low, high, color=ORANGE, alpha=0.3, linewidth=0, label="middle 68 %")
+        axes.plot(middle, half, "o-", color=ORANGE, markersize=4, label="median")
+    reach = 1.35 * float(np.quantile(np.abs(y), 0.995)) if len(y) else 1.0
+    axes.set_ylim(-max(reach, 0.1), max(reach, 0.1))
+    beyond = int((np.abs(y) > reach).sum())
+    axes.set_title(title + (f" ({beyond} beyond the axis)" if beyond else ""))
+    axes.set(xlabel=label, ylabel="residual [counts]")
+    axes.grid(axis="y")
+    axes.legend(loc="upper right", ncols=3)

@@ -1,0 +1,150 @@
+"""Where the presses were measured to be, and where their images say they were."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon, Rectangle
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset
+from skincal.fit.result import FitResult
+from skincal.model import TaxelLayout
+from skincal.report.fit_presses import PressView
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    LIGHT,
+    ORANGE,
+    RED,
+    equal_axes_mm,
+    new_figure,
+    style,
+)  # fmt: skip
+
+FloatArray = NDArray[np.floating[Any]]
+
+MOST_NAMED = 40
+"""Up to so many presses are named by their numbers."""
+
+
+def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
+    """Draws the slack of every press: on the patch, and all of them from one point.
+
+    Args:
+        result: a fit.
+        dataset: that was fitted.
+
+    Returns:
+        A figure with two panels.
+    """
+    view = PressView.of(result, dataset)
+    with style():
+        figure = new_figure(11, 6.4, "Contact positions: measured, and estimated within their slack")
+        grid = figure.add_gridspec(1, 2, width_ratios=(1.25, 1))
+        _draw_patch(figure.add_subplot(grid[0]), result, view)
+        _draw_slack(figure.add_subplot(grid[1]), result, view)
+    return figure
+
+
+def draw_taxels(axes: Axes, layout: TaxelLayout) -> None:
+    """The taxels as grey rectangles on axes over (u, v) in millimetres."""
+    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
+        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
+        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=GREY, linewidth=0.6))
+
+
+def _draw_patch(axes: Axes, result: FitResult, view: PressView) -> None:
+    layout = result.problem.rig.layout
+    draw_taxels(axes, layout)
+    measured = 1e3 * view.measured_uv_m[view.used]
+    estimated = 1e3 * view.estimated_uv_m
+    good = result.presses.good
+    axes.add_collection(
+        LineCollection(list(np.stack([measured, estimated], axis=1)), colors=RED, linewidths=0.9)
+    )
+    axes.plot(*measured.T, "o", color=BLACK, markersize=3)
+    axes.plot(*estimated[good].T, "o", color=RED, markersize=3)
+    look: Any = {"markerfacecolor": "white", "markeredgecolor": RED, "markeredgewidth": 1.3}
+    axes.plot(*estimated[~good].T, "D", markersize=6, **look)
+    others = _near(1e3 * view.measured_uv_m[view.unused], 1e3 * layout.bounds_m)
+    axes.plot(*others.T, "x", color=GREY, markersize=4, markeredgewidth=0.9)
+    box = _draw_box(axes, result, measured)
+    equal_axes_mm(axes, "u", "v")
+    axes.set_title("On the patch", pad=6)
+    handles = [
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=BLACK, label="measured"),
+        Line2D([], [], linestyle="-", marker="o", markersize=4, color=RED, label="estimated"),
+    ]
+    if not good.all():
+        handles.append(Line2D([], [], linestyle="", marker="D", label="matches badly", **look))
+    if len(others):
+        handles.append(Line2D([], [], linestyle="", marker="x", color=GREY, label="not used"))
+    if box:
+        handles.append(Line2D([], [], color=BLUE, linestyle="--", label="slack of one press"))
+    _legend_below(axes, handles, 3)
+
+
+def _draw_box(axes: Axes, result: FitResult, measured: FloatArray) -> bool:
+    """The slack's square round the press that was moved most; it lies across and along the finger."""
+    slack, alpha = 1e3 * result.problem.rig.slack_m, result.best["alpha_rad"]
+    if not np.isfinite(slack):
+        return False
+    moved = int(np.argmax(np.hypot(*result.presses.slack_m.T)))
+    corners = slack * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    cos, sin = np.cos(alpha), np.sin(alpha)
+    turned = corners @ np.array([[cos, -sin], [sin, cos]])
+    axes.add_patch(
+        Polygon(measured[moved] + turned, fill=False, edgecolor=BLUE, linestyle="--", linewidth=1.0)
+    )
+    return True
+
+
+def _draw_slack(axes: Axes, result: FitResult, view: PressView) -> None:
+    slack, good = 1e3 * result.presses.slack_m, result.presses.good
+    rig, found = result.problem.rig, 1e3 * result.sigmas.position_m
+    axes.axhline(0, color=LIGHT)
+    axes.axvline(0, color=LIGHT)
+    handles: list[Any] = []
+    if np.isfinite(rig.slack_m):
+        half = 1e3 * rig.slack_m
+        axes.add_patch(
+            Rectangle((-half, -half), 2 * half, 2 * half, fill=False, edgecolor=BLUE, linestyle="--")
+        )
+        handles.append(Line2D([], [], color=BLUE, linestyle="--", label=f"slack, ±{half:g} mm"))
+    if np.isfinite(rig.position_sigma_m):
+        declared = 1e3 * rig.position_sigma_m
+        axes.add_patch(Circle((0, 0), 2 * declared, fill=False, edgecolor=GREY))
+        handles.append(Line2D([], [], color=GREY, label=f"2 sigma declared ({declared:.2g} mm)"))
+    axes.add_patch(Circle((0, 0), 2 * found, fill=False, edgecolor=ORANGE))
+    handles.append(Line2D([], [], color=ORANGE, label=f"2 sigma found ({found:.2g} mm)"))
+    axes.plot(*slack[good].T, "o", color=RED, markersize=4)
+    look: Any = {"markerfacecolor": "white", "markeredgecolor": RED, "markeredgewidth": 1.3}
+    axes.plot(*slack[~good].T, "D", markersize=6, **look)
+    if len(slack) <= MOST_NAMED:
+        for number, at in zip(view.press[view.used], slack, strict=True):
+            axes.annotate(str(number), tuple(at), (3, 2), textcoords="offset points", fontsize=6, color=GREY)
+    mean = np.round(slack.mean(axis=0), 2) + 0.0
+    axes.plot(*mean, "+", color=BLACK, markersize=11, markeredgewidth=1.8)
+    words = f"mean ({mean[0]:.2f}, {mean[1]:.2f}) mm".replace("-", "−")
+    handles.append(Line2D([], [], linestyle="", marker="+", markersize=9, color=BLACK, label=words))
+    equal_axes_mm(axes, "estimated − measured, across", "estimated − measured, along y")
+    axes.set_title("Slack of the presses used", pad=6)
+    _legend_below(axes, handles, 2)
+
+
+def _near(uv: FloatArray, bounds: FloatArray) -> FloatArray:
+    """Those within a patch's size of the patch; a stray one must not shrink the rest."""
+    size = float(np.ptp(bounds, axis=0).max())
+    return uv[(np.abs(uv - bounds.mean(axis=0)) <= 1.5 * size).all(axis=1)]
+
+
+def _legend_below(axes: Axes, handles: list[Any], columns: int) -> None:
+    place: Any = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.1), "borderaxespad": 0.0}
+    axes.legend(handles=handles, ncols=columns, columnspacing=1.2, **place)

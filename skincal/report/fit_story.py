@@ -1,0 +1,260 @@
+"""What a fit found, in words and small tables: the part of the report that a person reads first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.calibration import Calibration
+from skincal.dataset import Dataset
+from skincal.fit.result import FitResult
+from skincal.report.fit_presses import why_unused
+from skincal.report.fit_quantities import Quantity, quantities, with_digits
+
+EXPLAINED = 1.5
+"""Residuals up to so many times the noise count as explained."""
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One line of the table of intervals.
+
+    Attributes:
+        name: of the parameter, with its unit.
+        best: best value.
+        low: lower end of the interval; empty where the data say nothing.
+        high: upper end.
+        searched: the searched range in words.
+        share: width of the interval over that of the searched range, in words.
+        share_percent: the same as a number for a bar, 0 to 100; None where nothing was searched.
+        start_percent: where the bar begins.
+    """
+
+    name: str
+    best: str
+    low: str
+    high: str
+    searched: str
+    share: str
+    share_percent: float | None = None
+    start_percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class ScatterRow:
+    """One line of the table of scatter: what, what was said of it before, what the data tell, in words."""
+
+    what: str
+    declared: str
+    found: str
+    remark: str
+
+
+@dataclass(frozen=True)
+class PressRow:
+    """One line of the table of presses, in words; empty where there is nothing to say."""
+
+    press: str
+    force: str
+    active: str
+    outcome: str
+    across: str
+    along: str
+    rmse: str
+    good: bool
+
+
+def headline(result: FitResult) -> tuple[bool, str]:
+    """Whether nothing needs attention, and that in a few words."""
+    warnings = sum(finding.severity == "warning" for finding in result.findings)
+    if not warnings:
+        return True, "Nothing needs attention. The calibration can be used as it is."
+    things = "One thing needs" if warnings == 1 else f"{warnings} things need"
+    return False, f"{things} attention before this calibration is relied on."
+
+
+def verdict(result: FitResult) -> list[str]:
+    """A few sentences a person can act on: presses, parameters, how well it fits."""
+    return [
+        _about_presses(result),
+        _about_parameters(result),
+        _about_images(result),
+        _about_positions(result),
+    ]
+
+
+def _about_presses(result: FitResult) -> str:
+    all_of, used = len(result.problem.status), len(result.problem)
+    unused = why_unused(result)
+    if not unused:
+        return f"All {all_of} presses were used."
+    reasons = "; ".join(f"{count} with {reason}" for reason, count in unused)
+    return f"{used} of {all_of} presses were used. Not used: {reasons}."
+
+
+def _about_parameters(result: FitResult) -> str:
+    named = ", ".join(
+        f"{q.label} = {q.shown(q.best)} {q.unit} ({_range(q)})".replace(" °", "°") for q in quantities(result)
+    )
+    return f"Best parameters, with their intervals: {named}."
+
+
+def _range(of: Quantity) -> str:
+    return f"{of.shown(of.low)} to {of.shown(of.high)}" if of.identified else "not identified"
+
+
+def _about_images(result: FitResult) -> str:
+    found, floor = result.sigmas.noise_counts, result.problem.noise_sigma_counts
+    reason = "nothing is left to explain" if _explained(result) else "the model lacks something"
+    return (
+        f"At the best point simulated and measured images differ by {result.mse_counts2**0.5:.2g} counts rms per taxel "
+        f"(loss {result.mse_counts2:.3g} counts²). Values of touched taxels scatter by {found:.2g} counts about the "
+        f"model, and by {floor:.2g} counts through the sensor's own noise: {reason}."
+    )
+
+
+def _explained(result: FitResult) -> bool:
+    """Whether the noise of the sensor explains how images differ."""
+    return result.sigmas.noise_counts <= max(EXPLAINED * result.problem.noise_sigma_counts, 0.5)
+
+
+def _about_positions(result: FitResult) -> str:
+    rms = 1e3 * float(np.sqrt(np.mean(result.presses.slack_m**2))) if len(result.problem) else 0.0
+    bad = int((~result.presses.good).sum())
+    well = "All presses used are matched well" if not bad else f"{bad} of the presses used are matched badly"
+    return f"{well}. To match, contact positions were moved by {rms:.2f} mm rms along each direction."
+
+
+def parameter_rows(result: FitResult) -> list[ParameterRow]:
+    """The table of intervals."""
+    return [_parameter_row(q) for q in quantities(result)]
+
+
+def _parameter_row(of: Quantity) -> ParameterRow:
+    best = of.shown(of.best)
+    low, high = (of.shown(of.low), of.shown(of.high)) if of.identified else ("", "")
+    if of.searched is None:
+        return ParameterRow(of.axis_label, best, low, high, "any (found by least squares)", "–")
+    searched = f"{of.searched[0]:.5g} to {of.searched[1]:.5g}".replace("-", "−")
+    ends = np.array(of.searched)
+    interval = np.array([of.low, of.high]) if of.identified else ends
+    if of.logarithmic:
+        ends, interval = np.log(ends), np.log(interval)
+    if ends[1] <= ends[0]:
+        return ParameterRow(of.axis_label, best, low, high, f"fixed at {of.searched[0]:.5g}", "–")
+    start, end = np.clip((interval - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
+    share = f"{100 * (end - start):.2g} %" if of.identified else "all of it"
+    width = max(100 * (end - start), 1.0)
+    return ParameterRow(of.axis_label, best, low, high, searched, share, width, min(100 * start, 100 - width))
+
+
+def scatter_rows(result: FitResult) -> list[ScatterRow]:
+    """The table of scatter: position, force, image."""
+    rig, found = result.problem.rig, result.sigmas
+    declared = rig.position_sigma_m
+    position = "as declared"
+    if np.isfinite(declared):
+        ratio = found.position_m / declared if declared > 0 else np.inf
+        if ratio > 1.5:
+            position = "the rig is worse than declared"
+        elif ratio < 0.6:
+            position = "the rig is better than declared: a smaller sigma_m narrows the search"
+    else:
+        position = "nothing was declared"
+    floor = result.problem.noise_sigma_counts
+    image = "noise explains it" if _explained(result) else "more than noise explains"
+    return [
+        ScatterRow(
+            "contact position, each direction",
+            f"{1e3 * declared:.2g} mm" if np.isfinite(declared) else "nothing",
+            f"{1e3 * found.position_m:.2g} mm",
+            position,
+        ),
+        ScatterRow("force", "–", f"{100 * found.force:.2g} %", "of the measured force"),
+        ScatterRow(
+            "hold mean of a taxel", f"{floor:.2g} counts at rest", f"{found.noise_counts:.2g} counts", image
+        ),
+    ]
+
+
+def bound_story(result: FitResult, calibration: Calibration) -> list[str]:
+    """How the bound of the valley, and with it the intervals, came about."""
+    bound = f"{result.valley_mse_counts2:.3g} counts² (rmse {result.valley_mse_counts2**0.5:.2g} counts)"
+    inside = int(result.grid.in_valley.sum())
+    combinations = result.grid.grid.combinations
+    if result.bound == "fixed":
+        return [
+            f"The bound was given: the valley is every combination of the grid whose loss is below {bound}; these are "
+            f"{inside:,} of {combinations:,}. The intervals are their extent. Such a bound knows nothing of the noise "
+            "of these data; without it the bound follows from the noise."
+        ]
+    level = calibration.provenance.options.get("level")
+    part = f"the central {100 * float(level):g} %" if isinstance(level, int | float) else "the central part"
+    story = [
+        "The valley is what the data cannot tell apart, given their own noise. From the best points of the grid on, "
+        "the fit goes on continuously: the error of every contact position and force is integrated over, and how "
+        f"large these errors and the noise of the images are is estimated along with the parameters. Intervals hold "
+        f"{part} of the draws from this distribution; their loss lies below {bound}.",
+        f"The draws are worth {result.effective_draws:.0f} independent ones. The grid has {combinations:,} "
+        f"combinations, of which {inside:,} lie below that bound: "
+        + (
+            "the valley is narrower than a cell of the grid."
+            if inside == 0
+            else "the valley is wider than its cells."
+        ),
+    ]
+    if result.law_spread_m > 0:
+        story.append(
+            "A skin may spread pressure sideways, which the model does not. The intervals include what this could "
+            f"change; a spread of {1e3 * result.law_spread_m:.2f} mm fits best."
+        )
+    return story
+
+
+def press_rows(result: FitResult, dataset: Dataset) -> list[PressRow]:
+    """The table of all presses, in the order of the dataset."""
+    problem, presses = result.problem, result.presses
+    place = {int(row): k for k, row in enumerate(problem.rows)}
+    rows = []
+    for row, (number, status) in enumerate(zip(dataset.presses.press, problem.status, strict=True)):
+        force, active = f"{dataset.presses.force_n[row]:.3g}", str(int(problem.active[row]))
+        k = place.get(row)
+        if k is None:
+            rows.append(PressRow(str(number), force, active, status, "", "", "", True))
+            continue
+        across, along = (with_digits(1e3 * v, 1.0) for v in presses.slack_m[k])
+        good = bool(presses.good[k])
+        outcome = "used" if good else "used, matches badly"
+        rows.append(
+            PressRow(
+                str(number), force, active, outcome, across, along, f"{presses.rmse_counts[k]:.2g}", good
+            )
+        )
+    return rows
+
+
+def provenance_rows(calibration: Calibration) -> list[tuple[str, str]]:
+    """Where the calibration comes from, as names and words."""
+    from_ = calibration.provenance
+    options = ", ".join(f"{name} = {_plain(value)}" for name, value in from_.options.items())
+    rows = [
+        ("dataset", from_.dataset),
+        ("its SHA-256", from_.dataset_sha256),
+        ("skincal", from_.version),
+        ("command", from_.command),
+        ("seed", "" if from_.seed is None else str(from_.seed)),
+        ("time", "" if from_.time is None else from_.time.isoformat(sep=" ")),
+        ("options", options),
+    ]
+    return [(name, words) for name, words in rows if words]
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {_plain(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_plain(v) for v in value) + "]"
+    return str(value)

@@ -1,0 +1,197 @@
+"""The valley of the loss over the macro variables: the grid, seen along every pair of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from skincal.fit.options import PAPER_BOUND_COUNTS2
+from skincal.fit.result import FitResult
+from skincal.report.fit_quantities import Quantity, quantities
+from skincal.report.style import BLACK, BLUE, ORANGE, RED, few_logarithmic_ticks, new_figure, style
+
+FloatArray = NDArray[np.floating[Any]]
+
+COLOURS = "viridis_r"
+"""Yellow where the loss is low, so that black marks stand out there."""
+
+LEVELS = 16
+MOST_DOTS = 400
+
+_AXIS_OF = {"alpha_rad": 0, "elasticity_pa_per_m": 1, "across_m": 2, "y_m": 3}
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """A macro variable of the grid: its quantity, its axis in the grid's arrays, its values there."""
+
+    quantity: Quantity
+    axis: int
+    values: FloatArray
+
+
+def valley_figure(result: FitResult) -> Figure:
+    """Draws the evaluated grid.
+
+    On the diagonal is the loss along one macro variable, below it the loss over a pair of them, each minimised over
+    all the others (and over the scale and every contact position, as everywhere).
+
+    Args:
+        result: a fit.
+
+    Returns:
+        A figure with a triangle of panels; variables that were not searched are left out.
+    """
+    rmse = np.sqrt(np.maximum(result.grid.mse_counts2, 1e-6))
+    axes_of = _searched(result)
+    levels = _levels(rmse)
+    count = len(axes_of)
+    with style():
+        figure = new_figure(11, 11 if count == 4 else 8.5, "Loss over the macro variables")
+        if not count:
+            return figure
+        grid = figure.add_gridspec(count, count)
+        for i, row in enumerate(axes_of):
+            for j, col in enumerate(axes_of[: i + 1]):
+                axes = figure.add_subplot(grid[i, j])
+                if i == j:
+                    _draw_profile(axes, row, _least(rmse, row.axis), result)
+                else:
+                    _draw_pair(axes, col, row, _least(rmse, col.axis, row.axis), levels, result)
+                _label(axes, col, row, bottom=i == count - 1, left=j == 0, profile=i == j)
+        _explain(figure, grid, levels, result)
+    return figure
+
+
+def _searched(result: FitResult) -> list[_Axis]:
+    grid = result.grid.grid
+    values = {
+        "alpha_rad": grid.alpha_rad,
+        "elasticity_pa_per_m": np.exp(grid.log_elasticity),
+        "across_m": grid.across_m,
+        "y_m": grid.y_m,
+    }
+    return [
+        _Axis(q, _AXIS_OF[q.name], values[q.name] * q.factor)
+        for q in quantities(result)
+        if q.name in values and len(values[q.name]) > 1
+    ]
+
+
+def _least(rmse: FloatArray, *keep: int) -> FloatArray:
+    """The smallest value over all axes but some; those stand in the order that is asked for."""
+    others = tuple(axis for axis in range(rmse.ndim) if axis not in keep)
+    least = rmse.min(axis=others)
+    return least if keep == tuple(sorted(keep)) else least.T
+
+
+def _levels(rmse: FloatArray) -> FloatArray:
+    """Levels of the contours, evenly spaced in the logarithm of the error [counts]."""
+    low = float(rmse.min())
+    high = max(float(np.quantile(rmse, 0.99)), 1.5 * low)
+    return np.geomspace(low, high, LEVELS)
+
+
+def _bounds(result: FitResult) -> list[tuple[float, str, Any, str]]:
+    """Error [counts], colour, line style and words of the bounds to draw."""
+    own = result.valley_mse_counts2**0.5
+    paper = PAPER_BOUND_COUNTS2**0.5
+    bounds: list[tuple[float, str, Any, str]] = [(own, RED, "-", f"valley's bound, {own:.2g} counts")]
+    if abs(own - paper) > 1e-9:
+        bounds.append((paper, BLACK, "--", f"bound of the paper, {paper:g} counts"))
+    return bounds
+
+
+def _draw_profile(axes: Axes, of: _Axis, least: FloatArray, result: FitResult) -> None:
+    axes.plot(of.values, least, color=BLUE, marker=".", markersize=3)
+    for value, colour, line, _ in _bounds(result):
+        axes.axhline(value, color=colour, linestyle=line, linewidth=1.0)
+    if of.quantity.identified:
+        axes.axvspan(of.quantity.low, of.quantity.high, color=ORANGE, alpha=0.35, linewidth=0)
+    axes.axvline(of.quantity.best, color=BLACK, linewidth=0.8)
+    axes.set_yscale("log")
+    few_logarithmic_ticks(axes.yaxis)
+    axes.margins(x=0.0)
+
+
+def _draw_pair(
+    axes: Axes, col: _Axis, row: _Axis, least: FloatArray, levels: FloatArray, result: FitResult
+) -> None:
+    """The error over two macro variables; ``least`` is (values of col, values of row)."""
+    norm = LogNorm(levels[0], levels[-1])
+    axes.contourf(col.values, row.values, least.T, levels=levels, cmap=COLOURS, norm=norm, extend="both")
+    for value, colour, line, _ in _bounds(result):
+        if least.min() < value < least.max():
+            axes.contour(
+                col.values,
+                row.values,
+                least.T,
+                levels=[value],
+                colors=[colour],
+                linestyles=[line],
+                linewidths=1.3,
+            )
+    dots = slice(None, None, max(1, len(result.draws) // MOST_DOTS))
+    axes.plot(
+        col.quantity.draws[dots], row.quantity.draws[dots], ".", color=BLACK, markersize=2, markeredgewidth=0
+    )
+    look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
+    axes.plot(col.quantity.best, row.quantity.best, "o", markersize=10, **look)
+    axes.set_xlim(col.values[0], col.values[-1])
+    axes.set_ylim(row.values[0], row.values[-1])
+    if row.quantity.logarithmic:
+        axes.set_yscale("log")
+        few_logarithmic_ticks(axes.yaxis)
+
+
+def _label(axes: Axes, col: _Axis, row: _Axis, *, bottom: bool, left: bool, profile: bool) -> None:
+    if col.quantity.logarithmic:
+        axes.set_xscale("log")
+        few_logarithmic_ticks(axes.xaxis)
+    if bottom:
+        axes.set_xlabel(col.quantity.axis_label)
+    else:
+        axes.tick_params(labelbottom=False)
+    if profile:
+        note = "" if col.quantity.identified else ": not identified"
+        axes.set_title(f"along {col.quantity.label}{note}", fontsize=9)
+        axes.set_ylabel("rmse [counts]")
+    elif left:
+        axes.set_ylabel(row.quantity.axis_label)
+    else:
+        axes.tick_params(labelleft=False)
+
+
+def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResult) -> None:
+    """Legend and colour bar, in the upper right where the triangle leaves room."""
+    side = grid.ncols
+    place = figure.add_subplot(grid[0, side // 2 :])
+    place.set_axis_off()
+    handles: list[Any] = [
+        Line2D([], [], color=colour, linestyle=line, label=words)
+        for _, colour, line, words in _bounds(result)
+    ]
+    look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
+    handles += [
+        Line2D([], [], linestyle="", marker="o", markersize=9, label="best point", **look),
+        Line2D([], [], linestyle="", marker=".", color=BLACK, label="draws from the valley"),
+        Patch(color=ORANGE, alpha=0.35, label="interval"),
+    ]
+    place.legend(handles=handles, loc="upper right", fontsize=9)
+    if side < 2:
+        return
+    bar_place = place.inset_axes((0.1, 0.2, 0.9, 0.08))
+    mappable = ScalarMappable(LogNorm(levels[0], levels[-1]), COLOURS)
+    bar = figure.colorbar(mappable, cax=bar_place, orientation="horizontal", extend="both")
+    bar.set_label("rmse per taxel [counts], least over the other variables", fontsize=8)
+    few_logarithmic_ticks(bar.ax.xaxis)

@@ -1,0 +1,114 @@
+"""How figures look: one place for fonts, colours and saving, so that all of them belong together.
+
+Figures are objects without a window or global state (no pyplot), so they can be made anywhere, in tests and
+on machines without a display.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from skincal.errors import InputError, Problem
+
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#8A8A8A", "#222222",
+)  # fmt: skip
+"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+
+LIGHT = "#E8E8E8"
+SEQUENTIAL = "viridis"
+DIVERGING = "RdBu_r"
+
+SUFFIXES = (".png", ".pdf", ".svg")
+DPI = 150
+
+_RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": BLACK,
+    "axes.axisbelow": True,
+    "xtick.color": BLACK,
+    "ytick.color": BLACK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "grid.color": LIGHT,
+    "grid.linewidth": 0.8,
+    "image.interpolation": "nearest",
+    "svg.hashsalt": "skincal",
+}
+
+
+@contextmanager
+def style() -> Generator[None]:
+    """Figures and axes made within have skincal's look."""
+    with mpl.rc_context(_RC):
+        yield
+
+
+def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
+    """An empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+    return figure
+
+
+def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:
+    """Axes over lengths in millimetres, of equal scale; the limits widen to fill the place there is."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(f"{x_label} [mm]")
+    axes.set_ylabel(f"{y_label} [mm]")
+
+
+def few_logarithmic_ticks(axis: Axis) -> None:
+    """Marks 1, 2 and 5 of every decade of a logarithmic axis, as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def checked_suffix(path: Path) -> Path:
+    """The path of a picture, if its suffix is one that can be written.
+
+    Raises:
+        InputError: it is another.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            [Problem(str(path), f"a picture's name in {', '.join(SUFFIXES)}", f'"{path.suffix}"')]
+        )
+    return path
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Writes a figure; the same figure gives the same bytes, as no date is kept in it."""
+    suffix = Path(path).suffix.lower()
+    dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with style():
+        figure.savefig(path, dpi=DPI, metadata=dates.get(suffix))
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """A figure as the bytes of a PNG, for a page that holds its pictures itself."""
+    buffer = io.BytesIO()
+    with style():
+        figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()

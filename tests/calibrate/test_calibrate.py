@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.sessions import make_session
+from skincal.calibrate import calibrate, search_box
+from skincal.calibrate.checkpoint import Checkpoint, fit_key
+from skincal.calibrate.problem import fit_problem, unroll
+from skincal.calibrate.workers import mapper
+from skincal.calibration import read_calibration, write_calibration
+from skincal.dataset import Dataset
+from skincal.errors import InputError, WorkError
+from skincal.fit.grid import GridSlab
+from skincal.fit.options import FitOptions
+from skincal.model import Cylinder, Plane
+from tests.fit.conftest import QUICK
+
+
+@pytest.fixture(scope="module")
+def session() -> Dataset:
+    return make_session(np.random.default_rng(5), presses=50)[0]
+
+
+def test_unrolling_gives_arcs_round_a_finger_and_x_on_a_plane() -> None:
+    rng = np.random.default_rng(0)
+    across, along = rng.uniform(-0.01, 0.01, (2, 20))
+    for surface, radius, z in ((Cylinder(0.0115), 0.0115, 0.0115), (Plane(), None, 0.0)):
+        back = unroll(radius, surface.offset(np.tile([0.0, 0.0, z], (20, 1)), across, along))
+        assert back[0] == pytest.approx(across)
+        assert back[1] == pytest.approx(along)
+
+
+def test_ranges_come_from_the_mount_unless_given(session: Dataset) -> None:
+    box = search_box(session)
+    low, high = session.meta.mount.beta_range_deg or (0.0, 0.0)
+    assert np.degrees(np.array(box.across_m) / 0.0115) == pytest.approx([low, high])
+    assert search_box(session, y_m=(0.02, 0.021)).y_m == (0.02, 0.021)
+    with pytest.raises(InputError, match="range of y") as error:
+        search_box(session, y_m=(0.03, 0.02), elasticity_pa_per_m=(-1.0, 2.0))
+    assert len(error.value.problems) == 2
+
+
+def test_uniform_pressure_is_refused_with_a_reason(session: Dataset) -> None:
+    meta = replace(session.meta, indenter=replace(session.meta.indenter, kind="flat", radius_m=0.1))
+    with pytest.raises(WorkError, match="uniform pressure"):
+        fit_problem(replace(session, meta=meta), FitOptions())
+
+
+def test_no_usable_press_says_why(session: Dataset) -> None:
+    silent = replace(session, presses=replace(session.presses, counts=np.zeros_like(session.presses.counts)))
+    with pytest.raises(WorkError, match=r"no press can be used.*50 presses 50 were not used.*active taxels"):
+        calibrate(silent, options=QUICK, workers=1)
+
+
+def test_a_calibration_comes_back_from_its_folder(session: Dataset, tmp_path: Path) -> None:
+    outcome = calibrate(session, options=QUICK, workers=1, checkpoint=tmp_path / "kept", command="test")
+    assert len(list((tmp_path / "kept").glob("turn-*.npz"))) == len(outcome.result.grid.grid.alpha_rad)
+    write_calibration(outcome.calibration, tmp_path / "cal")
+    back = read_calibration(tmp_path / "cal")
+    assert back.model == outcome.calibration.model
+    assert back.intervals == outcome.calibration.intervals
+    assert back.slack is not None and back.draws is not None and back.grid is not None
+    assert back.slack["used"].sum() == back.loss.presses_used == len(outcome.result.problem)
+    assert len(back.grid["mse_counts2"]) == outcome.result.grid.grid.combinations
+    low, high = back.intervals["elasticity_pa_per_m"]
+    assert low <= back.model.elasticity_pa_per_m <= high
+    assert back.skin().parameters.elasticity_pa_per_m == back.model.elasticity_pa_per_m
+    again = calibrate(session, options=QUICK, workers=1, checkpoint=tmp_path / "kept")
+    assert again.resumed == len(outcome.result.grid.grid.alpha_rad)
+    assert again.calibration.intervals == outcome.calibration.intervals
+
+
+def _slab(value: float) -> GridSlab:
+    return GridSlab(np.full((2, 2, 2), value), np.ones((2, 2, 2)), np.zeros((2, 2, 2)))
+
+
+def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(session: Dataset, tmp_path: Path) -> None:
+    box = search_box(session)
+    key = fit_key("abc", "fast", QUICK, box)
+    assert key == fit_key("abc", "fast", replace(QUICK, level=0.9), box)
+    assert key != fit_key("abc", "fast", replace(QUICK, active_counts=7.0), box)
+    kept = Checkpoint(tmp_path / "kept", key)
+    kept.keep(0, _slab(1.0))
+    kept.keep(3, _slab(2.0))
+    assert set(kept.load()) == {0, 3}
+    assert (kept.load()[3].mse_counts2 == 2.0).all()
+    assert Checkpoint(tmp_path / "kept", "other").load() == {}
+    file = tmp_path / "kept" / "turn-003.npz"
+    file.write_bytes(file.read_bytes()[:100])
+    assert set(kept.load()) == {0}
+    kept.remove()
+    assert not (tmp_path / "kept").exists()
+
+
+def _square(value: int) -> int:
+    return value * value
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_mapper_keeps_the_order(workers: int) -> None:
+    with mapper(workers) as spread:
+        assert list(spread(_square, range(6))) == [0, 1, 4, 9, 16, 25]

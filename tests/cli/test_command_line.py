@@ -1,0 +1,108 @@
+"""The command line as a whole: fast help, an example for every verb, exit statuses, JSON."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+
+from skincal import __version__
+from skincal.cli.common import plain, print_json, progress
+from skincal.cli.main import app, main
+
+SLOW = ("numpy", "pandas", "pyarrow", "matplotlib", "scipy", "trimesh", "nlopt", "jinja2")
+
+
+def verbs(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    children = getattr(command, "commands", None)
+    if children is None:
+        yield path, command
+        return
+    for name, child in children.items():
+        yield from verbs(child, (*path, name))
+
+
+VERBS = dict(verbs(typer.main.get_command(app)))
+
+
+def _children_cpu_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def test_help_comes_in_half_a_second() -> None:
+    # Processor time, not the clock on the wall: other tests run beside this one.
+    times = []
+    for _ in range(3):
+        start = _children_cpu_s()
+        done = subprocess.run([sys.executable, "-m", "skincal", "--help"], capture_output=True, check=True)
+        times.append(_children_cpu_s() - start)
+        assert b"dataset" in done.stdout
+    assert min(times) < 0.5
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = "import sys, skincal.cli.main; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {name.split(".")[0] for name in done.stdout.split()} & set(SLOW)
+
+
+@pytest.mark.parametrize("path", VERBS, ids=" ".join)
+def test_every_verb_has_an_example_and_help(
+    path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*path, "--help"])
+    assert ended.value.code == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "Example" in shown
+    assert f"skincal {' '.join(path)}" in shown.split("Example", 1)[1]
+    for parameter in VERBS[path].params:
+        if parameter.param_type_name == "option":
+            assert parameter.help, f"{' '.join(path)} {parameter.name} has no help"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"skincal {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments", [["nonsense"], ["dataset", "chek"], ["dataset", "check"], ["dataset", "check", "--no"]]
+)
+def test_a_wrong_command_line_is_status_two(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+
+
+def test_json_is_one_object_that_any_reader_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json(
+        {"a": np.array([1.5, np.nan, np.inf]), "b": np.int64(3), "c": (True, None, "ü"), "d": {"e": -np.inf}}
+    )
+    text = capsys.readouterr().out
+    assert text.count("\n") == 1
+    assert json.loads(text) == {"a": [1.5, None, None], "b": 3, "c": [True, None, "ü"], "d": {"e": None}}
+
+
+def test_plain_values_stay() -> None:
+    assert plain({"a": np.bool_(True), "b": {1}}) == {"a": True, "b": [1]}
+
+
+def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress() as bars:
+        for _ in bars.track(range(3), description="work"):
+            pass
+    assert capsys.readouterr() == ("", "")

@@ -1,0 +1,152 @@
+"""``skincal dataset check`` and ``show`` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from skincal.cli.main import main
+from skincal.dataset import dataset_hash
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, out, err
+
+    return call
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def break_force(folder: Path) -> None:
+    path = folder / "presses.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[3].split(",")
+    cells[4] = "NaN"
+    path.write_text("\n".join([*lines[:3], ",".join(cells), *lines[4:]]) + "\n")
+
+
+def test_check_of_good_data(run: Run, folder: Path) -> None:
+    status, out, err = run("dataset", "check", folder)
+    assert status == 0
+    assert out == f"{folder}: good, 12 presses, 96 frames\n"
+    assert err.startswith("skincal: warning: dataset.toml, created")
+
+
+def test_check_of_bad_data(run: Run, folder: Path) -> None:
+    break_force(folder)
+    status, out, err = run("dataset", "check", folder)
+    assert status == 2
+    assert out == ""
+    assert "presses.csv, column force_n, row 3 (line 4): expected a number; got nan" in err
+    assert "Traceback" not in err
+
+
+def test_check_as_json(run: Run, folder: Path) -> None:
+    status, out, _ = run("dataset", "check", folder, "--json")
+    assert status == 0
+    assert json.loads(out)["ok"] is True
+    break_force(folder)
+    status, out, _ = run("dataset", "check", folder, "--json")
+    assert status == 2
+    found = json.loads(out)
+    assert found["ok"] is False
+    assert found["errors"] == [
+        {
+            "place": "presses.csv, column force_n, row 3 (line 4)",
+            "expected": "a number",
+            "got": "nan",
+            "fix": "",
+        }
+    ]
+
+
+def test_check_of_no_folder(run: Run, tmp_path: Path) -> None:
+    status, out, err = run("dataset", "check", tmp_path / "nothing")
+    assert (status, out) == (2, "")
+    assert "no such folder" in err
+
+
+def test_show(run: Run, folder: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "picture.png"
+    status, out, err = run("dataset", "show", folder, "--out", picture)
+    assert status == 0
+    assert "4 x 4 taxels on a cylinder of radius 11.5 mm" in out
+    assert "96: " in out
+    assert f"picture: {picture}" in err
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_show_as_json(run: Run, folder: Path, tmp_path: Path) -> None:
+    status, out, _ = run("dataset", "show", folder, "--out", tmp_path / "p.svg", "--json", "--threshold", 20)
+    assert status == 0
+    shown = json.loads(out)
+    assert shown["presses"] == 12
+    assert shown["sha256"] == dataset_hash(folder)
+    assert shown["active_taxels"]["threshold_counts"] == 20
+    assert sum(shown["active_taxels"]["presses_by_number"]) == 12
+    assert shown["picture"] == str(tmp_path / "p.svg")
+
+
+def test_show_writes_beside_the_user_by_default(
+    run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    assert run("dataset", "show", folder)[0] == 0
+    assert [path.name for path in (tmp_path / "work").iterdir()] == ["session.png"]
+
+
+def test_show_overwrites_nothing(run: Run, folder: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "picture.png"
+    picture.write_text("mine")
+    status, out, err = run("dataset", "show", folder, "--out", picture)
+    assert (status, out) == (2, "")
+    assert "--force" in err
+    assert picture.read_text() == "mine"
+    assert run("dataset", "show", folder, "--out", picture, "--force")[0] == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_show_of_bad_data_draws_nothing(run: Run, folder: Path, tmp_path: Path) -> None:
+    break_force(folder)
+    status, out, err = run("dataset", "show", folder, "--out", tmp_path / "picture.png", "--json")
+    assert (status, out) == (2, "")
+    assert "row 3" in err
+    assert not (tmp_path / "picture.png").exists()
+
+
+def test_show_refuses_other_kinds_of_picture(run: Run, folder: Path, tmp_path: Path) -> None:
+    status, _, err = run("dataset", "show", folder, "--out", tmp_path / "picture.jpg")
+    assert status == 2
+    assert ".png" in err
+
+
+def test_a_full_disk(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(figure: object, path: Path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr("skincal.report.style.save", full)
+    status, out, err = run("dataset", "show", folder, "--out", tmp_path / "picture.png")
+    assert (status, out) == (1, "")
+    assert f"{tmp_path / 'picture.png'}: No space left on device" in err
+    assert "Free some space" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["session"]
+
+
+def test_brackets_in_a_text_are_no_markup(run: Run, folder: Path, tmp_path: Path) -> None:
+    path = folder / "dataset.toml"
+    path.write_text(path.read_text().replace("made for a test", "rig [bold] 2 [/nothing]"))
+    status, out, _ = run("dataset", "show", folder, "--out", tmp_path / "p.png")
+    assert status == 0
+    assert "rig [bold] 2 [/nothing]" in out

@@ -1,0 +1,129 @@
+"""``skincal export-dr`` as a user runs it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from calibrations import INTERVALS, make_calibration
+
+from skincal.calibration import write_calibration
+from skincal.cli import export_dr
+from skincal.cli.main import main
+from skincal.ranges import PRESETS, preset, read_ranges
+
+
+@pytest.fixture
+def cal(tmp_path: Path) -> Path:
+    write_calibration(make_calibration(), tmp_path / "cal")
+    return tmp_path / "cal"
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["export-dr", *map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+def test_the_default(cal, tmp_path, capsys):
+    out = tmp_path / "ranges.toml"
+    assert run(cal, "--out", out) == 0
+    ranges = read_ranges(out)
+    assert ranges["skin.y_m"].source == "calibrated"
+    assert ranges["finger.k_p_nm_per_rad"] == preset("iros24")["finger.k_p_nm_per_rad"]
+    assert ranges.joint is None
+    shown, said = capsys.readouterr()
+    lines = [line.split() for line in shown.splitlines()]
+    assert ["y_m", "0.02175", "…", "0.02525", "0.0215", "…", "0.0255", "88%"] in lines
+    assert any(line[0] == "elasticity_pa_per_m" and line[-1] == "100%" for line in lines if line)
+    assert "5 parameters calibrated, 25 assumed from iros24" in shown
+    assert said == "skincal: warning of the calibration: beta_deg ends at 0. Search from below 0.\n"
+
+
+def test_as_a_process_with_json(cal, tmp_path):
+    command = [sys.executable, "-m", "skincal", "export-dr", cal, "--out", tmp_path / "r.yaml", "--json",
+               "--preset", "icra26", "--joint", "--draws", "50"]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") == 1
+    answer = json.loads(done.stdout)
+    assert answer["preset"] == "icra26"
+    assert answer["ranges"] == str(tmp_path / "r.yaml")
+    assert answer["joint_draws"] == 50
+    assert answer["calibrated"]["skin.alpha_deg"] == pytest.approx(
+        {"low": -15, "high": 10, "of_preset": 25 / 4.6}
+    )
+    assert answer["calibrated"]["skin.beta_deg"]["of_preset"] is None
+    assert set(answer["calibrated"]) == {f"skin.{name}" for name in INTERVALS}
+    assert "skin.noise_sigma_counts" in answer["assumed"]
+    assert answer["findings"] == ["edge"]
+    ranges = read_ranges(tmp_path / "r.yaml")
+    assert len(ranges.joint) == 50
+    assert set(answer["assumed"]) | set(answer["calibrated"]) == set(ranges)
+
+
+def test_what_the_calibration_leaves_open_is_said(tmp_path, capsys):
+    open_scale = INTERVALS | {"scale_per_n": (-float("inf"), float("inf"))}
+    write_calibration(make_calibration(intervals=open_scale, findings=()), tmp_path / "cal")
+    assert run(tmp_path / "cal", "--out", tmp_path / "r.json", "--json") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["warnings"][0]["place"] == "calibration.toml, [intervals] scale_per_n"
+    assert err.startswith(
+        "skincal: warning: calibration.toml, [intervals] scale_per_n: expected a bounded interval"
+    )
+    assert read_ranges(tmp_path / "r.json")["skin.scale_per_n"] == preset("iros24")["skin.scale_per_n"]
+
+
+def test_nothing_is_overwritten_without_force(cal, tmp_path, capsys):
+    out = tmp_path / "ranges.toml"
+    out.write_text("mine")
+    assert run(cal, "--out", out) == 2
+    assert out.read_text() == "mine"
+    shown, said = capsys.readouterr()
+    assert shown == ""
+    assert "--force" in said
+    assert run(cal, "--out", out, "--force") == 0
+    assert len(read_ranges(out)) == 30
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("missing", "--out", "r.toml"), "no such folder"),
+        (("cal", "--out", "r.txt"), ".toml, .json, .yaml"),
+        (("cal", "--out", "none/r.toml"), "mkdir -p none"),
+        (("cal", "--out", "cal"), "ending in"),
+        (("cal", "--out", "r.toml", "--preset", "iros25"), "iros24"),
+        (("cal", "--out", "r.toml", "--draws", "0"), "draws"),
+        (("cal",), "--out"),
+    ],
+)
+def test_a_wrong_command_line_is_status_two(cal, tmp_path, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    shown, said = capsys.readouterr()
+    assert shown == ""
+    assert words in said
+    assert "Traceback" not in said
+    assert [p.name for p in tmp_path.iterdir()] == ["cal"]
+
+
+def test_a_broken_calibration_is_named_and_nothing_is_written(cal, tmp_path, capsys):
+    (cal / "calibration.toml").write_text((cal / "calibration.toml").read_text().replace("[model]", "[modl]"))
+    (cal / "draws.parquet").write_bytes(b"")
+    assert run(cal, "--out", tmp_path / "r.toml", "--joint") == 2
+    said = capsys.readouterr().err
+    assert "calibration.toml, [model]" in said
+    assert "draws.parquet" in said
+    assert not (tmp_path / "r.toml").exists()
+
+
+def test_a_cloud_that_is_not_there(cal, tmp_path, capsys):
+    (cal / "draws.parquet").unlink()
+    assert run(cal, "--out", tmp_path / "r.toml", "--joint") == 2
+    assert "draws.parquet: expected draws from the valley" in capsys.readouterr().err
+
+
+def test_the_choices_are_the_presets():
+    assert {choice.value for choice in export_dr.Preset} == set(PRESETS)

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.sessions import make_session
+from skincal.cli.main import main
+from skincal.dataset import write_dataset
+
+QUICK = [
+    "--y-step-mm",
+    "1",
+    "--arc-step-mm",
+    "1.5",
+    "--alpha-step-deg",
+    "10",
+    "--e-count",
+    "8",
+    "--no-report",
+]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sessions") / "run"
+    write_dataset(make_session(np.random.default_rng(5), presses=30)[0], folder)
+    return folder
+
+
+def _run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stopped:
+        main(list(arguments))
+    out, err = capsys.readouterr()
+    return int(stopped.value.code or 0), out, err
+
+
+def test_a_fit_prints_what_the_contract_says(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "cal"
+    status, printed, _ = _run(
+        capsys, "fit", str(session), "--out", str(out), *QUICK, "--workers", "1", "--json"
+    )
+    assert status == 0
+    told = json.loads(printed)
+    names = {"y_m", "beta_deg", "alpha_deg", "elasticity_pa_per_m", "scale_per_n"}
+    assert set(told["best"]) == set(told["intervals"]) == names
+    assert told["presses_used"] > 10 and told["loss_mse_counts2"] > 0
+    for name in names:
+        low, high = told["intervals"][name]
+        assert low <= told["best"][name] <= high
+    assert {p.name for p in out.iterdir()} == {
+        "calibration.toml",
+        "grid.parquet",
+        "draws.parquet",
+        "slack.csv",
+    }
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--bound", "wide"], "--bound: expected `noise`, `paper` or a positive number"),
+        (["--y-range-mm", "30", "20"], "range of y: expected low below high"),
+        (["--e-range-mpa-per-m", "-3", "20"], "range of E: expected positive values"),
+    ],
+)
+def test_a_wrong_option_is_status_2(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *arguments)
+    assert status == 2
+    assert message in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_output_that_exists_is_left_alone(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cal").mkdir()
+    (tmp_path / "cal" / "mine.txt").write_text("mine")
+    for force in ([], ["--force"]):
+        status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *force)
+        assert status == 2 and "cal" in err
+        assert (tmp_path / "cal" / "mine.txt").read_text() == "mine"
+
+
+def test_a_session_without_active_taxels_is_status_1_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, _ = make_session(np.random.default_rng(1), presses=10)
+    presses = type(data.presses)(
+        data.presses.press, data.presses.position_m, data.presses.force_n, np.zeros((10, 16))
+    )
+    write_dataset(type(data)(data.meta, presses), tmp_path / "dark")
+    status, _, err = _run(capsys, "fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
+    assert status == 1
+    assert "no press can be used" in err and "0 active taxels" in err
+    assert not (tmp_path / "cal").exists()
+
+
+def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "skincal", "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK]
+    command += ["--workers", "1", "--alpha-step-deg", "2.5"]
+    kept = tmp_path / ".cal.fit"
+    first = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A background job ignores Ctrl-C, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    deadline = time.monotonic() + 120
+    while len(list(kept.glob("turn-*.npz"))) < 3 and time.monotonic() < deadline and first.poll() is None:
+        time.sleep(0.02)
+    first.send_signal(signal.SIGINT)
+    _, err = first.communicate(timeout=60)
+    assert first.returncode == 130, err
+    assert "Traceback" not in err
+    assert kept.is_dir() and not (tmp_path / "cal").exists()
+    second = subprocess.run(command, capture_output=True, text=True, timeout=300, env=os.environ)
+    assert second.returncode == 0, second.stderr
+    assert "were taken from an interrupted run" in second.stderr
+    assert (tmp_path / "cal" / "calibration.toml").is_file() and not kept.exists()

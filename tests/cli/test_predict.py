@@ -1,0 +1,157 @@
+"""``skincal predict`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibrations import make_calibration
+
+from skincal.calibration import Effect, write_calibration
+from skincal.cli.main import main
+from skincal.dataset import read_dataset, write_dataset
+
+
+@pytest.fixture
+def cal(tmp_path: Path) -> Path:
+    write_calibration(make_calibration(), tmp_path / "cal")
+    return tmp_path / "cal"
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["predict", *map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+def test_presses_and_frames(
+    cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(cal, folder, "--out", tmp_path / "out") == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "12 presses predicted" in err
+    assert "96 frames predicted" in err
+    assert "moved by" not in err
+    predicted, measured = read_dataset(tmp_path / "out"), read_dataset(folder)
+    assert predicted.frames is not None and measured.frames is not None
+    np.testing.assert_array_equal(predicted.presses.position_m, measured.presses.position_m)
+    assert predicted.presses.counts.max() > 20
+    assert "the calibration cal (fitted to paper" in predicted.meta.source
+    assert (tmp_path / "out" / "frames.csv").is_file(), "tables keep their format"
+
+
+def test_as_a_process_with_json(cal: Path, folder: Path, tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "skincal",
+        "predict",
+        cal,
+        folder,
+        "--out",
+        tmp_path / "out",
+        "--slack",
+        "--json",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") == 1
+    answer = json.loads(done.stdout)
+    assert answer["dataset"] == str(tmp_path / "out")
+    assert (answer["presses"], answer["frames"]) == (12, 96)
+    measured, predicted = read_dataset(folder), read_dataset(tmp_path / "out")
+    difference = measured.presses.counts - predicted.presses.counts
+    assert answer["rmse_counts"] == pytest.approx(np.sqrt(np.mean(difference**2)))
+    moved = predicted.presses.position_m - measured.presses.position_m
+    assert answer["slack_rms_m"] == pytest.approx(np.sqrt((moved**2).sum(axis=1).mean() / 2), rel=0.05)
+    assert set(answer) == {
+        "dataset", "presses", "frames", "rmse_counts", "rmse_with_rest_counts", "frames_rmse_counts",
+        "frames_rmse_with_rest_counts", "slack_rms_m",
+    }  # fmt: skip
+
+
+def test_without_frames(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dataset = read_dataset(folder)
+    from dataclasses import replace
+
+    write_dataset(replace(dataset, frames=None), tmp_path / "static", presses_as="parquet")
+    assert run(cal, tmp_path / "static", "--out", tmp_path / "out", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["frames"], answer["frames_rmse_counts"], answer["slack_rms_m"]) == (0, None, None)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["dataset.toml", "presses.parquet"]
+
+
+def test_nothing_is_overwritten(
+    cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    assert run(cal, folder, "--out", tmp_path / "mine", "--force") == 2
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "mine"
+    assert run(cal, folder, "--out", tmp_path / "out") == 0
+    assert run(cal, folder, "--out", tmp_path / "out") == 2
+    assert "--force" in capsys.readouterr().err
+    assert run(cal, folder, "--out", tmp_path / "out", "--force") == 0
+
+
+def test_another_sensor(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (folder / "dataset.toml").read_text().replace("radius_m = 0.0115", "radius_m = 0.0125")
+    (folder / "dataset.toml").write_text(text)
+    presses = folder / "presses.csv"
+    lines = presses.read_text().splitlines()
+    presses.write_text("\n".join(lines) + "\n")
+    write_calibration(make_calibration(), tmp_path / "cal")
+    assert run(tmp_path / "cal", folder, "--out", tmp_path / "out") == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "[surface] radius_m: expected 0.0115 m, as calibrated; got 0.0125 m" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_effect_that_cannot_be_simulated(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_calibration(make_calibration(effects=(Effect("creep"),)), tmp_path / "cal")
+    assert run(tmp_path / "cal", folder, "--out", tmp_path / "out") == 1
+    err = capsys.readouterr().err
+    assert "creep" in err
+    assert "Traceback" not in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cal", "session"]
+
+
+@pytest.mark.parametrize("missing", ["cal", "session"])
+def test_no_such_input(
+    cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], missing: str
+) -> None:
+    names = {"cal": cal, "session": folder, missing: tmp_path / "nothing"}
+    assert run(names["cal"], names["session"], "--out", tmp_path / "out") == 2
+    assert "no such folder" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_full_disk_leaves_nothing(
+    cal: Path,
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(path: Path, columns: object) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr("skincal.dataset.writing.write_table", full)
+    assert run(cal, folder, "--out", tmp_path / "out") == 1
+    assert "Free some space" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cal", "session"]
+
+
+def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--help") == 0
+    out = capsys.readouterr().out
+    assert "Example" in out
+    assert "skincal predict cal data/paper-like --out predicted" in " ".join(out.split())

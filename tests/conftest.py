@@ -1,0 +1,108 @@
+"""Fixtures that several parts of the tests share: small sessions in memory and on disk, and practice data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skincal.dataset import (
+    Dataset,
+    DatasetMeta,
+    Frames,
+    IndenterSpec,
+    MountSpec,
+    PositionSpec,
+    Presses,
+    SensorSpec,
+    SurfaceSpec,
+    write_dataset,
+)
+
+RADIUS_M = 0.0115
+
+
+def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:
+    """A small session like the paper's, with blurred dots for images; 0 frames per press: none at all."""
+    generator = np.random.default_rng(seed)
+    meta = DatasetMeta(
+        sensor=SensorSpec(4, 4, (0.0025, 0.0025), (0.004, 0.004), value_min=0, value_max=255, integer=True),
+        surface=SurfaceSpec("cylinder", RADIUS_M),
+        indenter=IndenterSpec("sphere", 0.006),
+        mount=MountSpec(
+            0.0235, 0.0, (0.0195, 0.0275), (-20.0, 20.0), beta_deg=0.0, beta_range_deg=(-12.0, 12.0)
+        ),
+        position=PositionSpec(0.001, 0.002),
+        source="made for a test",
+    )
+    u, v = generator.uniform(-0.006, 0.006, (2, presses))
+    beta = u / RADIUS_M
+    points = np.column_stack([RADIUS_M * np.sin(beta), 0.0235 + v, RADIUS_M * np.cos(beta)])
+    force = generator.uniform(1.0, 4.0, presses)
+    r, c = np.divmod(np.arange(16), 4)
+    away = (u[:, None] - (c - 1.5) * 0.004) ** 2 + (v[:, None] - (r - 1.5) * 0.004) ** 2
+    images = np.clip(60 * force[:, None] * np.exp(-away / 0.0025**2) + 0.4, 0, 255)
+    start = 3.0 + 5.0 * np.arange(presses)
+    times = {
+        name: start + dt
+        for name, dt in zip(("t_start_s", "t_hold_s", "t_release_s", "t_end_s"), (0, 1, 3, 4), strict=True)
+    }
+    columns = {**times, "pose": np.array(["A", "B"], dtype=object)[np.arange(presses) % 2]}
+    return Dataset(
+        meta,
+        Presses(np.arange(presses), points, force, images, columns=columns),
+        _frames(points, force, images, start, frames_per_press) if frames_per_press else None,
+    )
+
+
+def _frames(
+    points: np.ndarray, force: np.ndarray, images: np.ndarray, start: np.ndarray, steps: int
+) -> Frames:
+    """Idle, loading, hold and unloading of each press; at least eight steps, so that each phase is there."""
+    press = np.repeat(np.arange(len(force)), steps)
+    t = np.tile(np.linspace(-1.0, 4.0, steps), len(force))
+    phase = np.digitize(t, [-1e-9, 1.0 - 1e-9, 3.0 + 1e-9])
+    share = np.select(
+        [phase == 0, phase == 1, phase == 2], [0.0, np.clip(t, 0, 1), 1.0], np.clip(4 - t, 0, 1)
+    )
+    idle = phase == 0
+    return Frames(
+        press=np.where(idle, -1, press),
+        phase=phase,
+        time_s=start[press] + t,
+        force_n=share * force[press],
+        position_m=np.where(idle[:, None], np.nan, points[press]),
+        counts=np.rint(share[:, None] * images[press]),
+    )
+
+
+@pytest.fixture
+def session() -> Callable[..., Dataset]:
+    """Makes small sessions in memory."""
+    return make_session
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A good dataset on disk, with frames."""
+    write_dataset(make_session(), tmp_path / "session", frames_as="csv")
+    return tmp_path / "session"
+
+
+def shared_folder() -> Path | None:
+    """Practice and real data, where they are there: beside the project, or where SKINCAL_SHARED says."""
+    place = os.environ.get("SKINCAL_SHARED")
+    path = Path(place) if place else Path(__file__).parents[2] / "shared"
+    return path if path.is_dir() else None
+
+
+@pytest.fixture
+def shared() -> Path:
+    """The folder of practice and real data; the test is skipped where there is none."""
+    path = shared_folder()
+    if path is None:
+        pytest.skip("no folder of practice data beside the project")
+    return path

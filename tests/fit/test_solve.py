@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skincal.fit.options import SearchBox
+from skincal.fit.problem import FitProblem, PressTable, pose_problem
+from skincal.fit.result import PARAMETERS, FitResult
+from skincal.fit.solve import FitError, plan_fit, solve
+from tests.fit.conftest import BOX, QUICK, Truth, make_session, rig
+
+
+def _fit(
+    problem: FitProblem, box: SearchBox = BOX, options: Any = QUICK, seed: int = 0, **more: Any
+) -> FitResult:
+    return solve(plan_fit(problem, box, options), box, options, np.random.default_rng(seed), **more)
+
+
+@pytest.fixture(scope="module")
+def fitted(truth: Truth) -> FitResult:
+    return _fit(pose_problem(rig(), make_session(truth, seed=11)[0]))
+
+
+def _codes(result: FitResult) -> set[str]:
+    return {finding.code for finding in result.findings}
+
+
+def test_the_intervals_hold_the_truth_and_are_narrow(fitted: FitResult, truth: Truth) -> None:
+    for name in PARAMETERS:
+        low, high = fitted.intervals[name]
+        assert low <= getattr(truth, name) <= high, name
+        assert low <= fitted.best[name] <= high
+    assert np.ptp(fitted.intervals["y_m"]) < 1.2e-3
+    assert fitted.intervals["elasticity_pa_per_m"][1] / fitted.intervals["elasticity_pa_per_m"][0] < 1.6
+    assert not _codes(fitted) & {"misfit", "range_edge", "not_identified", "few_draws"}
+
+
+def test_the_loss_at_the_best_point_is_that_of_the_noise(fitted: FitResult) -> None:
+    # 25 frames of one count, rounded: 0.2 counts where a taxel is lit, about half where it rests on its bound.
+    assert 0.08**2 < fitted.mse_counts2 < 0.25**2
+    assert fitted.mse_counts2 <= fitted.valley_mse_counts2 * 1.3
+    assert fitted.presses.good.mean() > 0.9
+    assert fitted.sigmas.position_m == pytest.approx(0.5e-3, rel=0.35)
+
+
+def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
+    assert fitted.grid.mse_counts2.shape == fitted.grid.grid.shape
+    assert fitted.draws.shape == (QUICK.draws, 5)
+    assert np.isfinite(fitted.draws).all()
+
+
+def test_the_same_seed_gives_the_same_result_and_workers_do_not_matter(
+    fitted: FitResult, truth: Truth
+) -> None:
+    order: list[int] = []
+
+    def backwards(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
+        results = [function(argument) for argument in reversed(arguments)]
+        order.append(len(results))
+        return results[::-1]
+
+    again = _fit(pose_problem(rig(), make_session(truth, seed=11)[0]), mapper=backwards)
+    assert order
+    assert again.best == fitted.best
+    assert again.intervals == fitted.intervals
+    assert (again.draws == fitted.draws).all()
+
+
+def test_evaluated_turns_are_taken_up_again(fitted: FitResult, truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, seed=11)[0])
+    plan = plan_fit(problem, BOX, QUICK)
+    kept: dict[int, Any] = {}
+
+    class InterruptError(Exception):
+        pass
+
+    def stop(turn: int, slab: Any) -> None:
+        kept[turn] = slab
+        if len(kept) == 2:
+            raise InterruptError
+
+    with pytest.raises(InterruptError):
+        solve(plan, BOX, QUICK, np.random.default_rng(0), on_slab=stop)
+    evaluated: list[int] = []
+    again = solve(
+        plan,
+        BOX,
+        QUICK,
+        np.random.default_rng(0),
+        slabs=kept,
+        on_slab=lambda turn, _slab: evaluated.append(turn),
+    )
+    assert not set(evaluated) & set(kept)
+    assert again.intervals == fitted.intervals
+
+
+def test_the_papers_bound_gives_the_box_of_all_combinations_below_it(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, seed=11)[0])
+    result = _fit(problem, options=replace(QUICK, bound_counts2=25.0))
+    grid, inside = result.grid.grid, result.grid.mse_counts2 <= 25.0
+    assert result.bound == "fixed" and result.valley_mse_counts2 == 25.0
+    y = grid.y_m[inside.any(axis=(0, 1, 2))]
+    low, high = result.intervals["y_m"]
+    assert (low, high) == (-np.inf, np.inf) or (low <= y.min() and high >= y.max())
+    assert result.intervals["scale_per_n"][0] == pytest.approx(
+        min(result.grid.scale_per_n[inside].min(), result.best["scale_per_n"])
+    )
+
+
+def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, seed=12)[0])
+    box = replace(BOX, y_m=(0.0242, 0.0262))
+    result = _fit(problem, box)
+    assert "range_edge" in _codes(result)
+    told = next(f for f in result.findings if f.code == "range_edge")
+    assert "lower end" in told.text and "Widen" in told.advice
+
+
+def test_few_presses_and_one_place_are_said(truth: Truth) -> None:
+    presses, where = make_session(truth, presses=1500, seed=13, position_sigma_m=0.1e-3)
+    # Between two taxels, so that both answer.
+    between = np.array([truth.across_m, truth.y_m + 2e-3])
+    near = np.abs(where - between).max(axis=1) < 0.7e-3
+    problem = pose_problem(rig(), _some(presses, near))
+    assert len(problem) >= 6
+    problem = problem.subset(np.arange(len(problem)) < 6, "left out")
+    codes = _codes(_fit(problem))
+    assert {"few_presses", "one_place"} <= codes
+
+
+def _some(presses: PressTable, rows: np.ndarray) -> PressTable:
+    return PressTable(
+        presses.press[rows],
+        presses.across_m[rows],
+        presses.along_m[rows],
+        presses.force_n[rows],
+        presses.counts[rows],
+        presses.indenter[rows],
+    )
+
+
+def test_no_press_at_all_is_an_error(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=10)
+    silent = PressTable(
+        presses.press,
+        presses.across_m,
+        presses.along_m,
+        presses.force_n,
+        presses.counts * 0,
+        presses.indenter,
+    )
+    with pytest.raises(FitError, match="no press"):
+        plan_fit(pose_problem(rig(), silent), BOX, QUICK)
+
+
+def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=120, seed=14)
+    counts = presses.counts.copy()
+    counts[:, 6] = (counts[:, 6] - 0.4) * 0.8 + 0.4
+    weak = PressTable(
+        presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
+    )
+    result = _fit(pose_problem(rig(), weak), options=replace(QUICK, per_taxel=True))
+    scales = result.scale_per_taxel_per_n
+    assert scales is not None
+    others = np.delete(scales, 6)
+    assert scales[6] < others.min()
+    assert scales[6] / np.median(others) == pytest.approx(0.8, abs=0.1)
+
+
+def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
+    turned = replace(truth, alpha_rad=math.radians(12.0))
+    result = _fit(pose_problem(rig(), make_session(turned, seed=15)[0]))
+    low, high = result.intervals["alpha_rad"]
+    assert low <= math.radians(12.0) <= high

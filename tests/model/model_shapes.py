@@ -1,0 +1,106 @@
+"""Shapes and a plain reading of the paper that the model's tests share."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from skincal.model import (
+    Contacts,
+    Cylinder,
+    FlatPunch,
+    Indenter,
+    MeshIndenter,
+    MeshSurface,
+    Patch,
+    SensorPose,
+    Sphere,
+    Surface,
+    TaxelLayout,
+)
+
+RADIUS_M = 0.0115
+FINGER = Cylinder(RADIUS_M)
+POSE = SensorPose(y_m=0.0235, alpha_rad=0.3, beta_rad=0.1)
+
+
+def paper_layout() -> TaxelLayout:
+    return TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
+
+
+def cylinder_mesh(sections: int, *, open_base: bool = False) -> trimesh.Trimesh:
+    """A finger of the paper's radius from y = -10 to 70 mm."""
+    mesh = trimesh.creation.cylinder(radius=RADIUS_M, height=0.08, sections=sections)
+    mesh = trimesh.Trimesh(mesh.vertices[:, [1, 2, 0]] + [0.0, 0.03, 0.0], mesh.faces, process=False)
+    if open_base:
+        mesh.update_faces(mesh.triangles_center[:, 1] > -0.0099)
+    return mesh
+
+
+def surface_of(mesh: trimesh.Trimesh, **options: float) -> MeshSurface:
+    return MeshSurface(mesh.vertices, mesh.faces, **options)
+
+
+def sphere_mesh(subdivisions: int, radius_m: float = 0.006) -> MeshIndenter:
+    """A ball that touches the origin from above."""
+    mesh = trimesh.creation.icosphere(subdivisions, radius=radius_m)
+    return MeshIndenter(mesh.vertices + np.array([0.0, 0.0, radius_m]), mesh.faces)
+
+
+def bolt_mesh() -> MeshIndenter:
+    """A shaft along x that lies on the origin, with a hexagonal head at x = 10 mm that reaches lower: not convex."""
+    shaft = trimesh.creation.cylinder(radius=0.003, height=0.02, sections=48)
+    head = trimesh.creation.cylinder(radius=0.005, height=0.004, sections=6).apply_translation([0, 0, 0.012])
+    both = trimesh.util.concatenate([shaft, head])
+    return MeshIndenter(both.vertices[:, [2, 1, 0]] + [0.0, 0.0, 0.003], both.faces)
+
+
+def box_mesh() -> MeshIndenter:
+    box = trimesh.creation.box((0.01, 0.004, 0.004))
+    return MeshIndenter(box.vertices + np.array([0.0, 0.0, 0.002]), box.faces)
+
+
+def indenters() -> dict[str, Indenter]:
+    return {
+        "sphere": Sphere(0.006),
+        "flat": FlatPunch(0.003),
+        "sphere mesh": sphere_mesh(4),
+        "bolt mesh": bolt_mesh(),
+        "box mesh": box_mesh(),
+    }
+
+
+def presses_on(surface: Surface, across_m: object, along_m: object, force_n: object) -> Contacts:
+    """Presses at arc lengths from the point beta = 0, y = 23.5 mm."""
+    across, along, force = np.broadcast_arrays(*np.atleast_1d(across_m, along_m, force_n))
+    start = np.tile([0.0, 0.0235, RADIUS_M], (len(across), 1))
+    points = surface.offset(start, across, along)
+    return Contacts(points, surface.normal_at(points), np.asarray(force, dtype=float))
+
+
+def plain_loads(
+    patch: Patch, indenter: Indenter, contacts: Contacts, elasticity_pa_per_m: float
+) -> np.ndarray:
+    """The paper's model as printed: every point is cast, and the penetration is found by bisection."""
+    loads = np.zeros((len(contacts), patch.layout.taxels))
+    for k in range(len(contacts)):
+        normal, rotation = contacts.normals[k], contacts.indenter_rotations[k]
+        hits = indenter.cast(
+            (patch.points_m - contacts.indenter_origins_m[k]) @ rotation, rotation.T @ normal
+        )
+        weight = patch.areas_m2 * np.maximum(patch.normals @ normal, 0.0)
+        distance = np.where(weight > 0, hits.distance_m, np.inf)
+        gap = distance - distance.min()
+        low, high = 0.0, 1.0
+        for _ in range(200):
+            middle = (low + high) / 2
+            too_much = (
+                elasticity_pa_per_m * np.sum(np.maximum(middle - gap, 0.0) * weight) > contacts.force_n[k]
+            )
+            low, high = (low, middle) if too_much else (middle, high)
+        stress = elasticity_pa_per_m * np.maximum(low - gap, 0.0)
+        facing = np.where(np.isfinite(distance), -(hits.normals @ rotation.T @ normal), 0.0)
+        load = stress * weight * np.maximum(facing, 0.0)
+        for j in range(patch.layout.taxels):
+            loads[k, j] = load[patch.taxel == j].sum()
+    return loads

@@ -1,0 +1,129 @@
+"""A set of parameters: immutable, checked as a whole, and one value."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from skincal.errors import InputError
+from skincal.ranges import JointDraws, Parameter, Ranges, preset
+
+U = Parameter.uniform
+
+
+def test_everything_wrong_in_a_set_is_said_at_once():
+    with pytest.raises(InputError) as caught:
+        Ranges(
+            {
+                "skin.y_mm": U(21.5, 25.5),
+                "skin.y_m": U(21.5, 25.5),
+                "skin.beta_deg": U((0.0, 1.0), (1.0, 2.0)),
+                "skin.taxel_noise_counts": Parameter.normal(0.0, "skin.sigma"),
+                "object.cube.mass_kg": U(0.0, 1.0),
+                "skin.effects.slowness.tau_s": U(0.0, 1.0),
+                "object.marble.position_m": U((0.0, 0.0), (1e-3, 1e-3)),
+            }
+        )
+    text = str(caught.value)
+    assert len(caught.value.problems) == 8
+    assert "[skin.y_mm]: expected one of skin.x_m, skin.y_m" in text
+    assert "Did you mean skin.y_m?" in text
+    assert "[skin.y_m] low: expected -1 to 1 m; got 21.5. Is the unit m?" in text
+    assert "[skin.beta_deg]: expected one number; got a list of 2" in text
+    assert "[skin.taxel_noise_counts] sigma_from" in text
+    assert "finger, object.marble, object.bolt, skin" in text
+    assert "NAME one of hysteresis, creep" in text
+    assert "[object.marble.position_m]: expected one number, or three" in text
+
+
+@pytest.mark.parametrize(
+    "level",
+    [
+        U(0.0, 5.0, mode="step"),
+        Parameter.normal(1.0, 1.0, mode="episode"),
+    ],
+)
+def test_noise_needs_a_level_that_is_drawn_per_episode_and_not_below_zero(level):
+    noise = Parameter.normal(0.0, "skin.noise_sigma_counts")
+    with pytest.raises(InputError, match="sigma_from"):
+        Ranges({"skin.noise_sigma_counts": level, "skin.taxel_noise_counts": noise})
+
+
+def test_the_parameters_of_an_effect_may_have_any_name():
+    gains = U((0.9, 0.8), (1.1, 1.2))
+    ranges = Ranges({"skin.effects.hysteresis.width": U(0.0, 0.2), "skin.effects.taxel_gain.gain": gains})
+    sample = ranges.sample(np.random.default_rng(0))
+    assert isinstance(sample["skin"]["effects"]["hysteresis"]["width"], float)
+    assert sample["skin"]["effects"]["taxel_gain"]["gain"].shape == (2,)
+
+
+def test_it_is_a_mapping_that_cannot_be_changed():
+    ranges = preset("iros24")
+    assert ranges["skin.scale_per_n"] == U(61.0, 76.0)
+    assert len(ranges) == len(list(ranges)) == 30
+    assert ranges.table("object.bolt")["radius_m"].value == 0.006
+    with pytest.raises(AttributeError):
+        ranges.joint = None
+    with pytest.raises(TypeError):
+        ranges["skin.y_m"] = U(0.0, 1.0)  # type: ignore[index]
+    with pytest.raises(TypeError):
+        hash(ranges)
+
+
+def test_replace_leaves_the_original():
+    ranges = preset("iros24")
+    wider = ranges.replace({"skin.scale_per_n": U(50.0, 80.0)})
+    assert wider["skin.scale_per_n"].low == 50.0
+    assert ranges["skin.scale_per_n"].low == 61.0
+    assert wider != ranges
+    assert wider.provenance == ranges.provenance
+
+
+def test_it_survives_pickling():
+    ranges = Ranges(preset("icra26"), JointDraws(("skin.scale_per_n",), [[70.0], [71.0]]))
+    assert pickle.loads(pickle.dumps(ranges)) == ranges
+
+
+def test_what_a_task_needs_and_does_not_find_is_said_at_once():
+    preset("iros24").require(["skin.y_m", "object.marble.mass_kg"])
+    with pytest.raises(InputError) as caught:
+        preset("icra26").require(["skin.y_m", "object.marble.mass_kg", "skin.scale_per_n"])
+    assert [p.place for p in caught.value.problems] == [
+        "ranges, [skin.y_m]",
+        "ranges, [object.marble.mass_kg]",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("columns", "draws", "words"),
+    [
+        (("skin.y_m",), [[np.nan]], "finite numbers"),
+        (("skin.y_m",), [[0.1, 0.2]], "rows of 1 numbers"),
+        (("skin.y_m",), np.zeros((0, 1)), "one or more rows"),
+        (("skin.y_m", "skin.y_m"), [[0.1, 0.1]], "each once"),
+        (("finger.joint_offset_rad",), [[0.1]], "single figures of the skin"),
+        (("skin.taxel_offset_counts",), [[0.1]], "single figures of the skin"),
+    ],
+)
+def test_a_cloud_that_cannot_be_is_refused(columns, draws, words):
+    with pytest.raises(InputError, match=words):
+        JointDraws(columns, draws)
+
+
+def test_a_cloud_is_read_only_and_a_copy():
+    rows = np.array([[0.02], [0.03]])
+    joint = JointDraws(("skin.y_m",), rows)
+    rows[0, 0] = 1.0
+    assert joint.draws[0, 0] == 0.02
+    with pytest.raises(ValueError, match="read-only"):
+        joint.draws[0, 0] = 1.0
+
+
+def test_the_public_names():
+    import skincal.ranges as public
+
+    assert public.__all__ == [
+        "NAMES", "PRESETS", "JointDraws", "Name", "Narrowing", "Parameter", "Ranges", "from_calibration",
+        "narrowing", "preset", "read_ranges", "write_ranges",
+    ]  # fmt: skip
+    assert all(hasattr(public, name) for name in public.__all__)

@@ -1,0 +1,142 @@
+"""The picture of a dataset can be drawn for every form of data, and shows what it says."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from skincal.dataset import Dataset, PositionSpec, active_taxels, read_dataset
+from skincal.errors import InputError
+from skincal.report.dataset import dataset_figure
+from skincal.report.style import checked_suffix, png_bytes, save
+
+Session = Callable[..., Dataset]
+
+
+def axes_titled(figure: Figure, start: str) -> Axes:
+    (found,) = [axes for axes in figure.axes if axes.get_title(loc="left").startswith(start)]
+    return found
+
+
+def drawn(dataset: Dataset, caplog: pytest.LogCaptureFixture) -> Figure:
+    """The figure, drawn without a complaint."""
+    with caplog.at_level(logging.WARNING):
+        figure = dataset_figure(dataset)
+        assert png_bytes(figure).startswith(b"\x89PNG")
+    assert not caplog.records
+    return figure
+
+
+def test_every_press_and_taxel_is_drawn(session: Session, caplog: pytest.LogCaptureFixture) -> None:
+    dataset = session(30)
+    figure = drawn(dataset, caplog)
+    patch = axes_titled(figure, "Presses on the patch")
+    (marks,) = patch.collections
+    assert len(marks.get_offsets()) == 30
+    assert len(patch.patches) == 16
+    assert patch.get_xlabel() == "u [mm]"
+    assert patch.get_aspect() == 1.0
+    colours = sorted(np.asarray(marks.get_array()).tolist())
+    assert colours == sorted(active_taxels(dataset).sum(axis=1).tolist())
+    area = np.asarray(marks.get_sizes())
+    assert (np.diff(area) <= 1e-9).all(), "hard presses first"
+
+
+def test_answers_and_forces_are_counted(session: Session, caplog: pytest.LogCaptureFixture) -> None:
+    dataset = session(30)
+    figure = drawn(dataset, caplog)
+    answers = axes_titled(figure, "Answers")
+    heights = [bar.get_height() for bar in answers.patches]
+    assert heights == np.bincount(active_taxels(dataset).sum(axis=1)).tolist()
+    assert sum(bar.get_height() for bar in axes_titled(figure, "Forces").patches) == 30
+    (image,) = axes_titled(figure, "Presses answered").images
+    np.testing.assert_array_equal(np.asarray(image.get_array()).ravel(), active_taxels(dataset).sum(axis=0))
+
+
+def without_positions(dataset: Dataset) -> Dataset:
+    meta = replace(dataset.meta, position=PositionSpec(np.inf, 0.0))
+    nothing = np.full_like(dataset.presses.position_m, np.nan)
+    return replace(dataset, meta=meta, presses=replace(dataset.presses, position_m=nothing))
+
+
+def at_one_place(dataset: Dataset) -> Dataset:
+    place = np.tile(dataset.presses.position_m[0], (len(dataset.presses), 1))
+    return replace(dataset, presses=replace(dataset.presses, position_m=place))
+
+
+def one_far_away(dataset: Dataset) -> Dataset:
+    points = dataset.presses.position_m.copy()
+    points[0, 1] += 0.1
+    return replace(dataset, presses=replace(dataset.presses, position_m=points))
+
+
+def silent(dataset: Dataset) -> Dataset:
+    return replace(dataset, presses=replace(dataset.presses, counts=np.zeros_like(dataset.presses.counts)))
+
+
+def on_branches(dataset: Dataset) -> Dataset:
+    branch = np.array(["up", "down", ""], dtype=object)[np.arange(len(dataset.presses)) % 3]
+    return replace(
+        dataset, presses=replace(dataset.presses, columns={**dataset.presses.columns, "branch": branch})
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (without_positions, "12 presses without a position"),
+        (at_one_place, "12 presses at one place"),
+        (one_far_away, "1 presses far off are not drawn"),
+        (silent, "at its nominal pose"),
+        (on_branches, "at its nominal pose"),
+        (lambda d: replace(d, frames=None), "at its nominal pose"),
+        (lambda d: replace(d, presses=d.presses.select([0]), frames=None), "at its nominal pose"),
+        (lambda d: replace(d, presses=replace(d.presses, columns={})), "at its nominal pose"),
+    ],
+)
+def test_odd_data_are_drawn_too(
+    session: Session, caplog: pytest.LogCaptureFixture, change: Callable[[Dataset], Dataset], note: str
+) -> None:
+    figure = drawn(change(session(12)), caplog)
+    texts = [text.get_text() for text in axes_titled(figure, "Presses on the patch").texts]
+    assert any(note in text for text in texts), texts
+
+
+def test_branches_are_named(session: Session, caplog: pytest.LogCaptureFixture) -> None:
+    labels = axes_titled(drawn(on_branches(session(12)), caplog), "Session").get_legend_handles_labels()[1]
+    assert labels == ["frames with contact", "reached from below", "reached from above", "branch not given"]
+
+
+def test_titles_and_labels_do_not_overlap(session: Session, caplog: pytest.LogCaptureFixture) -> None:
+    figure = drawn(session(30), caplog)
+    FigureCanvasAgg(figure).draw()
+    boxes = [axes.get_tightbbox() for axes in figure.axes if axes.get_title(loc="left")]
+    for i, one in enumerate(boxes):
+        for other in boxes[i + 1 :]:
+            assert not one.padded(-2).overlaps(other.padded(-2))
+
+
+def test_the_insole_is_drawn(shared: Path, caplog: pytest.LogCaptureFixture) -> None:
+    figure = drawn(read_dataset(shared / "real" / "insole"), caplog)
+    assert "20" in axes_titled(figure, "Presses answered").get_title(loc="left")
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_the_same_data_give_the_same_file(session: Session, tmp_path: Path, suffix: str) -> None:
+    for name in ("one", "two"):
+        save(dataset_figure(session(12)), tmp_path / f"{name}.{suffix}")
+    assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
+
+
+def test_a_picture_has_a_suffix_that_can_be_written() -> None:
+    assert checked_suffix(Path("a.PNG")) == Path("a.PNG")
+    with pytest.raises(InputError, match=r"\.png, \.pdf, \.svg"):
+        checked_suffix(Path("a.jpg"))

@@ -1,0 +1,102 @@
+"""What the documentation says of the program is true: commands, options, columns, codes, defaults."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from skincal.cli.main import app
+from skincal.dataset.columns import OPTIONAL, TIMES
+from skincal.fit import findings
+from skincal.fit.options import FitOptions, GridSteps
+from skincal.fit.valley import WIDENING
+
+ROOT = Path(__file__).parent.parent
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "method").glob("*.md")),
+]
+
+
+def commands() -> list[tuple[str, str]]:
+    """Every line of a page that is a command of skincal, with the page's name."""
+    found = []
+    for page in PAGES:
+        for block in re.findall(
+            r"```(?:console|\{console\})\n(.*?)```", page.read_text(encoding="utf-8"), re.S
+        ):
+            lines = [line.removeprefix("$ ") for line in block.splitlines()]
+            found += [(page.name, line) for line in lines if line.startswith("skincal ")]
+    return found
+
+
+def verb(words: list[str]) -> tuple[Any, list[str]]:
+    """The command that words on the command line name, and the words after it."""
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "commands"):
+        command, words = command.commands[words[0]], words[1:]
+    return command, words
+
+
+def test_there_are_commands():
+    assert len(commands()) > 10
+
+
+@pytest.mark.parametrize(("page", "line"), commands())
+def test_command_exists_with_its_options(page: str, line: str):
+    words = shlex.split(re.split(r"&&|\|", line)[0], comments=True)
+    command, rest = verb(words[1:])
+    known = {option for p in command.params for option in (*p.opts, *p.secondary_opts)} | {
+        "--help",
+        "--debug",
+    }
+    assert {word for word in rest if word.startswith("--")} <= known, page
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pictures_exist(page: Path):
+    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / picture).is_file()
+
+
+def test_files_page_names_every_column():
+    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    assert [name for name in (*OPTIONAL, *TIMES) if f"`{name}`" not in text] == []
+
+
+def test_files_page_names_every_finding():
+    tree = ast.parse(Path(findings.__file__).read_text(encoding="utf-8"))
+    codes = [
+        ast.literal_eval(call.args[0])
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "FitFinding"
+    ]
+    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    assert codes
+    assert [code for code in codes if f"`{code}`" not in text] == []
+
+
+def test_fit_page_tells_the_defaults():
+    text = " ".join((ROOT / "docs" / "method" / "fit.md").read_text(encoding="utf-8").split())
+    options = FitOptions()
+    steps, (across, along, turn, elasticity, scale) = GridSteps(), WIDENING
+    assert across == along == turn
+    assert f"of {across:g} for the pose, {elasticity:g} for $\\log E$ and {scale:g} for $\\log S$" in text
+    assert f"the central {100 * options.level:g} % of its draws" in text
+    assert f"Each round draws {options.round_size} points" in text
+    assert (
+        f"worth {options.enough_draws} independent ones, after {options.rounds[0]} rounds at least and"
+        in text
+    )
+    assert f"{options.rounds[1]} at most" in text
+    assert f"Gaussians of up to {1e3 * options.law_spreads_m[-1]:g} mm" in text
+    assert f"steps of {1e3 * steps.across_m:g} mm of arc, {1e3 * steps.y_m:g} mm in $y$" in text
+    assert f"{math.degrees(steps.alpha_rad):g}° in $\\alpha$, and {steps.elasticities} values of $E$" in text

@@ -1,0 +1,101 @@
+"""Outputs appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skincal.errors import InputError
+from skincal.files import whole_file, whole_folder
+
+
+def test_a_file_appears_at_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    with whole_file(path) as temporary:
+        temporary.write_text("done")
+        assert not path.exists()
+        assert temporary.suffix == ".txt"
+    assert path.read_text() == "done"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
+def test_an_error_leaves_the_old_file(tmp_path: Path, error: type[BaseException]) -> None:
+    path = tmp_path / "out.txt"
+    path.write_text("old")
+    with pytest.raises(error), whole_file(path, force=True) as temporary:
+        temporary.write_text("half")
+        raise error
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_exists_is_refused_before_any_work(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    path.write_text("old")
+    with pytest.raises(InputError, match=r"out\.txt.*--force"), whole_file(path):
+        pytest.fail("the work was begun")
+    with pytest.raises(InputError, match="a folder"), whole_file(tmp_path, force=True):
+        pytest.fail("the work was begun")
+    with pytest.raises(InputError, match="mkdir -p"), whole_file(tmp_path / "no" / "out.txt"):
+        pytest.fail("the work was begun")
+    with pytest.raises(InputError, match="a file"), whole_folder(path, force=True, marker="m"):
+        pytest.fail("the work was begun")
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_an_error_names_the_output_that_was_asked_for(tmp_path: Path, named: bool) -> None:
+    path = tmp_path / "out.txt"
+    with pytest.raises(OSError, match="No space") as raised, whole_file(path) as temporary:
+        raise OSError(28, "No space left on device", *([str(temporary)] if named else []))
+    assert raised.value.filename == str(path)
+    with pytest.raises(OSError, match="No such file") as raised, whole_file(path):
+        (tmp_path / "input.txt").read_text()
+    assert raised.value.filename == str(tmp_path / "input.txt")
+
+
+@pytest.mark.parametrize("error", [None, OSError, KeyboardInterrupt])
+def test_a_folder_is_replaced_whole(tmp_path: Path, error: type[BaseException] | None) -> None:
+    path = tmp_path / "out"
+    with whole_folder(path, marker="m") as temporary:
+        (temporary / "m").write_text("old")
+    try:
+        with whole_folder(path, force=True, marker="m") as temporary:
+            (temporary / "m").write_text("new")
+            if error:
+                raise error
+    except (OSError, KeyboardInterrupt):
+        assert error
+    assert (path / "m").read_text() == ("old" if error else "new")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_swap_that_fails_brings_the_old_folder_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "out"
+    with whole_folder(path, marker="m") as temporary:
+        (temporary / "m").write_text("old")
+    replace = Path.replace
+
+    def failing(self: Path, target: Path) -> Path:
+        if self.suffix == ".part":
+            raise OSError(5, "Input/output error", str(self))
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", failing)
+    with (
+        pytest.raises(OSError, match="Input/output"),
+        whole_folder(path, force=True, marker="m") as temporary,
+    ):
+        (temporary / "m").write_text("new")
+    assert (path / "m").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_output_is_as_readable_as_any_file(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "out", marker="m") as temporary:
+        (temporary / "m").write_text("x")
+    (tmp_path / "usual").mkdir()
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "usual").stat().st_mode
