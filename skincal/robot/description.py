@@ -1,0 +1,93 @@
+"""A hand as its description tells it: ``hand.toml`` beside a URDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import DatasetMeta
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """What no command may pass; each (n,), in the order of the joints.
+
+    Attributes:
+        lower_rad: smallest angle [rad].
+        upper_rad: largest angle [rad].
+        velocity_rad_per_s: largest speed of a commanded angle [rad/s].
+        torque_nm: largest torque [N m], of either sign.
+    """
+
+    lower_rad: FloatArray
+    upper_rad: FloatArray
+    velocity_rad_per_s: FloatArray
+    torque_nm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ImpedanceGains:
+    """The joint impedance controller, each (n,): tau = K_p (q_d - q) - K_d dq, q_d low-passed.
+
+    Attributes:
+        stiffness_nm_per_rad: K_p [N m/rad].
+        damping_nms_per_rad: K_d [N m s/rad].
+        low_pass_hz: corner frequency of the first-order low-pass on commanded angles [Hz].
+    """
+
+    stiffness_nm_per_rad: FloatArray
+    damping_nms_per_rad: FloatArray
+    low_pass_hz: float
+
+
+@dataclass(frozen=True)
+class FingerDescription:
+    """One finger: which joints move it, and the link whose frame matters.
+
+    Attributes:
+        name: name of the finger.
+        joints: names of its joints, from the base to the tip.
+        tip_link: the URDF link whose frame is meant: for the finger that carries the skin the fingertip frame of the
+            datasets (origin on the axis of the cylindrical part at its base, +y to the tip, +z out of the surface
+            where beta = 0); for the finger with the indenter a frame with its origin at the sphere's centre.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    tip_link: str
+
+
+@dataclass(frozen=True, eq=False)
+class HandDescription:
+    """A hand that can calibrate its own skin.
+
+    Attributes:
+        name: name of the hand.
+        urdf: the URDF file, an absolute path.
+        joints: names of all driven joints, in the order in which states and commands carry them.
+        limits: limits of the joints.
+        gains: the joint impedance controller.
+        skin_finger: the finger that carries the skin.
+        indenter_finger: the finger with the cap and the indenter.
+        home_rad: angles at which nothing touches, from which a session starts and to which it returns (n,) [rad].
+        max_force_n: contact force that must never be passed [N].
+        meta: what a dataset of this hand says of sensor, surface, indenter, mount, position and clock.
+        digest: SHA-256 of ``hand.toml`` and the URDF, so that a session is resumed with the hand that it began with.
+    """
+
+    name: str
+    urdf: Path
+    joints: tuple[str, ...]
+    limits: JointLimits
+    gains: ImpedanceGains
+    skin_finger: FingerDescription
+    indenter_finger: FingerDescription
+    home_rad: FloatArray
+    max_force_n: float
+    meta: DatasetMeta
+    digest: str
