@@ -96,8 +96,10 @@ class HandDriver(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Brings the hand to a halt where no force is exerted that was not there; may be called twice, at any time,
-        and from any thread."""
+        """Brings the hand to a halt, with no more force than it exerts now.
+
+        May be called twice, at any time, and from any thread.
+        """
 
     @abstractmethod
     def close(self) -> None:
