@@ -1,0 +1,1 @@
+"""Recordings of others, CSV files and ROS bags, turned into datasets by a mapping file."""
