@@ -55,6 +55,10 @@ CONSTANT_ERROR_M = 0.4e-3
 FRAMES, FRAME_NOISE = 25, 1.0
 CREATED = datetime(2026, 11, 20, 12, tzinfo=UTC)
 
+RESOLUTION_M = 0.1e-3
+"""Of the tactile points that a foundation is summed over: a skin is continuous, and with the 0.25 mm that simulation
+affords the sum is off by about as much as the noise of a hold mean."""
+
 SUBDIVISIONS = 25
 """Points a side that the pressure of a layer is summed at over a taxel."""
 
@@ -159,7 +163,7 @@ def taxel_loads(truth: Truth, arc_m: Floats, y_m: Floats, force_n: Floats) -> Fl
     if truth.law == "foundation":
         pose = SensorPose(truth.y_m, float(np.radians(truth.alpha_deg)), float(np.radians(truth.beta_deg)))
         surface = Cylinder(CYLINDER_RADIUS_M)
-        patch = Patch.build(surface, layout(), pose, resolution_m=0.25e-3)
+        patch = Patch.build(surface, layout(), pose, resolution_m=RESOLUTION_M)
         skin = Skin(patch, SkinParameters(truth.elasticity_pa_per_m, 1.0), Converter.none())
         points = _on_cylinder(arc_m, y_m)
         return skin.loads(Sphere(SPHERE_RADIUS_M), Contacts(points, surface.normal_at(points), force_n))
