@@ -1,0 +1,54 @@
+"""What the guard allows, and how long it waits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from skincal.errors import InputError, Problem
+
+
+@dataclass(frozen=True)
+class GuardOptions:
+    """Limits beside those of the hand's description, and times.
+
+    Attributes:
+        timeout_s: a call to the driver that takes longer is left, and the hand stopped [s].
+        connect_timeout_s: the same for connecting and for closing [s].
+        stop_timeout_s: ``stop`` is waited for so long [s].
+        idle_s: the hand is stopped when nobody calls for so long [s]; None: never.
+        stale_s: the hand's clock must advance within this time, on our clock [s].
+        lag_s: a hand whose clock runs as fast as ours may fall behind it by so much before its states count as old
+            [s]; None: not checked, as a simulated clock runs as it likes.
+        taxel_age_s: a taxel value may be so old, on the hand's clock [s].
+        taxel_ahead_s: a taxel's time stamp may lie so far in the future, for clocks that do not quite agree [s].
+        joint_margin_rad: a measured angle may pass a joint limit by so much (offsets, overshoot) [rad]; commands
+            may not.
+        velocity_factor: a measured velocity may be so many times the limit of commanded ones.
+        torque_factor: a measured torque may be so many times its limit.
+        max_force_n: largest contact force [N]; None: that of the hand's description.
+    """
+
+    timeout_s: float = 1.0
+    connect_timeout_s: float = 30.0
+    stop_timeout_s: float = 0.5
+    idle_s: float | None = 10.0
+    stale_s: float = 0.5
+    lag_s: float | None = None
+    taxel_age_s: float = 0.5
+    taxel_ahead_s: float = 0.002
+    joint_margin_rad: float = 0.05
+    velocity_factor: float = 2.0
+    torque_factor: float = 1.0
+    max_force_n: float | None = None
+
+    def __post_init__(self) -> None:
+        optional = ("idle_s", "lag_s", "max_force_n")
+        zero = ("joint_margin_rad", "taxel_ahead_s")
+        problems = [
+            Problem(f"GuardOptions.{item.name}", "a number above zero", repr(value))
+            for item in fields(self)
+            if not ((value := getattr(self, item.name)) is None and item.name in optional)
+            and not (isinstance(value, int | float) and (value > 0 or (value == 0 and item.name in zero)))
+        ]
+        if problems:
+            raise InputError(problems)

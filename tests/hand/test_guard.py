@@ -1,0 +1,431 @@
+"""The guard: whatever a hand or its user does wrong, the hand is stopped in time and the error says what it was."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_fakes import PERIOD_S, FakeHand, changed
+
+from skincal.errors import InputError, WorkError
+from skincal.hand.driver import HandCommand, HandState
+from skincal.hand.errors import HandError
+from skincal.hand.guard import GuardedHand
+from skincal.hand.options import GuardOptions
+
+QUICK = GuardOptions(timeout_s=0.15, connect_timeout_s=0.3, stop_timeout_s=0.1, stale_s=0.05, idle_s=5.0)
+SLACK_S = 0.1
+"""What the machine that runs the tests may be late by."""
+
+
+def run(
+    driver: FakeHand, options: GuardOptions = QUICK, periods: int = 10, **more: Any
+) -> tuple[HandError, float]:
+    """Moves a hand until it fails. Returns the error, and how long after the first odd call it was stopped [s]."""
+    started = time.monotonic()
+    with pytest.raises(HandError) as caught, GuardedHand(driver, options, **more) as hand:
+        for _ in range(periods):
+            started = time.monotonic() if driver.ticks <= driver.after else started
+            state = hand.observe()
+            hand.act(HandCommand(state.q_desired_rad))
+    assert driver.stopped_at is not None
+    assert driver.calls.index("stop") < len(driver.calls)
+    return caught.value, driver.stopped_at - started
+
+
+def array(*values: float) -> np.ndarray:
+    return np.array(values, dtype=float)
+
+
+BAD_STATES: dict[str, tuple[Callable[[HandState], Any], str, str]] = {
+    "none": (lambda s: None, "state", "expected a HandState; got NoneType"),
+    "dict": (lambda s: {"q": 1}, "state", "expected a HandState; got dict"),
+    "nan angle": (changed(q_rad=array(0, np.nan)), "state", "joint finger: measured angle (q_rad) is nan"),
+    "nan velocity": (changed(dq_rad_per_s=array(np.nan, 0)), "state", "joint thumb: measured velocity"),
+    "inf torque": (changed(tau_nm=array(np.inf, 0)), "state", "joint thumb: measured torque (tau_nm) is inf"),
+    "nan desired": (changed(q_desired_rad=array(np.nan, 0)), "state", "desired angle"),
+    "short": (
+        changed(q_rad=array(0)),
+        "state",
+        "q_rad: expected an array of float64 of shape (2,); got an array",
+    ),
+    "matrix": (
+        changed(taxels=np.zeros((2, 2))),
+        "state",
+        "taxels: expected an array of float64 of shape (4,)",
+    ),
+    "list": (
+        changed(tau_nm=[0.0, 0.0]),
+        "state",
+        "tau_nm: expected an array of float64 of shape (2,); got list",
+    ),
+    "integers": (changed(taxels=np.zeros(4, dtype=int)), "state", "got an array of int64"),
+    "text time": (changed(time_s="now"), "state", "time_s: expected a number; got str 'now'"),
+    "nan time": (changed(time_s=float("nan")), "clock", "clock says nan"),
+    "clock back": (
+        changed(time_s=lambda s: s.time_s - 10.5 * PERIOD_S),
+        "clock",
+        "clock went back, from 0.03",
+    ),
+    "beyond": (changed(q_rad=array(0, 1.2)), "joint_limit", "joint finger: measured angle is 1.2 rad, above"),
+    "below": (changed(q_rad=array(-1.2, 0)), "joint_limit", "joint thumb: measured angle is -1.2 rad, below"),
+    "fast": (
+        changed(dq_rad_per_s=array(-4.5, 0)),
+        "velocity",
+        "velocity is -4.5 rad/s, below the limit of -4 rad/s",
+    ),
+    "torque": (changed(tau_nm=array(0, 1.6)), "torque", "joint finger: measured torque is 1.6 N m, above"),
+    "inf taxel": (changed(taxels=array(1, 2, np.inf, 3)), "taxels", "taxel (1, 0) is inf"),
+    "taxels ahead": (
+        changed(taxel_time_s=lambda s: s.taxel_time_s + 0.1),
+        "taxels",
+        "taxel (0, 0): its time stamp",
+    ),
+    "one stale": (
+        changed(taxel_time_s=lambda s: s.taxel_time_s - array(0, 0, 0, 0.6)),
+        "taxels",
+        "taxel (1, 1) is stale: 0.6 s old, the limit is 0.5 s",
+    ),
+    "no stamp": (changed(taxel_time_s=array(*[np.nan] * 4)), "taxels", "its time stamp is NaN"),
+}
+
+
+@pytest.mark.parametrize(("odd", "kind", "text"), BAD_STATES.values(), ids=BAD_STATES)
+def test_a_bad_state_stops_the_hand_at_once(odd: Callable[[HandState], Any], kind: str, text: str) -> None:
+    driver = FakeHand(odd)
+    error, after_s = run(driver)
+    assert error.kind == kind
+    assert text in str(error)
+    assert str(error).startswith("fake: ")
+    assert "The hand was stopped." in str(error)
+    assert error.stopped is True
+    assert after_s < SLACK_S
+    # Nothing was sent on the strength of a bad state.
+    assert len(driver.commands) == driver.after
+
+
+def test_the_error_carries_joint_value_and_limit() -> None:
+    error, _ = run(FakeHand(changed(tau_nm=array(0, -1.6))))
+    assert (error.joint, error.value, error.limit) == ("finger", -1.6, -1.5)
+    assert isinstance(error, WorkError)
+    assert error.exit_status == 1
+
+
+def test_a_clock_that_stands_still_stops_the_hand_within_the_stated_time() -> None:
+    driver = FakeHand(changed(time_s=0.03, taxel_time_s=np.full(4, 0.03)), pace_s=0.005)
+    error, after_s = run(driver, periods=100)
+    assert error.kind == "clock"
+    assert "the hand's clock has stood at 0.030000 s" in str(error)
+    assert after_s < QUICK.stale_s + 0.005 + SLACK_S
+    assert driver.ticks > driver.after + 2  # a state may come twice
+
+
+def test_states_that_fall_behind_a_real_clock_are_stale() -> None:
+    options = GuardOptions(lag_s=0.05, idle_s=None)
+    # The clock advances by a tenth of what really passes: a queue that fills up.
+    odd = changed(
+        time_s=lambda s: 0.03 + (s.time_s - 0.03) * 0.1,
+        taxel_time_s=lambda s: 0.03 + (s.taxel_time_s - 0.03) * 0.1,
+    )
+    driver = FakeHand(odd, pace_s=PERIOD_S)
+    error, after_s = run(driver, options, periods=100)
+    assert error.kind == "clock"
+    assert "late, the limit is 0.05 s" in str(error)
+    assert after_s < 0.05 / 0.9 + 2 * PERIOD_S + SLACK_S
+
+
+def test_a_dead_taxel_is_no_reason_to_stop_but_a_dead_sensor_is() -> None:
+    nan = float("nan")
+    driver = FakeHand(
+        changed(taxels=array(nan, 1, 2, 3), taxel_time_s=lambda s: s.taxel_time_s + array(nan, 0, 0, 0))
+    )
+    with GuardedHand(driver, QUICK) as hand:
+        for _ in range(100):
+            hand.observe()
+    driver = FakeHand(changed(taxels=np.full(4, nan), taxel_time_s=np.full(4, nan)))
+    error, _ = run(driver, periods=200)
+    assert error.kind == "taxels"
+    assert "no taxel has answered for 0.51 s" in str(error)
+
+
+def test_a_force_above_the_limit_stops_the_hand() -> None:
+    forces = iter([0.0, 3.0, 7.9, 8.3])
+    driver = FakeHand(after=3)
+    error, after_s = run(driver, contact_force=lambda state: next(forces))
+    assert error.kind == "force"
+    assert (error.value, error.limit) == (8.3, 8.0)
+    assert "contact force is 8.3 N, above the limit of 8 N" in str(error)
+    assert after_s < SLACK_S
+    error, _ = run(FakeHand(), GuardOptions(max_force_n=2.0), contact_force=lambda state: -2.5)
+    assert error.limit == 2.0
+
+
+@pytest.mark.parametrize("value", [float("nan"), "nothing", None])
+def test_a_force_that_cannot_be_told_stops_the_hand(value: Any) -> None:
+    assert run(FakeHand(), contact_force=lambda state: value)[0].kind == "force"
+
+
+@pytest.mark.parametrize("what", ["observe", "act"])
+@pytest.mark.parametrize(
+    ("raised", "kind"),
+    [(ValueError("bus 3"), "driver"), (ConnectionResetError("gone"), "lost"), (SystemExit(3), "driver")],
+)
+def test_a_driver_that_raises(what: str, raised: BaseException, kind: str) -> None:
+    error, after_s = run(FakeHand(raises={what: raised}))
+    assert error.kind == kind
+    assert f"{what}() raised {type(raised).__name__}: {raised}. The hand was stopped." in str(error)
+    assert error.__cause__ is raised
+    assert after_s < SLACK_S
+
+
+@pytest.mark.parametrize("what", ["observe", "act"])
+def test_a_driver_that_hangs_is_stopped_from_outside(what: str) -> None:
+    driver = FakeHand(hang={what: 1.0})
+    start = time.monotonic()
+    error, after_s = run(driver)
+    assert error.kind == "timeout"
+    assert f"{what}() did not return within 0.15 s. The hand was stopped." in str(error)
+    assert QUICK.timeout_s <= after_s < QUICK.timeout_s + SLACK_S
+    assert driver.threads["stop"] != driver.threads["observe"]
+    assert time.monotonic() - start < QUICK.timeout_s + QUICK.stop_timeout_s + 2 * SLACK_S
+
+
+def test_a_hand_that_does_not_connect_is_stopped_and_closed() -> None:
+    driver = FakeHand(raises={"connect": OSError("no such port")})
+    error, _ = run(driver)
+    assert error.kind == "driver"
+    assert "connect() raised OSError: no such port" in str(error)
+    assert driver.calls == ["connect", "stop", "close"]
+    assert run(FakeHand(hang={"connect": 1.0}))[0].kind == "timeout"
+
+
+def test_a_stop_that_raises_is_tried_again_and_told() -> None:
+    driver = FakeHand(raises={"observe": ValueError("x"), "stop": OSError("no bus")})
+    error, _ = run(driver)
+    assert "stop() failed! OSError: no bus. Cut the hand's power." in str(error)
+    assert "The hand was stopped" not in str(error)
+    assert error.stopped is False
+    assert driver.calls[-1] == "close"
+    assert driver.calls.count("stop") >= 2
+
+
+def test_a_stop_that_hangs_is_left_and_told() -> None:
+    start = time.monotonic()
+    error, after_s = run(FakeHand(raises={"observe": ValueError("x")}, hang={"stop": 2.0}))
+    assert "stop() did not return within 0.1 s! Cut the hand's power." in str(error)
+    assert error.stopped is False
+    assert after_s < SLACK_S
+    assert time.monotonic() - start < 2 * QUICK.stop_timeout_s + 2 * SLACK_S
+
+
+def test_an_end_without_error_tells_of_a_stop_that_fails() -> None:
+    with (
+        pytest.raises(HandError, match="stop\\(\\) failed"),
+        GuardedHand(FakeHand(raises={"stop": OSError("x")})),
+    ):
+        pass
+
+
+def test_an_error_of_the_user_stops_the_hand_and_goes_on() -> None:
+    driver = FakeHand()
+    with pytest.raises(KeyError), GuardedHand(driver) as hand:
+        hand.observe()
+        raise KeyError("mine")
+    assert driver.calls[-2:] == ["stop", "close"]
+
+
+@pytest.mark.parametrize("where", ["in a call", "between calls"])
+def test_control_c_stops_the_hand(where: str) -> None:
+    driver = FakeHand(hang={"observe": 0.4} if where == "in a call" else {})
+    main = threading.main_thread().ident
+    assert main is not None
+    pressed: list[float] = []
+
+    def press() -> None:
+        time.sleep(0.1)
+        pressed.append(time.monotonic())
+        signal.pthread_kill(main, signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt), GuardedHand(driver) as hand:
+        threading.Thread(target=press).start()
+        while True:
+            hand.observe()
+            if where == "between calls" and driver.ticks > 5:
+                time.sleep(1.0)
+    assert driver.stopped_at is not None
+    assert 0 <= driver.stopped_at - pressed[0] < SLACK_S
+
+
+BAD_COMMANDS: dict[str, tuple[Any, str]] = {
+    "array": (np.zeros(2), "expected a HandCommand; got an array of float64"),
+    "list": (HandCommand([0.0, 0.0]), "expected an array of float64 of shape (2,); got list"),  # type: ignore[arg-type]
+    "long": (HandCommand(np.zeros(3)), "expected an array of float64 of shape (2,)"),
+    "nan": (HandCommand(array(0, np.nan)), "joint finger: commanded angle is nan"),
+    "inf": (HandCommand(array(-np.inf, 0)), "joint thumb: commanded angle is -inf"),
+    "outside": (
+        HandCommand(array(1.01, 0)),
+        "joint thumb: commanded angle 1.01 rad lies outside its limits [-1, 1]",
+    ),
+    "leap": (HandCommand(array(0, 0.0201)), "joint finger: commanded angle steps by 0.0201 rad; at 2 rad/s"),
+}
+
+
+@pytest.mark.parametrize(("command", "text"), BAD_COMMANDS.values(), ids=BAD_COMMANDS)
+def test_a_bad_command_is_not_sent_and_stops_the_hand(command: Any, text: str) -> None:
+    driver = FakeHand()
+    with pytest.raises(HandError) as caught, GuardedHand(driver) as hand:
+        hand.observe()
+        start = time.monotonic()
+        hand.act(command)
+    assert caught.value.kind == "command"
+    assert text in str(caught.value)
+    assert "The hand was stopped. The command was not sent." in str(caught.value)
+    assert driver.commands == []
+    assert driver.stopped_at is not None
+    assert driver.stopped_at - start < SLACK_S
+
+
+def test_speed_is_limited_a_period_not_a_command() -> None:
+    driver = FakeHand()
+    with pytest.raises(HandError, match=r"steps by 0\.03 rad"), GuardedHand(driver) as hand:
+        for k in range(1, 4):
+            hand.observe()
+            hand.act(HandCommand(array(0.02 * k, 0)))
+        hand.observe()
+        hand.act(HandCommand(array(0.075, 0)))
+        hand.act(HandCommand(array(0.09, 0)))
+    assert len(driver.commands) == 4
+
+
+def test_the_nearest_command_is_allowed() -> None:
+    driver = FakeHand()
+    with GuardedHand(driver) as hand:
+        hand.observe()
+        for _ in range(80):
+            hand.act(hand.nearest(array(5.0, -0.01)))
+            hand.observe()
+    np.testing.assert_allclose(driver.commands[0], [0.02, -0.01])
+    np.testing.assert_allclose(driver.commands[-1], [1.0, -0.01])
+
+
+def test_an_array_that_is_used_again_does_not_deceive_the_guard() -> None:
+    q = np.zeros(2)
+    with pytest.raises(HandError, match=r"steps by 0\.5"), GuardedHand(FakeHand()) as hand:
+        for _ in range(2):
+            hand.observe()
+            hand.act(HandCommand(q))
+        q += 0.5
+        hand.observe()
+        hand.act(HandCommand(q))
+
+
+def test_a_hand_that_nobody_calls_is_stopped() -> None:
+    driver = FakeHand()
+    with pytest.raises(HandError, match=r"no call for 0\.1 s\. The hand was stopped") as caught:  # noqa: SIM117
+        with GuardedHand(driver, GuardOptions(idle_s=0.1)) as hand:
+            hand.observe()
+            start = time.monotonic()
+            time.sleep(0.3)
+            assert driver.stopped_at is not None
+            assert driver.stopped_at - start < 0.1 + SLACK_S
+            hand.act(HandCommand(np.zeros(2)))
+    assert caught.value.kind == "idle"
+    assert driver.commands == []
+
+
+def test_order_of_calls() -> None:
+    hand = GuardedHand(FakeHand())
+    with pytest.raises(HandError, match="not connected") as caught:
+        hand.observe()
+    assert caught.value.kind == "order"
+    with hand:
+        with pytest.raises(HandError, match="observe a state before"):
+            hand.act(HandCommand(np.zeros(2)))
+        hand.observe()
+        hand.stop()
+        hand.stop()
+        hand.observe()
+        with pytest.raises(HandError, match="has been stopped") as caught:
+            hand.act(HandCommand(np.zeros(2)))
+        assert caught.value.kind == "stopped"
+    hand.close()
+    with pytest.raises(HandError, match="not connected"):
+        hand.observe()
+    with pytest.raises(HandError, match="connected once"):
+        hand.connect()
+
+
+def test_after_a_failure_every_call_says_the_same() -> None:
+    driver = FakeHand(changed(q_rad=array(0, np.nan)), after=0)
+    hand = GuardedHand(driver)
+    hand.connect()
+    with pytest.raises(HandError, match="joint finger"):
+        hand.observe()
+    for call in (hand.observe, lambda: hand.act(HandCommand(np.zeros(2)))):
+        with pytest.raises(HandError, match="joint finger") as caught:
+            call()
+        assert caught.value.kind == "state"
+    assert hand.failure is not None
+    assert driver.calls.count("observe") == 1
+    hand.close()
+
+
+def test_stop_comes_from_another_thread_while_a_call_waits() -> None:
+    driver = FakeHand(hang={"observe": 0.4}, after=0)
+    with GuardedHand(driver) as hand:
+        timer = threading.Timer(0.05, hand.stop)
+        start = time.monotonic()
+        timer.start()
+        hand.observe()
+        assert driver.stopped_at is not None
+        assert driver.stopped_at - start < 0.05 + SLACK_S
+        timer.join()
+
+
+def test_all_calls_but_stop_come_from_one_thread() -> None:
+    driver = FakeHand()
+    with GuardedHand(driver) as hand:
+        hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert len({driver.threads[c] for c in ("connect", "observe", "act", "close")}) == 1
+
+
+def test_no_thread_is_left() -> None:
+    before = threading.active_count()
+    for _ in range(5):
+        with GuardedHand(FakeHand()) as hand:
+            hand.observe()
+    time.sleep(0.05)
+    assert threading.active_count() <= before
+
+
+def test_options_are_checked() -> None:
+    with pytest.raises(InputError, match=r"GuardOptions\.timeout_s: expected a number above zero; got 0"):
+        GuardOptions(timeout_s=0)
+    with pytest.raises(InputError, match="stale_s"):
+        GuardOptions(stale_s=None)  # type: ignore[arg-type]
+    assert GuardOptions(idle_s=None).idle_s is None
+
+
+def test_a_cycle_costs_little() -> None:
+    cycles = 2000
+    costs: list[float] = []
+    for _ in range(3):
+        with GuardedHand(FakeHand(), GuardOptions(timeout_s=5.0)) as hand:
+            start = time.perf_counter()
+            for _ in range(cycles):
+                hand.act(HandCommand(hand.observe().q_desired_rad))
+            guarded = time.perf_counter() - start
+        bare = FakeHand()
+        bare.connect()
+        start = time.perf_counter()
+        for _ in range(cycles):
+            bare.act(HandCommand(bare.observe().q_desired_rad))
+        costs.append((guarded - (time.perf_counter() - start)) / cycles / 2)
+    # Below 100 us a call on a quiet machine; the bound leaves room for a busy one.
+    assert min(costs) < 400e-6
+    print(f"guard: {min(costs) * 1e6:.0f} us a call")
