@@ -5,20 +5,15 @@ Notebooks and commands run during the build, so every output on a page is that o
 """
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
 
-# Sphinx reads below its own folder only. A copy, as links do not survive every way to pass a tree on; copied only
-# where it differs, so that a second build does not run them again.
-(HERE / "notebooks").mkdir(exist_ok=True)
-for notebook in (HERE.parent / "notebooks").glob("*.ipynb"):
-    copy = HERE / "notebooks" / notebook.name
-    if not copy.exists() or copy.read_bytes() != notebook.read_bytes():
-        shutil.copyfile(notebook, copy)
+# Sphinx reads below its own folder only. The link is made here, as links do not survive every way to pass a tree on.
+if not (HERE / "notebooks").exists():
+    (HERE / "notebooks").symlink_to(Path("..") / "notebooks", target_is_directory=True)
 
 import skincal
 
