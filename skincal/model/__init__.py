@@ -4,8 +4,10 @@ from skincal.model.contact import Contacts, contact_rotations
 from skincal.model.converter import Converter
 from skincal.model.equilibrium import solve_penetration
 from skincal.model.indenters import Bound, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
+from skincal.model.law import StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch, patch_cells
+from skincal.model.pressures import Pressures
 from skincal.model.response import SkinResponse, Status
 from skincal.model.skin import Skin, SkinParameters
 from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Surface
@@ -21,6 +23,7 @@ __all__ = [
     "MeshSurface",
     "Patch",
     "Plane",
+    "Pressures",
     "RayHits",
     "SensorPose",
     "Skin",
@@ -28,6 +31,7 @@ __all__ = [
     "SkinResponse",
     "Sphere",
     "Status",
+    "StressLaw",
     "Surface",
     "TaxelLayout",
     "contact_rotations",

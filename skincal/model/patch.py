@@ -38,6 +38,7 @@ class Patch:
         layout: the taxels.
         border: (N,) True where the patch ends; a press that reaches such a point is not wholly on the patch. Left
             out, no point counts as border.
+        uv_m: (N, 2) patch coordinates [m]; None for points that no patch was cut into.
     """
 
     points_m: FloatArray
@@ -46,6 +47,7 @@ class Patch:
     taxel: IntArray
     layout: TaxelLayout
     border: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    uv_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_m", floats("patch points_m", self.points_m, (None, 3)))
@@ -67,6 +69,8 @@ class Patch:
         )
         check_shape("patch border", border, (count,))
         object.__setattr__(self, "border", frozen(border))
+        if self.uv_m is not None:
+            object.__setattr__(self, "uv_m", floats("patch uv_m", self.uv_m, (count, 2)))
 
     def __len__(self) -> int:
         return len(self.points_m)
@@ -123,6 +127,7 @@ class Patch:
             taxel[placed],
             layout,
             border[placed],
+            uv[placed],
         )
 
 

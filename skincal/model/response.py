@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -10,6 +11,7 @@ import numpy as np
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
+from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
 from skincal.model.touch import Pressing, Touch, touch
 
@@ -67,7 +69,13 @@ class SkinResponse:
         return cls(loads, fill.copy(), fill, centroid, np.zeros(count, dtype=np.int64), status)
 
 
-def respond(patch: Patch, elasticity_pa_per_m: float, indenter: Indenter, contacts: Contacts) -> SkinResponse:
+def respond(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: Indenter,
+    contacts: Contacts,
+    law: StressLaw | None = None,
+) -> SkinResponse:
     """Loads, penetration and force of every contact on a patch; what each status means is told there.
 
     Args:
@@ -75,29 +83,70 @@ def respond(patch: Patch, elasticity_pa_per_m: float, indenter: Indenter, contac
         elasticity_pa_per_m: E [Pa/m].
         indenter: what presses.
         contacts: K contacts.
+        law: how stress grows with penetration; None: in proportion.
     """
     known, presses = contacts.known, contacts.force_n > 0
     status = np.where(known, np.where(presses, _NOT_TOUCHED, _NO_FORCE), _UNKNOWN)
     response = SkinResponse.at_rest(status, patch.layout.taxels)
     pressed = np.flatnonzero(known & presses)
+    for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
+        _enter(response, rows, patch.layout.taxels + 1, elasticity_pa_per_m, found, law)
+    return response
+
+
+def touches(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: Indenter,
+    contacts: Contacts,
+    pressed: IntArray,
+    law: StressLaw | None,
+) -> Iterator[tuple[IntArray, Touch]]:
+    """What some of the contacts touch, some rows at a time.
+
+    Args:
+        patch: the tactile points.
+        elasticity_pa_per_m: E [Pa/m].
+        indenter: what presses.
+        contacts: K contacts.
+        pressed: rows of them that are known and have a force.
+        law: how stress grows with penetration; None: in proportion.
+
+    Yields:
+        Rows of the contacts, and what they touch.
+    """
     if not (len(patch) and len(pressed)):
-        return response
+        return
     # Alike forces together: the presses of a chunk share the number of tiles that they look at.
     pressed = pressed[np.argsort(contacts.force_n[pressed], kind="stable")]
     pressing = Pressing.of(contacts, pressed, indenter, elasticity_pa_per_m)
     chunk = int(min(max(_ROOM // len(patch), 1), _CHUNK))
     for k in range(0, len(pressed), chunk):
         rows = slice(k, k + chunk)
-        found = touch(patch.tiles, indenter, pressing[rows] if chunk < len(pressed) else pressing)
-        _enter(response, pressed[rows], patch.layout.taxels + 1, elasticity_pa_per_m, found)
-    return response
+        part = pressing[rows] if chunk < len(pressed) else pressing
+        yield pressed[rows], touch(patch.tiles, indenter, part, law)
 
 
-def _enter(response: SkinResponse, rows: IntArray, bins: int, elasticity: float, found: Touch) -> None:
-    """Sum up what was found for some rows; those that touch nothing stay as they are."""
+def carried_m3(found: Touch, law: StressLaw | None) -> FloatArray:
+    """What every point carries along the contact normal over E (K, M) [m³]."""
     gap, weight, depth = found.settled.gap_m, found.settled.weight_m2, found.settled.depth_m
     carried = np.maximum(depth[:, None] - gap, 0.0)
+    if law is not None:
+        carried = law.effective_m(carried)
     carried *= weight
+    return carried
+
+
+def _enter(
+    response: SkinResponse,
+    rows: IntArray,
+    bins: int,
+    elasticity: float,
+    found: Touch,
+    law: StressLaw | None,
+) -> None:
+    """Sum up what was found for some rows; those that touch nothing stay as they are."""
+    carried = carried_m3(found, law)
     touched = carried > 0
     sums = elasticity * (carried[:, None] @ found.points[..., :5])[:, 0]
     slot = found.taxel + (1 + bins * np.arange(len(rows)))[:, None]
@@ -107,7 +156,7 @@ def _enter(response: SkinResponse, rows: IntArray, bins: int, elasticity: float,
     response.loads_n[rows] = elasticity * loads.reshape(-1, bins)[:, 1:]
     response.force_n[rows] = sums[:, 3]
     response.points[rows] = touched.sum(axis=1)
-    response.penetration_m[rows] = depth
+    response.penetration_m[rows] = found.settled.depth_m
     rows, sums = rows[hit], sums[hit]
     response.centroid_m[rows] = sums[:, :3] / sums[:, 3:4]
     response.status[rows] = np.where(sums[:, 4] > 0, _AT_BORDER, _OK)

@@ -10,7 +10,9 @@ from skincal.model.arrays import FloatArray, floats, positive
 from skincal.model.contact import Contacts
 from skincal.model.converter import Converter
 from skincal.model.indenters.base import Indenter
+from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
+from skincal.model.pressures import Pressures, pressures
 from skincal.model.response import SkinResponse, respond
 
 
@@ -42,11 +44,13 @@ class Skin:
         patch: the tactile points.
         parameters: E and S.
         converter: what happens after the scale.
+        law: how stress grows with penetration; None: in proportion, which is the paper's.
     """
 
     patch: Patch
     parameters: SkinParameters
     converter: Converter = field(default_factory=Converter)
+    law: StressLaw | None = None
 
     def __post_init__(self) -> None:
         scale = np.asarray(self.parameters.scale_per_n)
@@ -66,7 +70,7 @@ class Skin:
             indenter: what presses.
             contacts: K contacts.
         """
-        return respond(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts)
+        return respond(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
 
     def loads(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
         """Loads on the taxels (K, J) [N], before the scale.
@@ -74,6 +78,15 @@ class Skin:
         The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4).
         """
         return self.respond(indenter, contacts).loads_n
+
+    def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
+        """Where each contact presses how hard, tactile point by tactile point: the terms of the sums of :meth:`loads`.
+
+        Args:
+            indenter: what presses.
+            contacts: K contacts.
+        """
+        return pressures(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
 
     def values(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
         """Taxel values T_j (K, J) = S_j times the load [counts], neither rounded nor clipped."""

@@ -22,6 +22,7 @@ class Tiles:
         points: (B, M, 8) position [m], a one, 1 where the patch ends and 0 elsewhere, and normal times area [m²]:
             all that is needed of a point side by side, so that it is fetched once and moved with one product.
         taxel: (B, M) flat taxel index, -1 for none.
+        index: (B, M) index of the point in the patch.
         centres_m: (3, B) centres of the balls [m].
         radii_m: (B,) radii of the balls [m].
         facing_m2: (B, 3) sum of the points' normals times areas [m²].
@@ -29,6 +30,7 @@ class Tiles:
 
     points: FloatArray
     taxel: IntArray
+    index: IntArray
     centres_m: FloatArray
     radii_m: FloatArray
     facing_m2: FloatArray
@@ -56,6 +58,7 @@ class Tiles:
         values = (
             points,
             taxel[index],
+            index,
             centres.T.copy(),
             radii,
             points[..., 5:].sum(axis=1),

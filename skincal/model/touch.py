@@ -11,6 +11,7 @@ from skincal.model.contact import Contacts
 from skincal.model.equilibrium import Settled, settle
 from skincal.model.indenters.base import Indenter
 from skincal.model.indenters.bound import Bound
+from skincal.model.law import StressLaw, settle_under
 from skincal.model.tiles import Tiles
 
 _COARSE = 64
@@ -27,12 +28,14 @@ class Touch:
 
     Attributes:
         points: (K, M, 8) see :class:`Tiles`; some stand twice, the second time without weight.
+        tile: (K, T) the tiles that they are from.
         taxel: (K, M) flat taxel index, -1 for none.
         facing: (K, M) max(-n_s,i . n_c, 0).
         settled: the equilibrium: delta, eps_max, d_i - delta and a_i max(n_t,i . n_c, 0).
     """
 
     points: FloatArray
+    tile: IntArray
     taxel: IntArray
     facing: FloatArray
     settled: Settled
@@ -92,7 +95,7 @@ class Pressing:
         )
 
 
-def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing) -> Touch:
+def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing, law: StressLaw | None = None) -> Touch:
     """Find all points that contacts penetrate, and how deep.
 
     Only what the indenter can reach before a guessed limit is looked at. Points left out can only have carried
@@ -104,6 +107,7 @@ def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing) -> Touch:
         tiles: the points of the patch.
         indenter: what presses.
         pressing: K contacts.
+        law: how stress grows with penetration; None: in proportion.
     """
     place = pressing.tip_bound.place(tiles.centres_m)
     begins = pressing.tip_bound.distance(place, tiles.radii_m)
@@ -114,7 +118,7 @@ def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing) -> Touch:
     limit = _guess(tiles, pressing, soonest, centre)
     while True:
         width = max(1, int((begins <= limit[:, None]).sum(axis=1).max()))
-        found = _look(tiles, indenter, pressing, order[:, :width], limit)
+        found = _look(tiles, indenter, pressing, order[:, :width], limit, law)
         level = found.settled.first_m + found.settled.depth_m
         low = level > limit
         if not low.any():
@@ -149,6 +153,7 @@ def _look(
     pressing: Pressing,
     tile: IntArray,
     limit_m: FloatArray,
+    law: StressLaw | None,
 ) -> Touch:
     """Cast the points of tiles (K, T) nearer than limits (K,), and find the level at which they carry the force."""
     points = tiles.points.take(tile, axis=0).reshape(len(tile), -1, 8)
@@ -156,4 +161,7 @@ def _look(
     weight = np.maximum(moved[..., 3], 0.0)
     distance, facing = indenter.heights(moved[..., :3], pressing.directions, pressing.bound, limit_m)
     taxel = tiles.taxel.take(tile, axis=0).reshape(len(tile), -1)
-    return Touch(points, taxel, facing, settle(distance, weight, pressing.load_m3))
+    settled = settle(distance, weight, pressing.load_m3)
+    if law is not None:
+        settled = settle_under(law, settled, pressing.load_m3)
+    return Touch(points, tile, taxel, facing, settled)
