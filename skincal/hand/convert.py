@@ -1,0 +1,99 @@
+"""Text of a command line, read as an annotation says."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, Union, cast, get_args, get_origin
+
+TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+
+
+def converted(value: Any, kind: Any) -> Any:
+    """A value of this type; what is no text is taken as it is.
+
+    Text is read as ``int``, ``float``, ``bool``, ``str``, ``Path`` or one of a ``Literal``; ``tuple[T, ...]`` and
+    ``Sequence[T]`` as ``A,B,C``, ``Mapping[str, T]`` as ``NAME=A,NAME=B``, and ``T | None`` as T, or ``none``.
+
+    Raises:
+        ValueError: it cannot be read; the text says what was expected.
+    """
+    if not isinstance(value, str) or kind is str or kind is Any:
+        return value
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return _one_of(value, arguments)
+    if origin is Literal:
+        if value not in arguments:
+            raise ValueError(f"one of {', '.join(map(str, arguments))}")
+        return value
+    if _is_mapping(kind):
+        return _mapping(value, (arguments or (str, str))[1])
+    if _is_sequence(kind):
+        inner = arguments[0] if arguments else str
+        return tuple(converted(part.strip(), inner) for part in value.split(",") if part.strip())
+    return _plain(value, kind)
+
+
+def type_text(kind: Any) -> str:
+    """An annotation as a person reads it."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return " or ".join(type_text(a) for a in arguments)
+    if origin is Literal:
+        return " or ".join(map(str, arguments))
+    if _is_mapping(kind):
+        return f"NAME={type_text((arguments or (str, str))[1])},..."
+    if _is_sequence(kind):
+        return f"{type_text(arguments[0] if arguments else str)},..."
+    plain = {int: "whole number", float: "number", bool: "true or false", str: "text", Path: "path"}
+    return {**plain, type(None): "none"}.get(kind, getattr(kind, "__name__", str(kind)))
+
+
+def _one_of(value: str, kinds: Sequence[Any]) -> Any:
+    if type(None) in kinds and value.lower() == "none":
+        return None
+    expected: list[str] = []
+    # Text can be read as text in any case: other readings go first.
+    for kind in sorted((k for k in kinds if k is not type(None)), key=lambda k: k in (str, Path)):
+        try:
+            return converted(value, kind)
+        except ValueError as error:
+            expected.append(str(error))
+    raise ValueError(" or ".join(expected))
+
+
+def _plain(value: str, kind: Any) -> Any:
+    if kind is bool:
+        if value.lower() not in TRUE + FALSE:
+            raise ValueError("true or false")
+        return value.lower() in TRUE
+    if kind in (int, float):
+        try:
+            return kind(value)
+        except ValueError:
+            raise ValueError("a whole number" if kind is int else "a number") from None
+    if kind is Path:
+        return Path(value).expanduser()
+    raise ValueError(f"a {type_text(kind)}, which cannot be given as text")
+
+
+def _mapping(value: str, kind: Any) -> Mapping[str, Any]:
+    read: dict[str, Any] = {}
+    for part in filter(None, (text.strip() for text in value.split(","))):
+        name, equals, text = part.partition("=")
+        if not equals:
+            raise ValueError("NAME=VALUE,...")
+        read[name.strip()] = converted(text.strip(), kind)
+    return read
+
+
+def _is_mapping(kind: Any) -> bool:
+    base = get_origin(kind) or kind
+    return isinstance(base, type) and issubclass(cast(type, base), Mapping)
+
+
+def _is_sequence(kind: Any) -> bool:
+    base = get_origin(kind) or kind
+    return isinstance(base, type) and issubclass(cast(type, base), Sequence) and base is not str

@@ -1,0 +1,189 @@
+"""Where drivers are found: entry points of the group ``skincal.drivers``, or ``module:Class``.
+
+A lab's own package names its driver in its ``pyproject.toml``, and skincal finds it there::
+
+    [project.entry-points."skincal.drivers"]
+    my-hand = "my_package.my_hand:MyHand"
+
+The keyword parameters of the driver's class are its options. Their annotations say how the text of a command line is
+read, and what ``Annotated`` adds to them is their help.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
+
+from skincal.errors import InputError, Problem, SkincalError, WorkError
+from skincal.hand.convert import converted, type_text
+from skincal.hand.driver import HandDriver
+
+GROUP = "skincal.drivers"
+"""Name of the entry point group."""
+
+
+@dataclass(frozen=True)
+class DriverOption:
+    """One option of a driver.
+
+    Attributes:
+        name: its name.
+        kind: its annotation.
+        default: its default; ``inspect.Parameter.empty``: it must be given.
+        text: what it means; empty where its class does not say.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    text: str = ""
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is inspect.Parameter.empty
+
+
+def driver_names() -> tuple[str, ...]:
+    """Names of all drivers that are installed, in alphabetical order."""
+    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+
+
+def driver_class(name: str) -> Callable[..., HandDriver]:
+    """The class of a driver, or the function that makes one.
+
+    Args:
+        name: a registered name, or ``module:Class``.
+
+    Raises:
+        InputError: there is none of that name, or two.
+        WorkError: it cannot be imported.
+    """
+    found = [EntryPoint(name, name, GROUP)] if ":" in name else list(entry_points(group=GROUP, name=name))
+    if not found:
+        choices = ", ".join(driver_names()) or "none is installed"
+        fix = f"An entry point of the group {GROUP} makes a driver known."
+        raise InputError([Problem("driver", f"module:Class or one of: {choices}", f'"{name}"', fix)])
+    values = {point.value for point in found}
+    if len(values) > 1:
+        fix = "Name the one that is meant as module:Class, or uninstall the other."
+        raise InputError([Problem(f'driver "{name}"', "one entry point", " and ".join(sorted(values)), fix)])
+    return _loaded(name, found[0])
+
+
+def driver_options(name: str) -> tuple[DriverOption, ...]:
+    """The options of a driver, in the order of its class."""
+    return _options(driver_class(name))
+
+
+def create_driver(name: str, /, **options: Any) -> HandDriver:
+    """Makes a driver; it is not connected yet.
+
+    Args:
+        name: a registered name, or ``module:Class``.
+        options: the driver's options. Text is read as the option's annotation says, anything else taken as it is.
+
+    Raises:
+        InputError: a name or an option that is not known, an option that is missing, or a value that cannot be read.
+        WorkError: the driver cannot be imported or made.
+    """
+    made = driver_class(name)
+    known = {option.name: option for option in _options(made)}
+    problems = [_unknown(name, key, known) for key in options if key not in known]
+    problems += [
+        Problem(f'driver "{name}"', f"the option {key} ({type_text(option.kind)})", "nothing", _usage(key))
+        for key, option in known.items()
+        if option.required and key not in options
+    ]
+    values: dict[str, Any] = {}
+    for key, value in options.items():
+        try:
+            if key in known:
+                values[key] = converted(value, known[key].kind)
+        except ValueError as error:
+            place = f'driver "{name}", option {key}'
+            problems.append(Problem(place, str(error), repr(value)))
+    if problems:
+        raise InputError(problems)
+    try:
+        driver = made(**values)
+    except SkincalError:
+        raise
+    except Exception as error:
+        raise WorkError(f'driver "{name}" cannot be made: {type(error).__name__}: {error}') from error
+    if not isinstance(driver, HandDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
+        expected = "a subclass of skincal.hand.HandDriver"
+        raise InputError([Problem(f'driver "{name}"', expected, type(driver).__name__)])
+    return driver
+
+
+def parse_options(texts: list[str]) -> dict[str, str]:
+    """Options from a command line, each ``KEY=VALUE``; a dash in a key is an underscore.
+
+    Raises:
+        InputError: a text without ``=``, or a key that is given twice.
+    """
+    options: dict[str, str] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        key = key.strip().replace("-", "_")
+        if not equals or not key:
+            raise InputError([Problem("--driver-option", "KEY=VALUE", f'"{text}"')])
+        if key in options:
+            raise InputError([Problem("--driver-option", "each key once", f"{key} twice")])
+        options[key] = value
+    return options
+
+
+def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver]:
+    module, _, attribute = point.value.partition(":")
+    try:
+        value: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            value = getattr(value, part)
+    except SkincalError:
+        raise
+    except ModuleNotFoundError as error:
+        if error.name is not None and (module == error.name or module.startswith(f"{error.name}.")):
+            fix = "Run from the folder that holds it, or install its package."
+            raise InputError([Problem(f'driver "{name}"', f"a module {module}", "none", fix)]) from error
+        raise WorkError(f'driver "{name}" needs the package {error.name}, which is not installed') from error
+    except AttributeError as error:
+        raise InputError([Problem(f'driver "{name}"', f"{attribute} in {module}", str(error))]) from error
+    except Exception as error:
+        raise WorkError(f'driver "{name}" cannot be imported: {type(error).__name__}: {error}') from error
+    if not callable(value):
+        raise InputError([Problem(f'driver "{name}"', "a class", type(value).__name__)])
+    return cast(Callable[..., HandDriver], value)
+
+
+def _options(made: Callable[..., HandDriver]) -> tuple[DriverOption, ...]:
+    hints: Mapping[str, Any] = get_type_hints(
+        made.__init__ if inspect.isclass(made) else made, include_extras=True
+    )
+    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    options: list[DriverOption] = []
+    for parameter in inspect.signature(made).parameters.values():
+        if parameter.kind not in named:
+            continue
+        kind, text = hints.get(parameter.name, str), ""
+        if get_origin(kind) is Annotated:
+            kind, *notes = get_args(kind)
+            text = next((note for note in notes if isinstance(note, str)), "")
+        options.append(DriverOption(parameter.name, kind, parameter.default, text))
+    return tuple(options)
+
+
+def _unknown(name: str, key: str, known: Mapping[str, DriverOption]) -> Problem:
+    choices = (
+        ", ".join(f"{o.name} ({type_text(o.kind)})" for o in known.values()) or "none; it has no options"
+    )
+    return Problem(f'driver "{name}"', f"an option of: {choices}", f'"{key}"')
+
+
+def _usage(key: str) -> str:
+    return f"Add --driver-option {key}=VALUE."
