@@ -1,1 +1,30 @@
 """What a hand is: its description, kinematics, and the contact that its joints tell of."""
+
+from skincal.robot.bundled import DEFAULT_HAND, bundled_hand
+from skincal.robot.contact import JointContact, contact_from_joints
+from skincal.robot.description import (
+    FingerDescription,
+    HandDescription,
+    ImpedanceGains,
+    JointLimits,
+)
+from skincal.robot.hand_file import FORMAT, read_hand
+from skincal.robot.inverse import place_indenter
+from skincal.robot.kinematics import Chain, Kinematics, TipFrames
+
+__all__ = [
+    "DEFAULT_HAND",
+    "FORMAT",
+    "Chain",
+    "FingerDescription",
+    "HandDescription",
+    "ImpedanceGains",
+    "JointContact",
+    "JointLimits",
+    "Kinematics",
+    "TipFrames",
+    "bundled_hand",
+    "contact_from_joints",
+    "place_indenter",
+    "read_hand",
+]

@@ -78,6 +78,8 @@ class HandDescription:
         max_force_n: contact force that must never be passed [N].
         meta: what a dataset of this hand says of sensor, surface, indenter, mount, position and clock.
         digest: SHA-256 of ``hand.toml`` and the URDF, so that a session is resumed with the hand that it began with.
+        compliance_rad_per_nm: give of the drives between where angles are measured and the links (n,) [rad/(N m)]: a
+            link lags behind its measured angle by this times the torque. None: angles are measured on the links.
     """
 
     name: str
@@ -91,3 +93,4 @@ class HandDescription:
     max_force_n: float
     meta: DatasetMeta
     digest: str
+    compliance_rad_per_nm: FloatArray | None = None

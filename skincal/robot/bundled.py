@@ -1,0 +1,25 @@
+"""The hands that come with skincal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from skincal.errors import InputError, Problem
+from skincal.robot.description import HandDescription
+from skincal.robot.hand_file import read_hand
+
+DEFAULT_HAND = "dlr_hand_2"
+"""Thumb and forefinger after the DLR-Hand II."""
+
+
+def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
+    """The description of a hand that comes with skincal.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    folder = Path(__file__).parent / "hands"
+    known = sorted(path.parent.name for path in folder.glob("*/hand.toml"))
+    if name not in known:
+        raise InputError([Problem("hand", f"one of {', '.join(known)}", f'"{name}"')])
+    return read_hand(folder / name)

@@ -1,0 +1,132 @@
+"""The contact that the joints tell of: where the indenter touches, how hard, and how far away it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.errors import WorkError
+from skincal.robot.kinematics import Kinematics
+
+FloatArray = NDArray[np.float64]
+
+_SINGULAR = 1e-6
+"""Smallest eigenvalue of the normal equations for the force, over the largest, that can be solved."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointContact:
+    """K contacts, from joint angles and torques; positions and vectors in the fingertip frame.
+
+    Attributes:
+        points_m: (K, 3) the point of the surface nearest to the indenter [m].
+        normals: (K, 3) unit normals there, out of the fingertip and into the indenter.
+        force_n: (K,) normal force [N], positive when pressing.
+        shear_u_n: (K,) force on the skin towards growing beta (on a plane +x) [N].
+        shear_v_n: (K,) force on the skin along +y [N].
+        gap_m: (K,) distance of sphere and surface at rest [m]; negative where the sphere goes in.
+        centres_m: (K, 3) the sphere's centre [m].
+    """
+
+    points_m: FloatArray
+    normals: FloatArray
+    force_n: FloatArray
+    shear_u_n: FloatArray
+    shear_v_n: FloatArray
+    gap_m: FloatArray
+    centres_m: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.force_n)
+
+
+def contact_from_joints(
+    kinematics: Kinematics, q_rad: ArrayLike, tau_nm: ArrayLike, *, indenter_radius_m: float | None = None
+) -> JointContact:
+    """Contacts of the indenter with the skin (Kasolowsky & Baeuml, IROS 2024, section III-A).
+
+    At rest, and with gravity off or compensated, the force F of the indenter on the skin is what the drives hold:
+    tau = J^T F for the finger with the indenter, tau = -J^T F for the finger with the skin, J the Jacobians of the
+    contact point. Six torques for three components: the least squares solution is taken, which for one finger alone
+    is J^-T tau. While the fingers accelerate, the force is off by their inertia.
+
+    Args:
+        kinematics: the hand.
+        q_rad: measured joint angles (K, n) or (n,) [rad].
+        tau_nm: measured joint torques, of the same shape [N m].
+        indenter_radius_m: radius of the indenter where it is not that of the description [m].
+
+    Returns:
+        K contacts. A NaN in a row of the angles gives a row of NaN; one in the torques a force of NaN.
+
+    Raises:
+        ValueError: shapes that do not fit the hand.
+        WorkError: joint angles for which a force does not show in the torques.
+    """
+    tau = kinematics.angles(tau_nm)
+    q = kinematics.link_angles(q_rad, np.where(np.isfinite(tau), tau, 0.0))
+    skin, indenter = kinematics.skin.frames(q), kinematics.indenter.frames(q)
+    centres = skin.to_tip(indenter.origins_m)
+    radius = kinematics.description.meta.indenter.radius_m if indenter_radius_m is None else indenter_radius_m
+    assert radius is not None
+    points, normals, height = nearest_on_surface(kinematics.description.meta.surface.radius_m, centres)
+    at = skin.to_root(points)
+    push, hold = kinematics.indenter.jacobian(indenter, at), kinematics.skin.jacobian(skin, at)
+    torques = (tau[:, kinematics.indenter.columns], tau[:, kinematics.skin.columns])
+    force = (_force(push, hold, *torques)[:, None] @ skin.rotations)[:, 0]
+    across = np.stack([normals[:, 2], np.zeros(len(q)), -normals[:, 0]], axis=1)
+    return JointContact(
+        points_m=points,
+        normals=normals,
+        force_n=-(force * normals).sum(axis=1),
+        shear_u_n=(force * across).sum(axis=1),
+        shear_v_n=force[:, 1],
+        gap_m=height - radius,
+        centres_m=centres,
+    )
+
+
+def nearest_on_surface(
+    cylinder_radius_m: float | None, points_m: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The nearest points of a cylinder about y, or of the plane z = 0.
+
+    Args:
+        cylinder_radius_m: radius [m]; None: the plane.
+        points_m: (K, 3) points [m].
+
+    Returns:
+        Nearest points (K, 3) [m], outward unit normals (K, 3), and heights above the surface (K,) [m]. A point on the
+        axis counts as lying at beta = 0.
+    """
+    normals = np.zeros_like(points_m)
+    if cylinder_radius_m is None:
+        normals[:, 2] = 1.0
+        height = points_m[:, 2]
+    else:
+        distance = np.hypot(points_m[:, 0], points_m[:, 2])
+        on_axis = distance == 0
+        normals[:, 0] = points_m[:, 0] / np.where(on_axis, 1.0, distance)
+        normals[:, 2] = np.where(on_axis, 1.0, points_m[:, 2] / np.where(on_axis, 1.0, distance))
+        height = distance - cylinder_radius_m
+    return points_m - height[:, None] * normals, normals, height
+
+
+def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: FloatArray) -> FloatArray:
+    """The force on the skin (K, 3) [N], root frame: least squares of both fingers' torques."""
+    square = push @ np.swapaxes(push, 1, 2) + hold @ np.swapaxes(hold, 1, 2)
+    right = (push @ tau_push[..., None] - hold @ tau_hold[..., None])[..., 0]
+    known = np.asarray(np.isfinite(square).all(axis=(1, 2)))
+    if not known.all():
+        square = np.where(known[:, None, None], square, np.eye(3))
+        right = np.where(known[:, None], right, np.nan)
+    # Of a positive matrix, determinant over trace cubed bounds the spread of its eigenvalues.
+    spread = np.linalg.det(square) / np.trace(square, axis1=1, axis2=2) ** 3
+    if np.any(spread < _SINGULAR):
+        raise WorkError(
+            "contact force: expected fingers whose joints can push in all directions; got a stretched or folded "
+            "posture in which a force does not show in the torques. Choose another pose of the fingers."
+        )
+    return np.asarray(np.linalg.solve(square, right[..., None])[..., 0], dtype=np.float64)

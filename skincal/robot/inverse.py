@@ -1,0 +1,77 @@
+"""Inverse kinematics of the indenter: joint angles that put the sphere where it is wanted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.errors import WorkError
+from skincal.robot.kinematics import Kinematics
+
+FloatArray = NDArray[np.float64]
+
+TOLERANCE_M = 1e-7
+"""How near to its target the centre has to be [m]."""
+_ROUNDS = 100
+_DAMPING = 1e-4
+"""Added to the eigenvalues of J J^T, over their mean: near a singular posture steps stay short."""
+_LONGEST_RAD = 0.2
+"""Largest change of a joint in a round [rad]."""
+
+
+def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike) -> FloatArray:
+    """Joint angles at which the sphere's centre lies at a point of the fingertip frame.
+
+    Damped Newton steps, clipped to the joint limits. The finger with the skin stays where it is.
+
+    Args:
+        kinematics: the hand.
+        centre_m: (3,) where the centre shall be, fingertip frame [m].
+        q_rad: (n,) angles of the links to start from [rad]; those of the skin's finger are kept.
+
+    Returns:
+        (n,) angles of the links [rad].
+
+    Raises:
+        WorkError: the point is out of reach within the joint limits.
+    """
+    limits = kinematics.description.limits
+    target = np.asarray(centre_m, dtype=np.float64).reshape(3)
+    q = np.array(q_rad, dtype=np.float64).reshape(-1)
+    columns = kinematics.indenter.columns
+    low, high = limits.lower_rad[columns], limits.upper_rad[columns]
+    goal = kinematics.skin_frames(q).to_root(target[None])
+    best = np.inf
+    for _ in range(_ROUNDS):
+        frames = kinematics.indenter_frames(q)
+        error = (goal - frames.origins_m)[0]
+        best = min(best, float(np.linalg.norm(error)))
+        if best <= TOLERANCE_M:
+            return q
+        jacobian = kinematics.indenter.jacobian(frames, frames.origins_m)[0]
+        q[columns] = np.clip(q[columns] + _step(jacobian, error, q[columns], low, high), low, high)
+    place = ", ".join(f"{1e3 * v:.1f}" for v in target)
+    raise WorkError(
+        f"inverse kinematics: expected a point that {kinematics.description.indenter_finger.name} can reach; got "
+        f"({place}) mm in the fingertip frame, which it misses by {1e3 * best:.2f} mm within its joint limits. "
+        "Choose another pose of the finger with the skin."
+    )
+
+
+def _step(
+    jacobian: FloatArray, error: FloatArray, q: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """A damped step (J,) towards an error (3,); joints that would leave their limits take no part."""
+    step = _damped(jacobian, error)
+    held = ((q <= low) & (step < 0)) | ((q >= high) & (step > 0))
+    if held.any() and not held.all():
+        step = _damped(jacobian * ~held, error)
+    return step * min(1.0, _LONGEST_RAD / max(float(np.abs(step).max()), 1e-12))
+
+
+def _damped(jacobian: FloatArray, error: FloatArray) -> FloatArray:
+    square = jacobian @ jacobian.T
+    # The damping fades with the error, so that the last rounds are Newton's own.
+    fade = min(1.0, float(np.linalg.norm(error)) / 1e-3)
+    damping = _DAMPING * (fade + 1e-6) * float(np.trace(square)) / 3
+    return jacobian.T @ np.linalg.solve(square + damping * np.eye(3), error)

@@ -1,0 +1,184 @@
+"""The kinematic part of a URDF: fixed steps and joints from the root to a link."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.findings import Findings, did_you_mean
+
+FloatArray = NDArray[np.float64]
+
+MOVING = ("revolute", "continuous", "prismatic")
+"""Kinds of joints that can be driven."""
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint of a URDF.
+
+    Attributes:
+        name: its name.
+        kind: revolute, continuous, prismatic or fixed.
+        parent: the link that it hangs on.
+        child: the link that it moves.
+        rotation: (3, 3) from the joint's frame to the parent's, at angle 0.
+        origin_m: (3,) where it sits in the parent's frame [m].
+        axis: (3,) unit axis in its own frame.
+        lower_rad: smallest angle [rad]; -inf where it has none.
+        upper_rad: largest angle [rad]; inf where it has none.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    rotation: FloatArray
+    origin_m: FloatArray
+    axis: FloatArray
+    lower_rad: float
+    upper_rad: float
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """The tree of a URDF.
+
+    Attributes:
+        root: the link without a parent; positions are given in its frame.
+        links: names of all links.
+        joints: the joint above each link but the root, by the link's name.
+    """
+
+    root: str
+    links: tuple[str, ...]
+    joints: dict[str, UrdfJoint]
+
+    def chain(self, link: str) -> tuple[UrdfJoint, ...]:
+        """The joints from the root to a link, fixed ones too."""
+        found: list[UrdfJoint] = []
+        while link != self.root:
+            found.append(self.joints[link])
+            link = self.joints[link].parent
+        return tuple(reversed(found))
+
+
+def read_urdf(path: Path, findings: Findings) -> Urdf | None:
+    """Reads the tree of a URDF.
+
+    Args:
+        path: the file.
+        findings: where errors go.
+
+    Returns:
+        The tree; None, and errors, where there is none.
+    """
+    try:
+        robot = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        findings.error(str(path), "the URDF that the hand's description names", "no such file")
+        return None
+    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as error:
+        findings.error(path.name, "a URDF (XML)", str(error))
+        return None
+    before = len(findings.errors)
+    links = tuple(link.get("name", "") for link in robot.findall("link"))
+    joints: dict[str, UrdfJoint] = {}
+    for element in robot.findall("joint"):
+        joint = _joint(element, path.name, findings)
+        if joint is None:
+            continue
+        if joint.child in joints:
+            findings.error(f"{path.name}, link {joint.child}", "one joint above it", "two")
+        joints[joint.child] = joint
+    root = _root(path.name, links, joints, findings)
+    return Urdf(root, links, joints) if len(findings.errors) == before else None
+
+
+def _root(file: str, links: tuple[str, ...], joints: dict[str, UrdfJoint], findings: Findings) -> str:
+    """The link without a parent, checked that all others hang on it."""
+    for joint in joints.values():
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                close = did_you_mean(link, links)
+                fix = f'Did you mean "{close}"?' if close else ""
+                findings.error(f"{file}, joint {joint.name}", "links of the file", f'"{link}"', fix)
+    roots = [link for link in links if link not in joints]
+    if len(roots) != 1:
+        findings.error(file, "one link without a parent", ", ".join(roots) or "none")
+        return ""
+    return roots[0]
+
+
+def _joint(element: ElementTree.Element, file: str, findings: Findings) -> UrdfJoint | None:
+    name, kind = element.get("name", ""), element.get("type", "")
+    place = f"{file}, joint {name}"
+    if kind not in (*MOVING, "fixed"):
+        findings.error(place, f"one of {', '.join((*MOVING, 'fixed'))}", kind or "nothing")
+        return None
+    if element.find("mimic") is not None:
+        findings.error(
+            place, "joints that move by themselves", "<mimic>", "Describe a coupled pair as one joint."
+        )
+        return None
+    origin, axis, limit = element.find("origin"), element.find("axis"), element.find("limit")
+    parent, child = element.find("parent"), element.find("child")
+    try:
+        xyz = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
+        rpy = _numbers(origin, "rpy", (0.0, 0.0, 0.0))
+        direction = _numbers(axis, "xyz", (1.0, 0.0, 0.0))
+        lower = _limit(limit, "lower", -math.inf, kind)
+        upper = _limit(limit, "upper", math.inf, kind)
+    except ValueError as error:
+        findings.error(place, "three numbers in xyz and rpy, one in a limit", str(error))
+        return None
+    length = float(np.linalg.norm(direction))
+    if parent is None or child is None or (kind != "fixed" and not length > 0):
+        findings.error(place, "a parent, a child and an axis", "one of them is missing or zero")
+        return None
+    return UrdfJoint(
+        name=name,
+        kind=kind,
+        parent=parent.get("link", ""),
+        child=child.get("link", ""),
+        rotation=rotation_of(*rpy),
+        origin_m=np.array(xyz),
+        axis=np.array(direction) / (length or 1.0),
+        lower_rad=lower,
+        upper_rad=upper,
+    )
+
+
+def _limit(limit: ElementTree.Element | None, key: str, missing: float, kind: str) -> float:
+    if limit is None or kind == "continuous" or limit.get(key) is None:
+        return missing
+    return float(limit.get(key, ""))
+
+
+def _numbers(
+    element: ElementTree.Element | None, key: str, default: tuple[float, float, float]
+) -> tuple[float, ...]:
+    text = None if element is None else element.get(key)
+    if text is None:
+        return default
+    values = tuple(float(word) for word in text.split())
+    if len(values) != 3 or not all(math.isfinite(v) for v in values):
+        raise ValueError(f'{key}="{text}"')
+    return values
+
+
+def rotation_of(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """The rotation matrix (3, 3) of a URDF's rpy [rad]: about x, then y, then z of the parent's frame."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

@@ -1,0 +1,1 @@
+"""One PyBullet client: the fingers, their controller, contact and a reference skin."""
