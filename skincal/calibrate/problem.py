@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
-from skincal.dataset import IDLE, Dataset, active_taxels
+from skincal.dataset import Dataset, active_taxels, idle_means
 from skincal.errors import InputError, Problem, WorkError
 from skincal.fit.general_contacts import MARGIN_M, ContactMap
 from skincal.fit.observe import Readout
@@ -18,9 +18,6 @@ from skincal.model import Cylinder, FlatPunch, Indenter, MeshSurface, Surface, T
 from skincal.units import rad
 
 Floats = NDArray[np.float64]
-
-FEWEST_IDLE = 20
-"""Idle frames that are needed to take the level at rest from them."""
 
 
 def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -> FitProblem:
@@ -48,7 +45,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.force_n,
         presses.counts,
         kinds,
-        _idle_means(dataset),
+        idle_means(dataset),
         active_taxels(dataset, options.active_counts).sum(axis=1),
     )
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
@@ -99,21 +96,6 @@ def _refuse_uniform(indenters: tuple[Indenter, ...], layout: TaxelLayout) -> Non
             "patch (a sphere of about one pitch in radius) at several places. Per-taxel gains and everything that "
             "changes over time can still be seen in these data: `skincal dataset show`"
         )
-
-
-def _idle_means(dataset: Dataset) -> Floats | None:
-    """Mean counts of untouched taxels (J,) from idle frames; None where there are too few."""
-    frames = dataset.frames
-    if frames is None:
-        return None
-    idle = frames.phase == IDLE
-    if idle.sum() < FEWEST_IDLE:
-        return None
-    counts = frames.counts[idle]
-    alive = np.isfinite(counts).any(axis=0)
-    means = np.full(counts.shape[1], np.nan)
-    means[alive] = np.nanmean(counts[:, alive], axis=0)
-    return means
 
 
 def unroll(arc_radius_m: float | None, points_m: Floats) -> tuple[Floats, Floats]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -19,14 +17,12 @@ from skincal.cli.common import (
     SeedOption,
     example,
     print_json,
-    progress,
     say,
+    stage_bars,
     warn,
 )
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
-
     from skincal.calibrate import Method, Outcome, Way
     from skincal.fit.options import FitOptions, GridSteps
 
@@ -127,7 +123,7 @@ def fit(
         elasticity_pa_per_m=_scaled(elasticity_range, 1e6),
     )
     checkpoint = out.parent / f".{out.name}.fit"
-    with _bars() as told:
+    with stage_bars() as told:
         outcome = calibrate(
             data,
             options=options,
@@ -213,20 +209,6 @@ def _bound(text: str) -> float | None:
 
 def _scaled(pair: Pair | None, factor: float) -> Pair | None:
     return None if pair is None else (pair[0] * factor, pair[1] * factor)
-
-
-@contextmanager
-def _bars() -> Generator[Callable[[str, int, int], None]]:
-    """Progress bars, one a stage, as a function that is told how far a stage is."""
-    with progress() as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def told(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield told
 
 
 def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:

@@ -3,7 +3,7 @@
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.hashing import dataset_hash
 from skincal.dataset.reading import Check, check_dataset, read_dataset
-from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, rest_levels
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, idle_means, rest_levels
 from skincal.dataset.spec import (
     FORMAT,
     ClockSpec,
@@ -40,6 +40,7 @@ __all__ = [
     "active_taxels",
     "check_dataset",
     "dataset_hash",
+    "idle_means",
     "read_dataset",
     "rest_levels",
     "write_dataset",

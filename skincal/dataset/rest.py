@@ -11,7 +11,7 @@ from skincal.dataset.tables import IDLE
 ACTIVE_COUNTS = 5.0
 """How far above its level at rest a taxel must be to count as active [counts]."""
 
-FEWEST_IDLE = 10
+FEWEST_IDLE = 20
 """Idle frames that are needed to take the level at rest from them."""
 
 
@@ -29,16 +29,41 @@ def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
     """
     if dataset.meta.sensor.baseline == "subtracted":
         return np.zeros(dataset.meta.sensor.taxels)
-    frames = dataset.frames
-    if frames is None or np.sum(frames.phase == IDLE) < FEWEST_IDLE:
+    counts = _idle_counts(dataset)
+    if counts is None:
         from skincal.model.rest import rest_from_presses
 
         return rest_from_presses(dataset.presses.counts)[0]
-    counts = frames.counts[frames.phase == IDLE]
     levels = np.full(counts.shape[1], np.nan)
     alive = np.isfinite(counts).any(axis=0)
     levels[alive] = np.nanmedian(counts[:, alive], axis=0)
     return levels
+
+
+def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
+    """Mean counts of untouched taxels, which clipping lifts above their level at rest where there is noise.
+
+    Args:
+        dataset: the data.
+
+    Returns:
+        Means [counts], shape (J,), NaN for a taxel that is dead throughout; None where there are too few idle frames.
+    """
+    counts = _idle_counts(dataset)
+    if counts is None:
+        return None
+    means = np.full(counts.shape[1], np.nan)
+    alive = np.isfinite(counts).any(axis=0)
+    means[alive] = np.nanmean(counts[:, alive], axis=0)
+    return means
+
+
+def _idle_counts(dataset: Dataset) -> NDArray[np.float64] | None:
+    """Counts of the idle frames (N, J); None where there are too few."""
+    frames = dataset.frames
+    if frames is None or np.sum(idle := frames.phase == IDLE) < FEWEST_IDLE:
+        return None
+    return frames.counts[idle]
 
 
 def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> NDArray[np.bool_]:

@@ -8,20 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.fit.findings import find
-from skincal.fit.gains import taxel_gains
+from skincal.fit.conclude import Evidence, conclude
 from skincal.fit.general_table import SkinTable
 from skincal.fit.general_tabling import joined, reach_of, run_table, table_tasks
 from skincal.fit.grid import GridSlab, MacroGrid, span
 from skincal.fit.law import LawSpread, weigh_laws
 from skincal.fit.micro import MicroSettings
 from skincal.fit.options import GENERAL_STEPS, FitOptions, GridSteps, SearchBox
-from skincal.fit.posterior import Bounds, Draws, Peak, sample, starting_nuisance
-from skincal.fit.presses import settle
+from skincal.fit.posterior import Bounds, Draws, Peak, sample
 from skincal.fit.problem import FitProblem
-from skincal.fit.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
+from skincal.fit.result import FitResult
 from skincal.fit.robust import dead_taxels, glitches
-from skincal.fit.seen import Images
 from skincal.fit.tasks import (
     ClimbTask,
     DensityTask,
@@ -33,7 +30,6 @@ from skincal.fit.tasks import (
     run_slab,
 )
 from skincal.fit.types import Floats
-from skincal.fit.valley import choose, interval, valley_loss, widened
 
 SCALES = (1e-3, 1e5)
 """Any scale S [1/N] within these is considered."""
@@ -122,11 +118,13 @@ def solve(
     """
     done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
     bounds = _bounds(box)
-    problem, dropped, dead, peak, table = _refine(plan, done, bounds, mapper, progress)
+    problem, kept, dead, peak, table = _refine(plan, done, bounds, mapper, progress)
     around = Neighbourhood.around(peak.macro, table=table)
     draws = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
-    return _result(plan, box, options, rng, done, problem, dropped, dead, peak, around, draws, law)
+    found = Evidence(problem, kept, dead, peak, around.images(problem), draws, law)
+    slabs_in_order = [done[t] for t in range(len(plan.grid.alpha_rad))]
+    return conclude(plan.grid, slabs_in_order, found, box, options, rng)
 
 
 def _bounds(box: SearchBox) -> Bounds:
@@ -274,110 +272,3 @@ def _weigh_laws(
     peaks = [peak, *mapper(run_climb, tasks)]
     progress("contact law", 1, 1)
     return weigh_laws(np.array(spreads), peaks)
-
-
-def _result(
-    plan: FitPlan,
-    box: SearchBox,
-    options: FitOptions,
-    rng: np.random.Generator,
-    done: Mapping[int, GridSlab],
-    problem: FitProblem,
-    kept: NDArray[np.bool_],
-    dead: NDArray[np.bool_],
-    peak: Peak,
-    around: Neighbourhood,
-    draws: Draws,
-    law: LawSpread,
-) -> FitResult:
-    centre = draws.weight @ draws.points
-    macro, sigmas = centre[:5], np.exp(centre[5:])
-    images = around.images(problem)
-    presses, mse = _press_fit(problem, images, macro, peak, sigmas)
-    fixed = options.bound_counts2
-    chosen = draws.resampled(rng, options.draws)
-    bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
-    slabs = [done[t] for t in range(len(plan.grid.alpha_rad))]
-    losses = np.stack([s.mse_counts2 for s in slabs])
-    grid = GridResult(
-        plan.grid,
-        losses,
-        np.stack([s.scale_per_n for s in slabs]),
-        np.stack([s.slack_rms_m for s in slabs]),
-        losses <= bound,
-    )
-    if fixed is None:
-        half = len(chosen) // 2
-        calibrated = widened(chosen[:, :5])
-        laws = [calibrated[:half], law.shifted(calibrated[half:], rng)]
-        clouds = [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
-    else:
-        clouds = [choose(grid, options.draws, rng)]
-    level = options.level if fixed is None else 1.0
-    best = np.array([*macro[:3], *np.exp(macro[3:])])
-    intervals = {
-        n: interval(n, [c[:, i] for c in clouds], float(best[i]), box, level)
-        for i, n in enumerate(PARAMETERS)
-    }
-    result = FitResult(
-        best=dict(zip(PARAMETERS, best.tolist(), strict=True)),
-        intervals=intervals,
-        mse_counts2=mse,
-        valley_mse_counts2=float(bound),
-        bound="noise" if fixed is None else "fixed",
-        draws=np.concatenate(clouds),
-        sigmas=Sigmas(*sigmas.tolist()),
-        law_spread_m=law.best_m,
-        effective_draws=draws.effective,
-        grid=grid,
-        presses=presses,
-        problem=problem,
-        box=box,
-        scale_per_taxel_per_n=_per_taxel(problem, images, macro, sigmas, peak) if options.per_taxel else None,
-        dead_taxels=dead,
-        findings=(),
-    )
-    return find(result, dropped=int((~kept).sum()))
-
-
-def _press_fit(
-    problem: FitProblem, images: Images, macro: Floats, peak: Peak, sigmas: Floats
-) -> tuple[PressFit, float]:
-    """The presses at the best point with the force taken as measured, and the loss there."""
-    count = len(peak.places.press)
-    many = np.broadcast_to(macro, (count, 5)).copy()
-    start = starting_nuisance(problem, peak.places, many, peak.places.press, 1)
-    start[:, 2] = 0.0
-    stiff = np.broadcast_to(np.array([sigmas[0], 1e-7, sigmas[2]]), (count, 3)).copy()
-    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
-    best = np.array(
-        [
-            (rows := np.flatnonzero(peak.places.press == k))[np.argmin(state.objective[rows])]
-            for k in range(len(problem))
-        ],
-        dtype=np.intp,
-    )
-    squares = (state.residual[best] ** 2).sum(axis=1)
-    read = np.maximum((problem.weight > 0).sum(axis=1), 1)
-    rmse = np.sqrt(squares / read)
-    expected = (
-        np.sqrt(float(problem.lit.sum()) / max(len(problem), 1) / problem.rig.layout.taxels) * sigmas[2]
-    )
-    good = rmse <= max(3.0 * float(np.median(rmse)), 2.0 * float(expected), 0.5)
-    fit = PressFit(
-        state.nuisance[best][:, :2],
-        state.uv_m[best],
-        problem.values.copy(),
-        state.simulated[best],
-        rmse,
-        good,
-    )
-    return fit, float(squares.sum() / read.sum())
-
-
-def _per_taxel(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, peak: Peak) -> Floats:
-    """Scale of each taxel (J,) [1/N] at the best point."""
-    count = len(peak.places.press)
-    start = starting_nuisance(problem, peak.places, np.tile(macro, (count, 1)), peak.places.press, 1)
-    gains = taxel_gains(problem, images, macro, sigmas, peak.places.press[peak.best], start[peak.best])
-    return np.exp(macro[4] + gains)

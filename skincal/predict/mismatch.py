@@ -8,14 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset import IDLE, Dataset
+from skincal.dataset import Dataset, idle_means
 from skincal.fit.observe import Observed, Readout, expected_counts, observe
 
 Floats = NDArray[np.floating[Any]]
 Bools = NDArray[np.bool_]
-
-FEWEST_IDLE = 20
-"""Idle frames that are needed to take the level at rest from them."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +37,7 @@ def _readout(dataset: Dataset) -> Readout:
 
 def observed_images(dataset: Dataset) -> Observed:
     """Measured images as unclipped values above rest, the level at rest from idle frames where there are enough."""
-    rest, frames = None, dataset.frames
-    if frames is not None and int((idle := frames.phase == IDLE).sum()) >= FEWEST_IDLE:
-        counts = frames.counts[idle]
-        alive = np.isfinite(counts).any(axis=0)
-        rest = np.full(counts.shape[1], np.nan)
-        rest[alive] = np.nanmean(counts[:, alive], axis=0)
-    return observe(dataset.presses.counts, _readout(dataset), rest)
+    return observe(dataset.presses.counts, _readout(dataset), idle_means(dataset))
 
 
 def within_range(dataset: Dataset, values: Floats) -> Floats:

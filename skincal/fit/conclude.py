@@ -1,0 +1,155 @@
+"""From the peak and the draws to the result of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.fit.findings import find
+from skincal.fit.gains import taxel_gains
+from skincal.fit.grid import GridSlab, MacroGrid
+from skincal.fit.law import LawSpread
+from skincal.fit.options import FitOptions, SearchBox
+from skincal.fit.posterior import Draws, Peak, starting_nuisance
+from skincal.fit.presses import settle
+from skincal.fit.problem import FitProblem
+from skincal.fit.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
+from skincal.fit.seen import Images
+from skincal.fit.types import Bools, Floats
+from skincal.fit.valley import choose, interval, valley_loss, widened
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the stages after the grid found.
+
+    Attributes:
+        problem: the presses and taxels that are left when glitches and dead taxels have been taken out.
+        kept: (K,) which of the presses that went into the grid are left.
+        dead: (J,) taxels left out.
+        peak: the most probable point.
+        images: simulated images round the peak.
+        draws: from the posterior.
+        law: what is not known of the contact law.
+    """
+
+    problem: FitProblem
+    kept: Bools
+    dead: Bools
+    peak: Peak
+    images: Images
+    draws: Draws
+    law: LawSpread
+
+
+def conclude(
+    grid: MacroGrid,
+    slabs: Sequence[GridSlab],
+    found: Evidence,
+    box: SearchBox,
+    options: FitOptions,
+    rng: np.random.Generator,
+) -> FitResult:
+    """Best point, valley, intervals, and what a person should know.
+
+    Args:
+        grid: the macro grid.
+        slabs: its values, one for each turn.
+        found: peak, draws and contact law.
+        box: ranges that were searched.
+        options: settings.
+        rng: picks draws.
+    """
+    problem, images, peak = found.problem, found.images, found.peak
+    centre = found.draws.weight @ found.draws.points
+    macro, sigmas = centre[:5], np.exp(centre[5:])
+    presses, mse = _press_fit(problem, images, macro, peak, sigmas)
+    chosen = found.draws.resampled(rng, options.draws)
+    fixed = options.bound_counts2
+    bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
+    losses = _grid_result(grid, slabs, bound)
+    clouds = _clouds(chosen, found.law, rng) if fixed is None else [choose(losses, options.draws, rng)]
+    level = options.level if fixed is None else 1.0
+    best = np.array([*macro[:3], *np.exp(macro[3:])])
+    result = FitResult(
+        best=dict(zip(PARAMETERS, best.tolist(), strict=True)),
+        intervals={
+            name: interval(name, [c[:, i] for c in clouds], float(best[i]), box, level)
+            for i, name in enumerate(PARAMETERS)
+        },
+        mse_counts2=mse,
+        valley_mse_counts2=float(bound),
+        bound="noise" if fixed is None else "fixed",
+        draws=np.concatenate(clouds),
+        sigmas=Sigmas(*sigmas.tolist()),
+        law_spread_m=found.law.best_m,
+        effective_draws=found.draws.effective,
+        grid=losses,
+        presses=presses,
+        problem=problem,
+        box=box,
+        scale_per_taxel_per_n=_per_taxel(problem, images, macro, sigmas, peak) if options.per_taxel else None,
+        dead_taxels=found.dead,
+        findings=(),
+    )
+    return find(result, dropped=int((~found.kept).sum()))
+
+
+def _grid_result(grid: MacroGrid, slabs: Sequence[GridSlab], bound_counts2: float) -> GridResult:
+    losses = np.stack([s.mse_counts2 for s in slabs])
+    scale = np.stack([s.scale_per_n for s in slabs])
+    slack = np.stack([s.slack_rms_m for s in slabs])
+    return GridResult(grid, losses, scale, slack, losses <= bound_counts2)
+
+
+def _clouds(draws: Floats, law: LawSpread, rng: np.random.Generator) -> list[Floats]:
+    """Values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure."""
+    half = len(draws) // 2
+    calibrated = widened(draws[:, :5])
+    laws = [calibrated[:half], law.shifted(calibrated[half:], rng)]
+    return [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
+
+
+def _press_fit(
+    problem: FitProblem, images: Images, macro: Floats, peak: Peak, sigmas: Floats
+) -> tuple[PressFit, float]:
+    """The presses at the best point with the force taken as measured, and the loss there."""
+    count = len(peak.places.press)
+    many = np.broadcast_to(macro, (count, 5)).copy()
+    start = starting_nuisance(problem, peak.places, many, peak.places.press, 1)
+    start[:, 2] = 0.0
+    stiff = np.broadcast_to(np.array([sigmas[0], 1e-7, sigmas[2]]), (count, 3)).copy()
+    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
+    best = np.array(
+        [
+            (rows := np.flatnonzero(peak.places.press == k))[np.argmin(state.objective[rows])]
+            for k in range(len(problem))
+        ],
+        dtype=np.intp,
+    )
+    squares = (state.residual[best] ** 2).sum(axis=1)
+    read = np.maximum((problem.weight > 0).sum(axis=1), 1)
+    rmse = np.sqrt(squares / read)
+    expected = (
+        np.sqrt(float(problem.lit.sum()) / max(len(problem), 1) / problem.rig.layout.taxels) * sigmas[2]
+    )
+    good = rmse <= max(3.0 * float(np.median(rmse)), 2.0 * float(expected), 0.5)
+    fit = PressFit(
+        state.nuisance[best][:, :2],
+        state.uv_m[best],
+        problem.values.copy(),
+        state.simulated[best],
+        rmse,
+        good,
+    )
+    return fit, float(squares.sum() / read.sum())
+
+
+def _per_taxel(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, peak: Peak) -> Floats:
+    """Scale of each taxel (J,) [1/N] at the best point."""
+    count = len(peak.places.press)
+    start = starting_nuisance(problem, peak.places, np.tile(macro, (count, 1)), peak.places.press, 1)
+    gains = taxel_gains(problem, images, macro, sigmas, peak.places.press[peak.best], start[peak.best])
+    return np.exp(macro[4] + gains)
