@@ -1,0 +1,31 @@
+"""Sessions: what to press, and pressing it with a hand, so that a dataset worth fitting comes of it."""
+
+from skincal.collect.journal import journal_folder
+from skincal.collect.options import CollectOptions
+from skincal.collect.plan import KINDS, Plan, PlannedPress
+from skincal.collect.plan_file import read_plan, write_plan
+from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, full_plan, paper_plan
+from skincal.collect.run import Collected, collect
+from skincal.collect.session import MakeDriver, Need, Progress
+from skincal.collect.sites import Mount
+
+__all__ = [
+    "KINDS",
+    "PROTOCOLS",
+    "CollectOptions",
+    "Collected",
+    "FullProtocol",
+    "MakeDriver",
+    "Mount",
+    "Need",
+    "PaperProtocol",
+    "Plan",
+    "PlannedPress",
+    "Progress",
+    "collect",
+    "full_plan",
+    "journal_folder",
+    "paper_plan",
+    "read_plan",
+    "write_plan",
+]

@@ -1,0 +1,101 @@
+"""A session's journal as a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.journal import Journal
+from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
+
+Arrays = dict[str, NDArray[Any]]
+
+POSITION = ("x_m", "y_m", "z_m")
+OWN_OF_PRESSES = ("press", *POSITION, "force_n", "counts")
+OWN_OF_FRAMES = (*OWN_OF_PRESSES, "phase", "time_s")
+OPTIONAL = ("temperature_c", "indenter_radius_m")
+"""Columns that are left out where nothing was measured."""
+
+LAST = ("missed_target", "slip_m", "status", "kind")
+"""Columns of skincal's own, after those that the format knows."""
+
+
+def dataset_of(journal: Journal, meta: DatasetMeta, source: str, created: datetime) -> Dataset:
+    """The dataset of all finished presses and the frames around them.
+
+    Args:
+        journal: of the session.
+        meta: what the hand's description says of sensor, surface, indenter, mount.
+        source: for ``dataset.toml``.
+        created: when the session began.
+
+    Returns:
+        The dataset; presses in the order of their numbers, frames in that of time.
+    """
+    presses = [arrays for _, arrays in sorted(journal.presses().items())]
+    stretches = [_part(arrays, "frames.") for arrays in [*presses, *journal.rests()]]
+    stretches = [stretch for stretch in stretches if len(stretch["time_s"])]
+    stretches.sort(key=lambda stretch: float(stretch["time_s"][0]))
+    meta = replace(meta, source=source, created=created, sensor=replace(meta.sensor, baseline="raw"))
+    return Dataset(meta, _presses([_part(arrays, "press.") for arrays in presses]), _frames(stretches))
+
+
+def _presses(rows: Sequence[Arrays]) -> Presses:
+    table = {name: _column(rows, name) for name in _names(rows)}
+    own = {name: table.pop(name) for name in OWN_OF_PRESSES}
+    return Presses(
+        own["press"].astype(np.int64),
+        np.stack([own[name] for name in POSITION], axis=1),
+        own["force_n"],
+        own["counts"],
+        columns=_ordered(_given(table)),
+    )
+
+
+def _frames(stretches: Sequence[Arrays]) -> Frames:
+    table = {name: np.concatenate([s[name] for s in stretches]) for name in stretches[0]}
+    own = {name: table.pop(name) for name in OWN_OF_FRAMES}
+    position = np.stack([own[name] for name in POSITION], axis=1)
+    nothing = own["press"] < 0
+    return Frames(
+        own["press"].astype(np.int64),
+        own["phase"].astype(np.int8),
+        own["time_s"],
+        own["force_n"],
+        np.where(nothing[:, None], np.nan, position),
+        own["counts"],
+        columns=_given(table),
+    )
+
+
+def _names(rows: Sequence[Arrays]) -> list[str]:
+    """Names of all columns, in the order in which they first come."""
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def _column(rows: Sequence[Arrays], name: str) -> NDArray[Any]:
+    """A column of the rows; NaN where a row does not have it."""
+    return np.array([row.get(name, np.nan) for row in rows])
+
+
+def _given(table: Arrays) -> Arrays:
+    """The columns with text as objects, without those of which nothing was measured."""
+    return {
+        name: column.astype(object) if column.dtype.kind == "U" else column
+        for name, column in table.items()
+        if not (name in OPTIONAL and column.dtype.kind == "f" and np.isnan(column).all())
+    }
+
+
+def _ordered(table: Arrays) -> Arrays:
+    last = {name: table[name] for name in table if name in LAST or name.startswith("tau_rest_")}
+    return {name: column for name, column in table.items() if name not in last} | last
+
+
+def _part(arrays: Arrays, prefix: str) -> Arrays:
+    return {name.removeprefix(prefix): column for name, column in arrays.items() if name.startswith(prefix)}

@@ -1,0 +1,174 @@
+"""Presses of one connection to the hand: from where it is to the first site, from site to site, and home."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.journal import Journal
+from skincal.collect.loop import Loop
+from skincal.collect.options import CollectOptions
+from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.poses import heights
+from skincal.collect.posture import Fingers, Posture
+from skincal.collect.press import Press
+from skincal.collect.record import Arrays, press_arrays, rest_arrays
+from skincal.collect.travel import LOWEST_SHARE, Place, follow, way_over_skin, way_through_joints
+from skincal.errors import WorkError
+from skincal.robot import place_indenter
+
+FloatArray = NDArray[np.float64]
+
+GAP_S = 1.0
+"""Where a session goes on on another clock, the session's clock goes on by this much [s]."""
+
+APART_M = 1e-3
+"""An indenter that is nearer to the skin than this is lifted before anything else [m]."""
+
+
+class Owner(Protocol):
+    """What a connection needs of its session."""
+
+    plan: Plan
+    journal: Journal
+    fingers: Fingers
+    options: CollectOptions
+    cycles: list[int]
+    last_frame_s: float
+
+    def connected(self, first: int, shift_s: float) -> None:
+        """Keeps that the hand has been connected."""
+
+    def keep(self, number: int, arrays: Arrays) -> None:
+        """Keeps a finished press."""
+
+    def keep_rest(self, arrays: Arrays) -> None:
+        """Keeps frames of no press."""
+
+
+class Connection:
+    """Makes some presses of a session with a hand that is connected.
+
+    Args:
+        session: whose presses.
+        loop: the hand.
+        radius_m: of the indenter [m].
+        numbers: the presses.
+    """
+
+    def __init__(self, session: Owner, loop: Loop, radius_m: float, numbers: list[int]) -> None:
+        self._session, self._loop, self._radius_m, self._numbers = session, loop, radius_m, numbers
+        self._fingers, self._options = session.fingers, session.options
+        self._offset: FloatArray = np.zeros(len(session.fingers.kinematics.description.joints))
+        self._links: FloatArray = session.fingers.kinematics.description.home_rad
+        self._place: Place | None = None
+
+    def run(self) -> None:
+        """Makes the presses, and brings the hand home."""
+        self._begin()
+        for number in self._numbers:
+            self._make(number)
+        self._end()
+
+    def _begin(self) -> None:
+        """Starts the clock, frees the indenter if it touches, and records the skin at rest."""
+        session, loop = self._session, self._loop
+        loop.doing = "idle"
+        state = loop.look().state
+        loop.senses.start_clock(state, self._clock_now(state.time_s))
+        session.connected(self._numbers[0], loop.senses.shift_s)
+        loop.take()
+        links = loop.look().links_rad
+        self._offset = loop.now.state.q_desired_rad - links
+        if loop.now.height_m < APART_M:
+            links = self._lifted(links)
+            self._offset = np.zeros_like(links)
+        loop.take()
+        loop.hold(links + self._offset, self._options.rest_s)
+        self._links = links
+        first = session.plan.presses[self._numbers[0]].pose
+        session.keep_rest(rest_arrays(loop.take(), session.last_frame_s, self._options, first))
+
+    def _clock_now(self, hand_s: float) -> float:
+        """Where the session's clock stands: on the hand's clock if that went on, else a moment after the last frame."""
+        last = self._session.last_frame_s
+        if not np.isfinite(last):
+            return 0.0
+        shifts = [float(c["shift_s"]) for c in self._session.journal.connections()]
+        went_on = hand_s + shifts[-1] if shifts else -np.inf
+        return max(went_on, last + GAP_S)
+
+    def _lifted(self, links: FloatArray) -> FloatArray:
+        """Lifts an indenter that touches straight off the skin; returns the angles of the links there."""
+        loop, sample = self._loop, self._loop.now
+        normal = self._fingers.mount.surface.normal_at(sample.point_m[None])[0]
+        away = sample.point_m + (self._radius_m + self._options.clearance_m) * normal
+        end = place_indenter(self._fingers.kinematics, away, links)
+        offset = sample.state.q_desired_rad - links
+        follow(loop, np.stack([links, end]), offset, self._options)
+        return end
+
+    def _make(self, number: int) -> None:
+        session, loop = self._session, self._loop
+        planned = session.plan.presses[number]
+        posture = self._posture(planned)
+        loop.doing = "travel"
+        self._go(planned, posture)
+        press = Press(loop, posture, planned, self._options, self._offset)
+        moments = press.run()
+        self._offset = press.trim_rad
+        session.keep(
+            number,
+            press_arrays(
+                number,
+                session.cycles[number],
+                planned,
+                posture.point_m,
+                moments,
+                press.lost,
+                loop.take(),
+                session.last_frame_s,
+                loop.senses.tare_nm,
+                self._options,
+            ),
+        )
+
+    def _posture(self, planned: PlannedPress) -> Posture:
+        skin = np.array(self._session.plan.poses[planned.pose])
+        start = None if self._place is None else self._place.links_rad
+        return self._fingers.posture(planned.site, skin, self._radius_m, heights(self._options), start)
+
+    def _go(self, planned: PlannedPress, posture: Posture) -> None:
+        """Brings the indenter over a site, at travelling height."""
+        top, end = float(posture.heights_m[-1]), posture.links_rad[-1]
+        skin = np.array(self._session.plan.poses[planned.pose])
+        length = 0.0
+        if self._place is None:
+            way = self._through(self._links, end)
+        else:
+            try:
+                way = way_over_skin(self._fingers, self._place, planned.site, skin, self._radius_m + top)
+                length = float(np.hypot(*np.subtract(planned.site, self._place.site)))
+            except WorkError:
+                # Between two sites that are in reach there may be one that is not.
+                way = self._through(self._place.links_rad, end)
+        follow(self._loop, np.concatenate([way, end[None]]), self._offset, self._options, length)
+        self._place, self._links = Place(planned.site, skin, end), end
+        self._offset = np.zeros_like(end)
+
+    def _through(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        least = LOWEST_SHARE * self._options.clearance_m
+        return way_through_joints(self._fingers, start, end, self._radius_m, least)
+
+    def _end(self) -> None:
+        """Brings the hand home, and records the skin at rest once more."""
+        loop, session = self._loop, self._session
+        home = self._fingers.kinematics.description.home_rad
+        loop.doing = "travel"
+        follow(loop, self._through(self._links, home), self._offset, self._options)
+        loop.doing = "idle"
+        loop.hold(home, self._options.rest_s)
+        pose = session.plan.presses[self._numbers[-1]].pose
+        session.keep_rest(rest_arrays(loop.take(), session.last_frame_s, self._options, pose))

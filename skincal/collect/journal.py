@@ -1,0 +1,191 @@
+"""What a session has done, kept beside its output until it is whole: every finished press, on disk before the next.
+
+A file is written under another name, brought to the disk, and put in place; so after a loss of power a press is there
+as a whole, or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.errors import InputError, Problem
+
+Arrays = Mapping[str, NDArray[Any]]
+
+HEAD = "session.json"
+FORMAT = "skincal-session/1"
+
+
+class Journal:
+    """The folder of one session.
+
+    Args:
+        folder: where.
+        head: what the session is: whatever must be the same when it goes on. JSON values only.
+    """
+
+    def __init__(self, folder: Path, head: Mapping[str, Any]) -> None:
+        self.folder, self.head = folder, dict(head)
+
+    @classmethod
+    def open(cls, folder: Path, key: Mapping[str, Any], notes: Mapping[str, Any], *, restart: bool) -> Self:
+        """Begins a session, or opens one that was interrupted.
+
+        Args:
+            folder: where.
+            key: what must be the same for a session to go on, by names that a person understands.
+            notes: what is kept from the beginning and need not be the same.
+            restart: whether an earlier session is thrown away.
+
+        Raises:
+            InputError: the folder holds another session, or something else.
+        """
+        if restart:
+            _remove(folder)
+        found = cls.find(folder)
+        if found is None:
+            journal = cls(folder, {"format": FORMAT, "key": _plain(key), **notes})
+            folder.mkdir(parents=True, exist_ok=True)
+            _durably(folder / HEAD, json.dumps(journal.head, indent=1).encode())
+            return journal
+        was, now = found.head["key"], _plain(key)
+        changed = [name for name in now if was.get(name) != now[name]]
+        if changed or found.head.get("format") != FORMAT:
+            raise InputError([_another(folder, was, now, changed, len(found.presses()))])
+        return found
+
+    @classmethod
+    def find(cls, folder: Path) -> Self | None:
+        """The session in a folder; None where there is none.
+
+        Raises:
+            InputError: the folder is there, and is no session's.
+        """
+        if not folder.exists():
+            return None
+        try:
+            head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
+            if isinstance(head, dict) and isinstance(head.get("key"), dict):  # pyright: ignore[reportUnknownMemberType]
+                return cls(folder, head)  # pyright: ignore[reportUnknownArgumentType]
+        except FileNotFoundError:
+            if not any(folder.glob("*.npz")):
+                return None  # interrupted before it began
+        except (OSError, ValueError):
+            pass
+        fix = "Add --restart to begin anew; it removes the folder."
+        raise InputError([Problem(str(folder / HEAD), "what an interrupted session is", "no such file", fix)])
+
+    def presses(self) -> dict[int, dict[str, NDArray[Any]]]:
+        """Every finished press, by its number."""
+        return {int(path.stem.split("-")[1]): arrays for path, arrays in self._read("press-*.npz")}
+
+    def rests(self) -> list[dict[str, NDArray[Any]]]:
+        """What was recorded between presses: before the first, after the last, and where the session went on."""
+        return [arrays for _, arrays in self._read("rest-*.npz")]
+
+    def connections(self) -> list[dict[str, Any]]:
+        """When the session was begun or went on, in order: see :meth:`connected`."""
+        paths = sorted(self.folder.glob("connection-*.json"))
+        return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+
+    def connected(self, what: Mapping[str, Any]) -> None:
+        """Keeps that the hand was connected, and what is to be known of it."""
+        number = len(self.connections())
+        _durably(self.folder / f"connection-{number:04d}.json", json.dumps(dict(what)).encode())
+
+    def keep_press(self, number: int, arrays: Arrays) -> None:
+        """Keeps a finished press; when this returns, it is on the disk."""
+        self._keep(f"press-{number:05d}.npz", arrays)
+
+    def keep_rest(self, arrays: Arrays) -> None:
+        """Keeps frames of no press."""
+        self._keep(f"rest-{len(list(self.folder.glob('rest-*.npz'))):05d}.npz", arrays)
+
+    def keep_text(self, name: str, text: str) -> None:
+        """Keeps a text file."""
+        _durably(self.folder / name, text.encode())
+
+    def remove(self) -> None:
+        """Removes the folder; the session is whole."""
+        _remove(self.folder)
+
+    def _keep(self, name: str, arrays: Arrays) -> None:
+        import io
+
+        buffer = io.BytesIO()
+        np.savez(buffer, **dict(arrays))  # pyright: ignore[reportArgumentType]
+        _durably(self.folder / name, buffer.getvalue())
+
+    def _read(self, pattern: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
+        """The files that are whole, in the order of their names."""
+        found: list[tuple[Path, dict[str, NDArray[Any]]]] = []
+        for path in sorted(self.folder.glob(pattern)):
+            try:
+                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+                    found.append((path, dict(arrays)))
+            except (OSError, ValueError, zipfile.BadZipFile, EOFError):
+                continue
+        return found
+
+
+def journal_folder(out: Path) -> Path:
+    """Where the journal of a session with output ``out`` lies."""
+    return out.parent / f".{out.name}.collect"
+
+
+def digest_of(text: str) -> str:
+    """A short hash of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _durably(path: Path, content: bytes) -> None:
+    """Writes a file that is whole or not there, whatever happens, and on the disk when this returns."""
+    temporary = path.with_name(f".{path.name}.part")
+    with temporary.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(path)
+    descriptor = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _plain(key: Mapping[str, Any]) -> dict[str, Any]:
+    """The key as it comes back from JSON."""
+    return json.loads(json.dumps(dict(key)))
+
+
+def _another(
+    folder: Path, was: Mapping[str, Any], now: Mapping[str, Any], changed: list[str], done: int
+) -> Problem:
+    def shown(key: Mapping[str, Any]) -> str:
+        return ", ".join(f"{name} {key.get(name)}" for name in changed)
+
+    return Problem(
+        str(folder),
+        f"the interrupted session to be this one: {shown(now)}",
+        f"one of {shown(was)}, with {done} finished presses",
+        "Give the same options to go on with it, --restart to throw it away, or another --out.",
+    )
+
+
+def _remove(folder: Path) -> None:
+    """Moves the folder away as a whole first: none is left that could go on with presses missing."""
+    away = folder.with_name(f"{folder.name}.old")
+    shutil.rmtree(away, ignore_errors=True)
+    if folder.is_dir():
+        folder.replace(away)
+        shutil.rmtree(away, ignore_errors=True)

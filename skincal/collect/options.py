@@ -1,0 +1,71 @@
+"""How a press is made: speeds, thresholds and bounds of the press controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from skincal.errors import InputError, Problem
+
+
+@dataclass(frozen=True)
+class CollectOptions:
+    """Numbers of the press controller; times on the hand's clock.
+
+    Attributes:
+        frame_rate_hz: frames are kept at this rate at most [Hz].
+        clearance_m: height of the indenter above the skin while it travels [m].
+        travel_m_per_s: greatest speed of travel [m/s].
+        travel_rad_per_s: greatest speed of a joint while travelling [rad/s].
+        still_s: pause above the site, in which the torques at rest are taken [s].
+        trim_per_s: how fast the commanded angles are corrected until the measured ones are right, while nothing
+            touches [1/s].
+        approach_m_per_s: speed of the approach [m/s].
+        search_m: how far below the skin's nominal surface the approach goes before it is given up [m].
+        filter_s: time constant of the low-pass on the measured force [s].
+        contact_n: force that counts as contact [N].
+        contact_s: how long the force must be above `contact_n` [s].
+        regulate_per_s: how fast an error of the force is taken out of the command while the force is held [1/s].
+        reach_s: how long after the ramp the force may take to come within the tolerance before the hold begins [s].
+        settle_s: first part of the hold that is left out of a press's means [s].
+        tolerance_n: a press whose mean force is off by more has missed its target, if it is also off by more than
+            `tolerance_share` [N].
+        tolerance_share: the same, as a share of the target.
+        slip_m: a contact point that moves more than this along the skin from the start of the hold has slipped [m].
+        lost_share: contact is lost when the force in the hold falls below this share of the target.
+        before_s: frames this long before the contact was noticed belong to the loading [s].
+        idle_s: pause after each press, at travelling height [s].
+        rest_s: pause before the first press and after the last [s].
+        reserve: torques of a press may take up to this share of the joints' limits.
+    """
+
+    frame_rate_hz: float = 25.0
+    clearance_m: float = 0.005
+    travel_m_per_s: float = 0.06
+    travel_rad_per_s: float = 1.0
+    still_s: float = 0.15
+    trim_per_s: float = 8.0
+    approach_m_per_s: float = 0.01
+    search_m: float = 0.004
+    filter_s: float = 0.015
+    contact_n: float = 0.12
+    contact_s: float = 0.02
+    regulate_per_s: float = 8.0
+    reach_s: float = 0.4
+    settle_s: float = 0.15
+    tolerance_n: float = 0.05
+    tolerance_share: float = 0.05
+    slip_m: float = 0.001
+    lost_share: float = 0.25
+    before_s: float = 0.08
+    idle_s: float = 0.2
+    rest_s: float = 1.0
+    reserve: float = 0.9
+
+    def __post_init__(self) -> None:
+        problems = [
+            Problem(f"CollectOptions.{item.name}", "a number above 0", repr(getattr(self, item.name)))
+            for item in fields(self)
+            if not getattr(self, item.name) > 0
+        ]
+        if problems:
+            raise InputError(problems)

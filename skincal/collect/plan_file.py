@@ -1,0 +1,236 @@
+"""Plans as files: TOML or CSV, read strictly, with everything that is wrong said at once."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from skincal.collect.plan import KINDS, Plan, PlannedPress
+from skincal.collect.protocols import FullProtocol
+from skincal.collect.sites import Mount
+from skincal.dataset.findings import Findings
+from skincal.dataset.toml_table import TomlTable
+from skincal.errors import InputError, Problem
+from skincal.files import whole_file
+from skincal.units import rad
+
+FORMAT = "skincal-plan/1"
+
+SITE = ("u_m", "v_m")
+COLUMNS = tuple(field.name for field in fields(PlannedPress))
+OTHER_SITES = ("beta_deg", "x_m", "y_m")
+LARGEST_FORCE_N = 100.0
+
+
+def read_plan(path: Path, mount: Mount) -> Plan:
+    """Reads a plan.
+
+    A TOML file has ``format = "skincal-plan/1"``, a ``[[press]]`` each and optionally ``[poses]``; a CSV file a row a
+    press. A press has its site (``u_m`` and ``v_m``, or ``beta_deg`` and ``y_m``, on a plane ``x_m`` and ``y_m``) and
+    ``force_n``; pace, pose and kind are those of the full protocol where they are not given.
+
+    Args:
+        path: the file, ``.toml`` or ``.csv``.
+        mount: the surface, and where the patch nominally lies on it.
+
+    Returns:
+        The plan, by the file's name.
+
+    Raises:
+        InputError: whatever is wrong, all of it.
+    """
+    findings = Findings()
+    read = {".toml": _read_toml, ".csv": _read_csv}.get(path.suffix.lower())
+    if read is None:
+        raise InputError([Problem(str(path), "a plan in .toml or .csv", f'"{path.suffix}"')])
+    try:
+        name, poses, rows = read(path, findings)
+    except FileNotFoundError:
+        raise InputError([Problem(str(path), "a plan", "no such file")]) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
+    presses = [_press(TomlTable(findings, path.name, place, row, _known(row)), mount) for place, row in rows]
+    if not rows:
+        findings.error(path.name, "at least one press", "none")
+    _check_poses(findings, path.name, poses, presses)
+    # A plan moves a hand: a key that is not understood is no detail.
+    findings.errors.extend(findings.warnings)
+    findings.raise_errors()
+    return Plan(name, tuple(presses), {key: tuple(map(float, angles)) for key, angles in poses.items()})
+
+
+def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
+    """Writes a plan, TOML or CSV after the suffix; numbers come back exactly.
+
+    Args:
+        plan: the plan.
+        path: the file, ``.toml`` or ``.csv``. A CSV file holds no angles of poses.
+        force: whether an existing file is replaced.
+
+    Raises:
+        InputError: another suffix, or a file that exists and is not to be replaced.
+    """
+    text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
+    if text is None:
+        raise InputError([Problem(str(path), "a plan's name in .toml or .csv", f'"{path.suffix}"')])
+    with whole_file(path, force=force) as temporary:
+        temporary.write_text(text(plan), encoding="utf-8")
+
+
+def plan_as_toml(plan: Plan) -> str:
+    """The content of a plan's TOML file."""
+    import tomli_w
+
+    content: dict[str, Any] = {"format": FORMAT, "name": plan.name}
+    if plan.poses:
+        content["poses"] = {name: list(angles) for name, angles in plan.poses.items()}
+    content["press"] = [_given(press) for press in plan.presses]
+    return tomli_w.dumps(content)
+
+
+def _as_csv(plan: Plan) -> str:
+    rows = [",".join(COLUMNS)]
+    for press in plan.presses:
+        given = _given(press)
+        rows.append(",".join(str(given.get(name, "")) for name in COLUMNS))
+    return "\n".join(rows) + "\n"
+
+
+def _given(press: PlannedPress) -> dict[str, Any]:
+    return {name: value for name in COLUMNS if (value := getattr(press, name)) is not None}
+
+
+Rows = list[tuple[str, Mapping[str, Any]]]
+Poses = dict[str, Sequence[float]]
+
+
+def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
+    values = tomllib.loads(path.read_text(encoding="utf-8"))
+    top = TomlTable(findings, path.name, "", values, ("format", "name", "poses", "press"))
+    top.choice("format", (FORMAT,))
+    name = top.text("name", "a name", default=path.stem)
+    rows: Rows = []
+    presses = top.raw("press")
+    if not isinstance(presses, list):
+        top.error("press", "a table [[press]] for each press", "nothing" if presses is None else presses)
+        presses = []
+    for i, row in enumerate(cast("list[Any]", presses)):
+        if isinstance(row, dict):
+            rows.append((f"press {i}", cast("Mapping[str, Any]", row)))
+        else:
+            top.error(f"press {i}", "a table", row)
+    return name, _poses(top), rows
+
+
+def _poses(top: TomlTable) -> Poses:
+    given = top.raw("poses")
+    if given is None:
+        return {}
+    if not isinstance(given, dict):
+        top.error("poses", "a table with the angles [rad] of each pose", given)
+        return {}
+    poses: Poses = {}
+    for name, angles in cast("dict[str, Any]", given).items():
+        if isinstance(angles, list) and all(_is_number(angle) for angle in cast("list[Any]", angles)):
+            poses[name] = cast("list[float]", angles)
+        else:
+            top.error(f"poses.{name}", "a list of angles [rad], one a joint of the finger", angles)
+    return poses
+
+
+def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = list(csv.reader(file, strict=True))
+    header = lines[0] if lines else []
+    doubled = {name for name in header if header.count(name) > 1}
+    for name in sorted(doubled):
+        findings.error(
+            f"{path.name}, column {name}", "each column once", f"{header.count(name)} of that name"
+        )
+    rows: Rows = []
+    for i, cells in enumerate(lines[1:], start=2):
+        if len(cells) != len(header):
+            findings.error(f"{path.name}, line {i}", f"{len(header)} cells", f"{len(cells)}")
+        elif not doubled:
+            given = {k: _cell(k, cell) for k, cell in zip(header, cells, strict=True) if cell != ""}
+            rows.append((f"line {i}", given))
+    return path.stem, {}, rows
+
+
+def _cell(name: str, cell: str) -> Any:
+    if name in ("pose", "kind"):
+        return cell
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def _known(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """The keys that a press may have: those of one way to say where it is."""
+    other = tuple(key for key in OTHER_SITES if key in row)
+    return COLUMNS if not other else (*other, *(name for name in COLUMNS if name not in SITE))
+
+
+def _press(table: TomlTable, mount: Mount) -> PlannedPress:
+    default = FullProtocol()
+    u, v = _site(table, mount)
+    radius = None
+    if table.has("indenter_radius_m"):
+        radius = table.length_m("indenter_radius_m", "a radius [m]", low=1e-4, high=0.1)
+    return PlannedPress(
+        u,
+        v,
+        table.number("force_n", "a force [N] above 0", low=1e-3, high=LARGEST_FORCE_N),
+        table.number(
+            "speed_m_per_s",
+            "a speed [m/s], 0.0005 to 0.1",
+            default=default.speeds_m_per_s[-1],
+            low=5e-4,
+            high=0.1,
+        ),
+        table.number("hold_s", "a time [s], 0.1 to 60", default=default.holds_s[0], low=0.1, high=60.0),
+        table.text("pose", "the name of a pose", default=default.poses[0]),
+        table.choice("kind", KINDS, default="regular"),
+        radius,
+    )
+
+
+def _site(table: TomlTable, mount: Mount) -> tuple[float, float]:
+    """The site in patch coordinates, whichever way it is given."""
+    if not any(table.has(key) for key in OTHER_SITES):
+        reach = mount.reach_m
+        expected = f"a length [m] within ±{reach:g} of the patch's centre"
+        u, v = (table.number(key, expected, low=-reach, high=reach) for key in SITE)
+        return u, v
+    for key in SITE:
+        table.absent(key, "the site is given by " + " and ".join(k for k in OTHER_SITES if table.has(k)))
+    across = "x_m" if mount.pose_is_plane else "beta_deg"
+    table.absent(
+        "beta_deg" if mount.pose_is_plane else "x_m", f"on this surface the site is {across} and y_m"
+    )
+    first = table.number(across, "where the press is")
+    y = table.number("y_m", "where the press is along the finger [m]")
+    site = mount.site_at(first if mount.pose_is_plane else rad(first), y)
+    if np.isfinite([first, y]).all() and not np.max(np.abs(site)) <= mount.reach_m:
+        table.error("y_m", f"a site within {mount.reach_m:g} m of the patch's centre", f"{first:g}, {y:g}")
+    return site
+
+
+def _check_poses(findings: Findings, file: str, poses: Poses, presses: Sequence[PlannedPress]) -> None:
+    """Angles are for poses that occur; all poses have them, or none."""
+    used = {press.pose for press in presses}
+    for name in sorted(set(poses) - used):
+        findings.error(f"{file}, poses.{name}", "a pose of some press", f"none of {', '.join(sorted(used))}")
+    if poses and (missing := sorted(used - set(poses))):
+        findings.error(f"{file}, [poses]", "angles for every pose, or none", f"none for {', '.join(missing)}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,200 @@
+"""Hand poses: angles of the finger with the skin at which the indenter reaches every site with force to spare."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.options import CollectOptions
+from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.posture import Fingers, Posture
+from skincal.errors import InputError, Problem, WorkError
+
+FloatArray = NDArray[np.float64]
+
+STEPS = 7
+"""Angles of each joint that are tried, over its range."""
+
+MARGIN_RAD = 0.12
+"""What commanded angles of a press must keep from the joint limits, for what the hand is off [rad]."""
+
+ENOUGH_RAD = 0.2
+"""Margin beyond which one pose is as good as another; then the one counts that is most unlike the others."""
+
+PLAN_MARGIN_RAD = 0.02
+"""The same for the presses of a plan, when its poses are given [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """How well presses can be made in a pose.
+
+    Attributes:
+        margin_rad: least distance of a commanded angle from its limits [rad].
+        torque_share: largest torque, over the joint's limit.
+    """
+
+    margin_rad: float
+    torque_share: float
+
+
+def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
+    """The plan with angles for all its poses.
+
+    Args:
+        plan: the plan.
+        fingers: the hand.
+        options: how presses are made.
+
+    Returns:
+        The plan; one that has angles, unchanged.
+
+    Raises:
+        InputError: angles of the plan do not fit the hand, or a press is out of reach.
+        WorkError: the hand has not enough poses in which all sites can be pressed.
+    """
+    if not plan.poses:
+        found = find_poses(plan, fingers, options)
+        plan = replace(plan, poses=dict(zip(plan.pose_names, found, strict=True)))
+    check_reach(plan, fingers, options)
+    return plan
+
+
+def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tuple[float, ...]]:
+    """As many poses as the plan has, for the sites at the border of its own and its greatest force.
+
+    The first is the one with the most room; each further one, of those with enough room, the one most unlike those
+    before it.
+
+    Raises:
+        WorkError: there are not enough.
+    """
+    hand = fingers.kinematics.description
+    columns = fingers.kinematics.skin.columns
+    low, high = hand.limits.lower_rad[columns], hand.limits.upper_rad[columns]
+    sites = _corners(plan.sites_m())
+    tried: list[tuple[float, FloatArray]] = []
+    shares = np.linspace(0.1, 0.9, STEPS)
+    for share in itertools.product(shares, repeat=len(columns)):
+        skin = low + np.array(share) * (high - low)
+        reach = _reach(fingers, sites, skin, plan, options)
+        if reach is not None and reach.margin_rad > MARGIN_RAD and reach.torque_share < options.reserve:
+            tried.append((reach.margin_rad, skin))
+    wanted = len(plan.pose_names)
+    if len(tried) < wanted:
+        raise WorkError(
+            f"hand poses: expected {wanted} in which every site of the plan can be pressed with "
+            f"{plan.largest_force_n:g} N; found {len(tried)}. Give a plan with fewer poses, less force or a smaller "
+            "field, or poses of your own in a plan file ([poses])."
+        )
+    chosen = [max(tried, key=lambda item: item[0])[1]]
+    while len(chosen) < wanted:
+        apart = [
+            min(margin, ENOUGH_RAD) / ENOUGH_RAD * min(float(np.abs(skin - other).sum()) for other in chosen)
+            for margin, skin in tried
+        ]
+        chosen.append(tried[int(np.argmax(apart))][1])
+    return [tuple(round(float(a), 4) for a in skin) for skin in chosen]
+
+
+def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
+    """Looks whether every press of a plan can be made, before anything moves.
+
+    Raises:
+        InputError: for every press that cannot be made.
+    """
+    problems = _pose_problems(plan.poses, len(fingers.kinematics.skin.columns))
+    for number, press in enumerate(plan.presses) if not problems else ():
+        at = f"u {1e3 * press.u_m:g} mm, v {1e3 * press.v_m:g} mm, pose {press.pose}"
+        problems += _press_problems(f"plan {plan.name}, press {number} ({at})", press, plan, fingers, options)
+    if problems:
+        raise InputError(problems)
+
+
+def _press_problems(
+    where: str, press: PlannedPress, plan: Plan, fingers: Fingers, options: CollectOptions
+) -> list[Problem]:
+    """Why a press cannot be made; nothing if it can."""
+    points, _ = fingers.mount.place([press.site])
+    if not np.isfinite(points).all():
+        return [Problem(where, "a site on the surface", "one beyond its edge")]
+    radius = press.indenter_radius_m or radius_of(fingers)
+    try:
+        posture = fingers.posture(press.site, np.array(plan.poses[press.pose]), radius, heights(options))
+    except WorkError as error:
+        return [Problem(where, "a site within reach", str(error))]
+    reach = reach_of(fingers, posture, press.force_n)
+    problems: list[Problem] = []
+    if reach.margin_rad < PLAN_MARGIN_RAD:
+        got = f"a commanded angle {reach.margin_rad:.3g} rad from its limit, or beyond it"
+        problems.append(Problem(where, f"joints {PLAN_MARGIN_RAD} rad within their limits", got))
+    if reach.torque_share > 1:
+        got = f"{press.force_n:g} N, {reach.torque_share:.3g} times what a joint may exert"
+        problems.append(Problem(where, "a force within the torque limits", got))
+    limit = options.reserve * fingers.kinematics.description.max_force_n
+    if press.force_n > limit:
+        expected = f"a force of at most {limit:g} N (hand's max_force_n)"
+        problems.append(Problem(where, expected, f"{press.force_n:g} N"))
+    return problems
+
+
+def heights(options: CollectOptions) -> tuple[float, float]:
+    """Lowest and highest height of the indenter above the nominal skin in a press [m]."""
+    return -options.search_m, options.clearance_m
+
+
+def radius_of(fingers: Fingers) -> float:
+    """Radius of the hand's own indenter [m]."""
+    radius = fingers.kinematics.description.meta.indenter.radius_m
+    assert radius is not None
+    return radius
+
+
+def reach_of(fingers: Fingers, posture: Posture, force_n: float) -> Reach:
+    """Room of a posture for a force."""
+    limits = fingers.kinematics.description.limits
+    pressed = posture.links_rad[:-1] + force_n * posture.give_rad
+    commands = np.concatenate([posture.links_rad, pressed])
+    room = np.minimum(commands - limits.lower_rad, limits.upper_rad - commands)
+    return Reach(float(room.min()), float(np.max(np.abs(force_n * posture.torque_m) / limits.torque_nm)))
+
+
+def _reach(
+    fingers: Fingers,
+    sites: Sequence[tuple[float, float]],
+    skin: FloatArray,
+    plan: Plan,
+    options: CollectOptions,
+) -> Reach | None:
+    """The worst of some sites; None where one is out of reach or has too little room."""
+    margin, share = np.inf, 0.0
+    for site in sites:
+        try:
+            posture = fingers.posture(site, skin, radius_of(fingers), heights(options))
+        except WorkError:
+            return None
+        reach = reach_of(fingers, posture, plan.largest_force_n)
+        margin, share = min(margin, reach.margin_rad), max(share, reach.torque_share)
+        if margin < MARGIN_RAD:
+            return None
+    return Reach(margin, share)
+
+
+def _corners(sites_m: FloatArray) -> list[tuple[float, float]]:
+    """The corners of the field of the sites, the middles of its sides and its middle."""
+    low, high = sites_m.min(axis=0), sites_m.max(axis=0)
+    shares = [(0.5, 0.5), *itertools.product((0.0, 1.0), repeat=2), (0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)]
+    points = [low + np.array(share) * (high - low) for share in shares]
+    return [(float(point[0]), float(point[1])) for point in points]
+
+
+def _pose_problems(poses: Mapping[str, tuple[float, ...]], joints: int) -> list[Problem]:
+    return [
+        Problem(f"plan, pose {name}", f"{joints} angles [rad], of the finger with the skin", f"{len(angles)}")
+        for name, angles in poses.items()
+        if len(angles) != joints
+    ]

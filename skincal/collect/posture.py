@@ -1,0 +1,116 @@
+"""How the hand reaches a site: angles of both fingers over the height above the skin, and torques that press."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.sites import Mount
+from skincal.robot import Kinematics, place_indenter
+
+FloatArray = NDArray[np.float64]
+
+HEIGHTS = 7
+"""Heights for which the angles are solved; between them they are interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """The hand over one site, the finger with the skin at rest.
+
+    Attributes:
+        heights_m: growing heights of the indenter above the skin's nominal surface (H,) [m].
+        links_rad: angles of the links at these heights (H, n) [rad].
+        torque_m: torques of the joints per newton of normal force (n,) [N m/N].
+        give_rad: what the commanded angles must lead the links by, per newton (n,) [rad/N].
+        stiffness_n_per_m: of both fingers together along the normal, from commanded angles to the skin [N/m].
+        point_m: the site, fingertip frame (3,) [m].
+        normal: outward normal there (3,).
+    """
+
+    heights_m: FloatArray
+    links_rad: FloatArray
+    torque_m: FloatArray
+    give_rad: FloatArray
+    stiffness_n_per_m: float
+    point_m: FloatArray
+    normal: FloatArray
+
+    def links_at(self, height_m: float) -> FloatArray:
+        """Angles of the links at a height, (n,) [rad]."""
+        heights = self.heights_m
+        step = heights[1] - heights[0]
+        place = min(max((height_m - heights[0]) / step, 0.0), len(heights) - 1.0)
+        i = min(int(place), len(heights) - 2)
+        share = place - i
+        return (1 - share) * self.links_rad[i] + share * self.links_rad[i + 1]
+
+    def command(self, height_m: float, force_n: float) -> FloatArray:
+        """Commanded angles (n,) [rad] at which a hand without friction stands at the height and presses so hard."""
+        return self.links_at(height_m) + force_n * self.give_rad
+
+
+@dataclass(frozen=True, eq=False)
+class Fingers:
+    """What postures are computed from.
+
+    Attributes:
+        kinematics: the hand.
+        mount: the surface and the patch.
+    """
+
+    kinematics: Kinematics
+    mount: Mount
+
+    def posture(
+        self,
+        site: tuple[float, float],
+        skin_rad: FloatArray,
+        indenter_radius_m: float,
+        range_m: tuple[float, float],
+        start_rad: FloatArray | None = None,
+    ) -> Posture:
+        """The posture over a site.
+
+        Args:
+            site: patch coordinates [m].
+            skin_rad: angles of the finger with the skin [rad].
+            indenter_radius_m: radius of the sphere [m].
+            range_m: lowest and highest height of the indenter above the skin [m].
+            start_rad: angles of all links from which the solution is looked for (n,) [rad]; None: home.
+
+        Returns:
+            The posture.
+
+        Raises:
+            WorkError: the site is out of reach.
+        """
+        kinematics, hand = self.kinematics, self.kinematics.description
+        points, normals = self.mount.place([site])
+        q = np.array(hand.home_rad if start_rad is None else start_rad, dtype=np.float64)
+        q[kinematics.skin.columns] = skin_rad
+        heights = np.linspace(*range_m, HEIGHTS)
+        links = np.empty((HEIGHTS, len(q)))
+        for i in reversed(range(HEIGHTS)):
+            q = place_indenter(kinematics, points[0] + (indenter_radius_m + heights[i]) * normals[0], q)
+            links[i] = q
+        touching = int(np.argmin(np.abs(heights)))
+        torque = self.unit_torques(links[touching], points[0], normals[0])
+        soft = 1 / hand.gains.stiffness_nm_per_rad
+        if hand.compliance_rad_per_nm is not None:
+            soft = soft + hand.compliance_rad_per_nm
+        give = torque * soft
+        return Posture(heights, links, torque, give, float(1 / (torque @ give)), points[0], normals[0])
+
+    def unit_torques(self, links_rad: FloatArray, point_m: FloatArray, normal: FloatArray) -> FloatArray:
+        """Torques of all joints that press with 1 N on a point along its normal, at rest (n,) [N m/N]."""
+        kinematics = self.kinematics
+        skin, indenter = kinematics.skin_frames(links_rad), kinematics.indenter_frames(links_rad)
+        at = skin.to_root(point_m[None])
+        push = -skin.rotations[0] @ normal
+        torque = np.zeros(len(links_rad))
+        torque[kinematics.indenter.columns] = kinematics.indenter.jacobian(indenter, at)[0].T @ push
+        torque[kinematics.skin.columns] = -kinematics.skin.jacobian(skin, at)[0].T @ push
+        return torque

@@ -1,0 +1,279 @@
+"""The protocols that come with skincal: ``paper``, static presses, and ``full``, presses that hide no effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.plan import Plan, PlannedPress, Site
+from skincal.errors import InputError, Problem
+from skincal.model import TaxelLayout
+
+Protocol = Literal["paper", "full"]
+PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
+
+Floats = NDArray[np.float64]
+
+GRID_M = 1e-3
+"""Distance of the places that sites are drawn from [m] (paper, section III)."""
+
+ANCHOR_EVERY = 10
+"""The anchor is the first press, every tenth from there, and the last."""
+
+SLACK_OF_FIT = 1e-9
+
+
+@dataclass(frozen=True)
+class PaperProtocol:
+    """The paper's presses (section III): places of a grid, each once, static.
+
+    Attributes:
+        presses: how many.
+        forces_n: least and greatest force [N], drawn evenly between them.
+        speed_m_per_s: of loading and unloading [m/s].
+        hold_s: length of the hold [s].
+    """
+
+    presses: int = 60
+    forces_n: tuple[float, float] = (1.0, 4.0)
+    speed_m_per_s: float = 0.02
+    hold_s: float = 1.0
+
+
+@dataclass(frozen=True)
+class FullProtocol:
+    """Presses that let every effect show: see ``docs/collect.md`` for what each part is in for.
+
+    Attributes:
+        regular: presses at sites of their own.
+        repeats: exact copies of regular ones, later in the session.
+        revisits: presses at sites of regular ones in another way.
+        forces_n: least and greatest force [N].
+        speeds_m_per_s: slow and fast loading [m/s].
+        holds_s: short and long hold [s].
+        poses: names of the hand poses.
+        anchor_force_n: force of the anchor [N].
+        second_indenter: regular presses with the second indenter, at the end, where there is one.
+    """
+
+    regular: int = 50
+    repeats: int = 20
+    revisits: int = 16
+    forces_n: tuple[float, float] = (0.3, 6.0)
+    speeds_m_per_s: tuple[float, float] = (0.01, 0.04)
+    holds_s: tuple[float, float] = (0.5, 1.0)
+    poses: tuple[str, ...] = ("A", "B")
+    anchor_force_n: float = 3.0
+    second_indenter: int = 20
+
+
+def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
+    """Draws the paper's session.
+
+    Args:
+        rng: the only source of chance.
+        layout: the taxels, which say how far the grid goes.
+        options: numbers of the protocol.
+
+    Returns:
+        The plan.
+
+    Raises:
+        InputError: the patch is too small for so many places.
+    """
+    options = options or PaperProtocol()
+    places = patch_grid(layout)
+    if options.presses > len(places):
+        expected = f"at most {len(places)} presses, the places of the {1e3 * GRID_M:g} mm grid over the patch"
+        raise InputError([Problem("--protocol paper", expected, str(options.presses))])
+    chosen = rng.choice(len(places), options.presses, replace=False)
+    forces = rng.uniform(*options.forces_n, options.presses)
+    return Plan(
+        "paper",
+        tuple(
+            PlannedPress(*_site(places[i]), _force(f), options.speed_m_per_s, options.hold_s)
+            for i, f in zip(chosen, forces, strict=True)
+        ),
+    )
+
+
+def full_plan(
+    rng: np.random.Generator,
+    layout: TaxelLayout,
+    options: FullProtocol | None = None,
+    second_indenter_m: float | None = None,
+) -> Plan:
+    """Draws a session in which no effect hides behind another.
+
+    Args:
+        rng: the only source of chance.
+        layout: the taxels, which say how far the sites go.
+        options: numbers of the protocol.
+        second_indenter_m: radius of a second sphere [m], for presses at the end; None: no change of the cap.
+
+    Returns:
+        The plan.
+    """
+    options = options or FullProtocol()
+    anchor = _anchor(layout, options)
+    regular = _regular(rng, spread_sites(rng, layout, options.regular, without=anchor.site), options)
+    # Blocks of one pose each: the hand changes its pose once a block, and still often over the session.
+    pool = regular + _repeats(rng, regular, options.repeats) + _revisits(rng, regular, options)
+    order = _in_blocks(rng, pool, options)
+    presses = _with_anchors(named_by_order(order), anchor)
+    if second_indenter_m is not None:
+        sites = spread_sites(rng, layout, options.second_indenter, without=anchor.site)
+        other = [replace(p, pose=options.poses[0]) for p in _regular(rng, sites, options)]
+        presses += [replace(p, indenter_radius_m=second_indenter_m) for p in other]
+    return Plan("full", tuple(presses))
+
+
+def patch_grid(layout: TaxelLayout) -> Floats:
+    """Places of a 1 mm grid over the taxels, shape (N, 2) [m], symmetric about the patch's centre."""
+    axes: list[Floats] = []
+    for k in range(2):
+        low, high = layout.bounds_m[:, k]
+        half = int((high - low) / 2 / GRID_M + SLACK_OF_FIT)
+        axes.append((low + high) / 2 + GRID_M * np.arange(-half, half + 1))
+    return np.round(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2), 9)
+
+
+def spread_sites(
+    rng: np.random.Generator, layout: TaxelLayout, count: int, *, without: Site | None = None
+) -> list[Site]:
+    """Sites on the grid that cover the patch evenly: each next one of some random ones is the farthest from the rest.
+
+    Args:
+        rng: the only source of chance.
+        layout: the taxels.
+        count: how many; beyond the places of the grid they repeat.
+        without: a place that is not drawn [m].
+
+    Returns:
+        Sites [m], in random order.
+    """
+    places = patch_grid(layout)
+    if without is not None:
+        places = places[np.any(places != np.asarray(without), axis=1)]
+    chosen: list[int] = []
+    while len(chosen) < count:
+        some = rng.choice(len(places), min(8, len(places)), replace=False)
+        # Within one cover of the grid only; a second cover starts anew.
+        cover = chosen[len(places) * (len(chosen) // len(places)) :]
+        away = _nearest_m(places[some], places[cover])
+        if away.max() > 0:
+            chosen.append(int(some[np.argmax(away)]))
+    return [_site(places[i]) for i in rng.permutation(chosen)]
+
+
+def _nearest_m(points: Floats, others: Floats) -> Floats:
+    if not len(others):
+        return np.full(len(points), np.inf)
+    return np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1)
+
+
+def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol) -> list[PlannedPress]:
+    """One press a site: forces even over their range, and every pace and pose equally often, independent of them."""
+    count = len(sites)
+    forces = _even_forces(rng, count, options.forces_n)
+    speed, hold, pose = (
+        _balanced(rng, count, n)
+        for n in (len(options.speeds_m_per_s), len(options.holds_s), len(options.poses))
+    )
+    return [
+        PlannedPress(
+            *site,
+            _force(forces[i]),
+            options.speeds_m_per_s[speed[i]],
+            options.holds_s[hold[i]],
+            options.poses[pose[i]],
+        )
+        for i, site in enumerate(sites)
+    ]
+
+
+def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, float]) -> Floats:
+    """One force of each of ``count`` equal parts of the range, even in the root: low forces are the more frequent."""
+    low, high = np.sqrt(range_n)
+    share = (rng.permutation(count) + rng.uniform(0, 1, count)) / max(count, 1)
+    return (low + (high - low) * share) ** 2
+
+
+def _balanced(rng: np.random.Generator, count: int, choices: int) -> NDArray[np.int64]:
+    """Choices (count,), each as often as the others, in random order."""
+    return rng.permutation(np.arange(count) % choices)
+
+
+def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[PlannedPress]:
+    chosen = rng.choice(len(regular), min(count, len(regular)), replace=False)
+    return [replace(regular[i], kind="repeat") for i in chosen]
+
+
+def _revisits(
+    rng: np.random.Generator, regular: list[PlannedPress], options: FullProtocol
+) -> list[PlannedPress]:
+    """Sites of regular presses with another force, pace and pose."""
+    count = min(options.revisits, len(regular))
+    chosen = rng.choice(len(regular), count, replace=False)
+    others = _regular(rng, [regular[i].site for i in chosen], options)
+    return [replace(press, kind="revisit") for press in others]
+
+
+def _in_blocks(
+    rng: np.random.Generator, pool: list[PlannedPress], options: FullProtocol
+) -> list[PlannedPress]:
+    """The presses in random order, in blocks of one pose that lie between two anchors each, poses in turn."""
+    length = ANCHOR_EVERY - 1
+    blocks: list[list[list[PlannedPress]]] = []
+    for pose in options.poses:
+        of_pose = [pool[i] for i in rng.permutation(len(pool)) if pool[i].pose == pose]
+        blocks.append([of_pose[i : i + length] for i in range(0, len(of_pose), length)])
+    first = rng.permutation(len(blocks))
+    turns = max((len(b) for b in blocks), default=0)
+    return [press for t in range(turns) for i in first if t < len(blocks[i]) for press in blocks[i][t]]
+
+
+def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
+    """The presses with their kinds as the order makes them.
+
+    The first press of a site is regular; a later one that is just like an earlier one a repeat, else a revisit.
+    """
+    named: list[PlannedPress] = []
+    for press in order:
+        before = [p for p in named if p.site == press.site]
+        if not before:
+            named.append(replace(press, kind="regular"))
+        elif any(p.same_press(press) for p in before):
+            named.append(replace(press, kind="repeat"))
+        else:
+            named.append(replace(press, kind="revisit"))
+    return named
+
+
+def _anchor(layout: TaxelLayout, options: FullProtocol) -> PlannedPress:
+    """The press that comes back: at the middle of the patch, at a middle force, slowly."""
+    middle = np.round(layout.bounds_m.mean(axis=0), 9)
+    pace = (options.speeds_m_per_s[-1], options.holds_s[0])
+    return PlannedPress(*_site(middle), options.anchor_force_n, *pace, options.poses[0], "anchor")
+
+
+def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[PlannedPress]:
+    """An anchor first, after every nine presses, and last; presses at its own site keep their kind."""
+    presses: list[PlannedPress] = []
+    for press in order:
+        if len(presses) % ANCHOR_EVERY == 0:
+            presses.append(anchor)
+        presses.append(press)
+    return [*presses, anchor]
+
+
+def _site(place: Floats) -> Site:
+    return float(place[0]), float(place[1])
+
+
+def _force(force_n: float) -> float:
+    """Whole thousandths of a newton: what a person reads in a plan is what is pressed."""
+    return round(float(force_n), 3)

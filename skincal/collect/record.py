@@ -1,0 +1,233 @@
+"""What is kept of a press: its frames at the sensor's rate, and one row of means over the steady part of the hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.options import CollectOptions
+from skincal.collect.plan import PlannedPress
+from skincal.collect.press import Moments, Status
+from skincal.collect.samples import Sample
+from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
+
+FloatArray = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+
+SHORTEST_S = 0.05
+"""Where there is no steady part, a press's means are over at least this time before its end [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Samples as arrays over time.
+
+    Attributes:
+        time_s: session clock (T,) [s].
+        values: force, shears, point, angles and torques, each (T,) by the name of its column.
+    """
+
+    time_s: FloatArray
+    values: dict[str, FloatArray]
+
+    @classmethod
+    def of(cls, samples: Sequence[Sample]) -> Series:
+        """The samples of a stretch of time."""
+        table = np.array(
+            [
+                [s.time_s, s.force_n, s.shear_u_n, s.shear_v_n, *s.point_m, s.state.temperature_c,
+                 *s.state.q_rad, *s.state.tau_nm]
+                for s in samples
+            ]
+        )  # fmt: skip
+        joints = len(samples[0].state.q_rad)
+        names = ["force_n", "shear_u_n", "shear_v_n", "x_m", "y_m", "z_m", "temperature_c"]
+        names += [f"q_{j}" for j in range(joints)] + [f"tau_{j}" for j in range(joints)]
+        return cls(table[:, 0], dict(zip(names, table[:, 1:].T, strict=True)))
+
+    def at(self, times_s: FloatArray) -> dict[str, FloatArray]:
+        """The values at other times (M,), straight between the samples."""
+        return {name: np.interp(times_s, self.time_s, column) for name, column in self.values.items()}
+
+
+def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Arrays:
+    """Taxels as they came, thinned to a rate, each with the joints' values at the moment it was read.
+
+    Args:
+        samples: of a stretch of time, at least one.
+        last_s: when the last frame before it was read [s].
+        rate_hz: frames are kept at this rate at most [Hz].
+
+    Returns:
+        Columns by name: ``time_s``, ``counts`` (M, J) and those of :class:`Series`.
+    """
+    step_s = 1 / rate_hz
+    period_s = (samples[-1].time_s - samples[0].time_s) / max(len(samples) - 1, 1)
+    kept: list[Sample] = []
+    for sample in samples:
+        # A frame that comes half a period early is on time.
+        if sample.frame_s > last_s and sample.frame_s >= last_s + step_s - 0.5 * period_s:
+            kept.append(sample)
+            last_s = sample.frame_s
+    times = np.array([sample.frame_s for sample in kept])
+    counts = np.array([sample.state.taxels for sample in kept]).reshape(len(kept), -1)
+    return {"time_s": times, "counts": counts, **Series.of(samples).at(times)}
+
+
+def press_arrays(
+    number: int,
+    cycle: int,
+    planned: PlannedPress,
+    target_m: FloatArray,
+    moments: Moments,
+    lost: bool,
+    samples: Sequence[Sample],
+    last_frame_s: float,
+    tare_nm: FloatArray,
+    options: CollectOptions,
+) -> Arrays:
+    """Everything that is kept of a press.
+
+    Args:
+        number: of the press.
+        cycle: earlier touches of its site.
+        planned: what was to be done.
+        target_m: the contact point that was commanded (3,) [m].
+        moments: when its parts began.
+        lost: whether the contact was lost in the hold.
+        samples: all of the press, with the way there.
+        last_frame_s: when the last frame before it was read [s].
+        tare_nm: torques at rest that were taken off (n,) [N m].
+        options: how it was made.
+
+    Returns:
+        Arrays by name: ``press.*`` of the row, ``frames.*`` of the frames.
+    """
+    frames = frames_of(samples, last_frame_s, options.frame_rate_hz)
+    phase = _phases(frames["time_s"], moments)
+    touched = phase != IDLE
+    series = Series.of(samples)
+    steady = _steady(series.time_s, moments, options.settle_s)
+    means = {name: float(np.mean(column[steady])) for name, column in series.values.items()}
+    slip_m = _slip(series, moments)
+    status = _status(planned, means["force_n"], slip_m, moments, lost, options)
+    row: dict[str, Any] = {
+        "press": number,
+        **means,
+        "t_start_s": moments.start_s,
+        "t_hold_s": moments.hold_s,
+        "t_release_s": moments.release_s,
+        "t_end_s": moments.end_s,
+        **dict(zip(("target_x_m", "target_y_m", "target_z_m"), target_m, strict=True)),
+        "target_force_n": planned.force_n,
+        "speed_m_per_s": planned.speed_m_per_s,
+        "pose": planned.pose,
+        "cycle": cycle,
+        "kind": planned.kind,
+        "missed_target": int(missed_target(planned, means["force_n"], options)),
+        "slip_m": slip_m,
+        "status": status,
+        **{f"tau_rest_{j}": float(value) for j, value in enumerate(tare_nm)},
+    }
+    if planned.indenter_radius_m is not None:
+        row["indenter_radius_m"] = planned.indenter_radius_m
+    counts = _mean_image(frames, series.time_s[steady])
+    frames |= {
+        "phase": phase,
+        "press": np.where(touched, number, -1),
+        "cycle": np.where(touched, float(cycle), np.nan),
+        "speed_m_per_s": np.where(touched, planned.speed_m_per_s, np.nan),
+        "pose": np.full(len(phase), planned.pose),
+    }
+    return {
+        **{f"press.{name}": np.asarray(value) for name, value in row.items()},
+        "press.counts": counts,
+        **{f"frames.{name}": column for name, column in frames.items()},
+    }
+
+
+def rest_arrays(samples: Sequence[Sample], last_frame_s: float, options: CollectOptions, pose: str) -> Arrays:
+    """What is kept where nothing touches, outside of presses."""
+    frames = frames_of(samples, last_frame_s, options.frame_rate_hz)
+    count = len(frames["time_s"])
+    nothing = np.full(count, np.nan)
+    frames |= {
+        "phase": np.full(count, IDLE),
+        "press": np.full(count, -1),
+        "cycle": nothing,
+        "speed_m_per_s": nothing,
+        "pose": np.full(count, pose),
+    }
+    return {f"frames.{name}": column for name, column in frames.items()}
+
+
+def missed_target(planned: PlannedPress, force_n: float, options: CollectOptions) -> bool:
+    """Whether a force is farther from its target than the tolerance."""
+    return abs(force_n - planned.force_n) > max(
+        options.tolerance_n, options.tolerance_share * planned.force_n
+    )
+
+
+def _status(
+    planned: PlannedPress,
+    force_n: float,
+    slip_m: float,
+    moments: Moments,
+    lost: bool,
+    options: CollectOptions,
+) -> Status:
+    if not np.isfinite(moments.hold_s):
+        return "no_contact"
+    if lost:
+        return "lost_contact"
+    if slip_m > options.slip_m:
+        return "slipped"
+    return "missed_target" if missed_target(planned, force_n, options) else "ok"
+
+
+def _phases(time_s: FloatArray, moments: Moments) -> NDArray[np.int8]:
+    """The phase of each frame; all idle where the skin was not found."""
+    phase = np.full(len(time_s), IDLE, dtype=np.int8)
+    for begin, code in (
+        (moments.start_s, LOAD),
+        (moments.hold_s, HOLD),
+        (moments.release_s, UNLOAD),
+        (moments.end_s, IDLE),
+    ):
+        if np.isfinite(begin):
+            phase[time_s >= begin] = code
+    return phase
+
+
+def _steady(time_s: FloatArray, moments: Moments, settle_s: float) -> NDArray[np.bool_]:
+    """The samples of the hold after it has settled, or of its last moments where it did not last."""
+    if not np.isfinite(moments.hold_s):
+        lowest = time_s[-1] if not np.isfinite(moments.start_s) else moments.start_s
+        return (time_s >= lowest - SHORTEST_S) & (time_s <= lowest)
+    begin = min(moments.hold_s + settle_s, moments.release_s - SHORTEST_S)
+    return (time_s >= begin) & (time_s <= moments.release_s)
+
+
+def _slip(series: Series, moments: Moments) -> float:
+    """How far the contact point moved from where it was at the start of the hold [m]; NaN without a hold."""
+    held = (series.time_s >= moments.hold_s) & (series.time_s <= moments.release_s)
+    if not held.any():
+        return float("nan")
+    points = np.stack([series.values[name][held] for name in ("x_m", "y_m", "z_m")], axis=1)
+    first = points[: max(1, len(points) // 10)].mean(axis=0)
+    return float(np.linalg.norm(points - first, axis=1).max())
+
+
+def _mean_image(frames: Arrays, times_s: FloatArray) -> FloatArray:
+    """Mean of the images read in a stretch of time (J,) [counts]; of the nearest one where there is none."""
+    time_s, counts = frames["time_s"], frames["counts"]
+    inside = (time_s >= times_s[0]) & (time_s <= times_s[-1])
+    if not inside.any():
+        inside[np.argmin(np.abs(time_s - times_s.mean()))] = True
+    number = np.isfinite(counts[inside]).sum(axis=0)
+    total = np.nansum(counts[inside], axis=0)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)

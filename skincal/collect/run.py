@@ -1,0 +1,177 @@
+"""From a plan and a hand to a dataset: begins a session or goes on with one, and writes it when it is whole."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.assemble import dataset_of
+from skincal.collect.journal import Journal, digest_of, journal_folder
+from skincal.collect.options import CollectOptions
+from skincal.collect.plan import Plan
+from skincal.collect.plan_file import plan_as_toml, read_plan
+from skincal.collect.poses import with_poses
+from skincal.collect.posture import Fingers
+from skincal.collect.session import MakeDriver, Session, Watch
+from skincal.collect.sites import Mount
+from skincal.dataset import Dataset, write_dataset
+from skincal.errors import InputError, Problem
+from skincal.files import refuse_existing
+from skincal.hand import GuardOptions
+from skincal.robot import HandDescription, Kinematics
+
+MARKER = "dataset.toml"
+PLAN = "plan.toml"
+
+
+@dataclass(frozen=True, eq=False)
+class Collected:
+    """A session that is whole.
+
+    Attributes:
+        dataset: as it was written.
+        resumed: presses that were taken from an interrupted session.
+        session_s: length of the session on its clock [s].
+        interruptions: how often the session went on after an interruption.
+    """
+
+    dataset: Dataset
+    resumed: int
+    session_s: float
+    interruptions: int
+
+    @property
+    def missed_target(self) -> int:
+        """Presses whose force is off its target by more than the tolerance."""
+        return int(np.sum(self._column("missed_target")))
+
+    @property
+    def statuses(self) -> dict[str, int]:
+        """How many presses there are of each status."""
+        names, counts = np.unique(self._column("status").astype(str), return_counts=True)
+        return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
+
+    def _column(self, name: str) -> NDArray[Any]:
+        column = self.dataset.presses.column(name)
+        assert column is not None
+        return column
+
+
+def collect(
+    plan: Plan,
+    hand: HandDescription,
+    make_driver: MakeDriver,
+    out: Path,
+    *,
+    key: Mapping[str, Any] | None = None,
+    options: CollectOptions | None = None,
+    guard: GuardOptions | None = None,
+    source: str = "",
+    force: bool = False,
+    restart: bool = False,
+    watch: Watch | None = None,
+) -> Collected:
+    """Makes the presses of a plan and writes the dataset.
+
+    Every finished press is kept in a folder beside ``out`` (``.NAME.collect``) until the dataset is written; called
+    again after an interruption, of whatever kind, the session goes on with the press that was not finished.
+
+    Args:
+        plan: what to do.
+        hand: the hand.
+        make_driver: makes a driver of it whenever it is to be connected.
+        out: folder of the dataset; made when the session is whole.
+        key: what else must be the same for a session to go on: driver, seed, options.
+        options: how presses are made.
+        guard: limits of the guard; None: its defaults.
+        source: for ``dataset.toml``.
+        force: whether an existing dataset is replaced.
+        restart: whether an interrupted session is thrown away.
+        watch: is told where the session is, in every period.
+
+    Returns:
+        The dataset, and how it came to be.
+
+    Raises:
+        InputError: the plan cannot be carried out, ``out`` exists, or an interrupted session is another one.
+        HandError: the hand failed; call again to go on.
+        WorkError: a press cannot be made.
+    """
+    options = options or CollectOptions()
+    fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
+    folder = journal_folder(out)
+    if not _written(folder, out):
+        refuse_existing(out, force=force, marker=MARKER)
+    with _alone(folder):
+        same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
+                "options": digest_of(repr(asdict(options)))}  # fmt: skip
+        journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
+        resumed = len(journal.presses())
+        plan = _resolved(plan, journal, fingers, options)
+        session = Session(plan, journal, fingers, make_driver, options, guard, watch)
+        if session.todo:
+            session.run()
+        dataset = dataset_of(journal, hand.meta, source, datetime.fromisoformat(journal.head["created"]))
+        if not _written(folder, out):
+            write_dataset(dataset, out, force=force)
+        assert dataset.frames is not None
+        times = dataset.frames.time_s
+        cuts = sum(bool(connection["resumed"]) for connection in journal.connections())
+        journal.remove()
+    return Collected(dataset, resumed, float(times[-1] - times[0]), cuts)
+
+
+def _named(plan: Plan) -> str:
+    return f"{plan.name}, {len(plan)} presses ({digest_of(plan_as_toml(plan))})"
+
+
+def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOptions) -> Plan:
+    """The plan with the angles of its poses, which are found once and then stay the same."""
+    path = journal.folder / PLAN
+    if path.is_file():
+        return read_plan(path, fingers.mount)
+    plan = with_poses(plan, fingers, options)
+    journal.keep_text(PLAN, plan_as_toml(plan))
+    return plan
+
+
+def _written(folder: Path, out: Path) -> bool:
+    """Whether ``out`` is the dataset of this very session, which was cut off before the journal was removed."""
+    import tomllib
+
+    try:
+        journal = Journal.find(folder)
+        created = tomllib.loads((out / MARKER).read_text(encoding="utf-8"))["created"]
+        return journal is not None and created == datetime.fromisoformat(journal.head["created"])
+    except (OSError, InputError, KeyError, ValueError):
+        return False
+
+
+@contextmanager
+def _alone(folder: Path) -> Generator[None]:
+    """Lets one process at a time work at a session; the lock goes with the process."""
+    path = folder.with_name(f"{folder.name}.lock")
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            got = "another process that works at it"
+            raise InputError(
+                [Problem(str(folder), "this session to be nobody else's", got, "Wait for it, or stop it.")]
+            ) from None
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,125 @@
+"""What a session sees of the hand, period by period: joints, contact, taxels, on the session's clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.errors import WorkError
+from skincal.hand.driver import HandState
+from skincal.robot import Kinematics, contact_from_joints
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_TARE_N = 3.0
+"""Torques at rest that look like more than this force are no offset: something touches, or a sensor is broken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One state of the hand, and the contact that its joints tell of.
+
+    Attributes:
+        time_s: session clock [s].
+        force_n: normal force, torques at rest taken off [N].
+        shear_u_n: force on the skin towards growing beta [N].
+        shear_v_n: force on the skin along +y [N].
+        point_m: point of the surface nearest to the indenter, fingertip frame (3,) [m].
+        height_m: of the indenter above the surface [m].
+        links_rad: angles of the links (n,) [rad].
+        state: as the hand gave it.
+        frame_s: when the taxels were read, session clock [s]; NaN where none answers.
+    """
+
+    time_s: float
+    force_n: float
+    shear_u_n: float
+    shear_v_n: float
+    point_m: FloatArray
+    height_m: float
+    links_rad: FloatArray
+    state: HandState
+    frame_s: float
+
+
+class Senses:
+    """Turns states into samples: contact from joints, the session's clock, torques at rest.
+
+    Args:
+        kinematics: the hand.
+        indenter_radius_m: radius of the sphere [m].
+    """
+
+    def __init__(self, kinematics: Kinematics, indenter_radius_m: float) -> None:
+        self._kinematics = kinematics
+        self._radius_m = indenter_radius_m
+        self._last: Sample | None = None
+        self._shift_s = 0.0
+        self.tare_nm: FloatArray = np.zeros(len(kinematics.description.joints))
+
+    def start_clock(self, state: HandState, session_s: float) -> None:
+        """Lets the session's clock stand at ``session_s`` at a state."""
+        self._shift_s = session_s - state.time_s
+        self._last = None
+
+    @property
+    def shift_s(self) -> float:
+        """The session's clock less the hand's [s]."""
+        return self._shift_s
+
+    def contact_force(self, state: HandState) -> float:
+        """The contact force of a state [N], for the guard."""
+        return self.sample(state).force_n
+
+    def sample(self, state: HandState) -> Sample:
+        """The sample of a state; computed once."""
+        if self._last is not None and self._last.state is state:
+            return self._last
+        torque = state.tau_nm - self.tare_nm
+        found = contact_from_joints(self._kinematics, state.q_rad, torque, indenter_radius_m=self._radius_m)
+        links = self._kinematics.link_angles(state.q_rad, torque)[0]
+        self._last = Sample(
+            state.time_s + self._shift_s,
+            float(found.force_n[0]),
+            float(found.shear_u_n[0]),
+            float(found.shear_v_n[0]),
+            found.points_m[0],
+            float(found.gap_m[0]),
+            links,
+            state,
+            _frame_time(state) + self._shift_s,
+        )
+        return self._last
+
+    def take_tare(self, samples: list[Sample]) -> None:
+        """Takes the mean torques of samples in which nothing touches as those at rest.
+
+        Raises:
+            WorkError: they look like a force that no offset explains.
+        """
+        if not samples:
+            return
+        tare = np.mean([sample.state.tau_nm for sample in samples], axis=0)
+        state = samples[-1].state
+        found = contact_from_joints(self._kinematics, state.q_rad, tare, indenter_radius_m=self._radius_m)
+        force = float(np.linalg.norm([found.force_n[0], found.shear_u_n[0], found.shear_v_n[0]]))
+        if not force < LARGEST_TARE_N:
+            raise WorkError(
+                f"torques at rest: expected less than what {LARGEST_TARE_N:g} N of contact would need; got those of "
+                f"{force:.3g} N with the indenter {1e3 * samples[-1].height_m:.1f} mm above the skin. Does something "
+                "else touch the fingers, or is a torque sensor off?"
+            )
+        self.tare_nm = tare
+        self._last = None
+
+
+def _frame_time(state: HandState) -> float:
+    """The middle of the moments at which the taxels that answer were read [s]."""
+    times = state.taxel_time_s
+    mean = float(times.mean())
+    if np.isfinite(mean):
+        return mean
+    good = np.isfinite(times)
+    return float(times[good].mean()) if good.any() else float("nan")

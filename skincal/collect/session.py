@@ -1,0 +1,153 @@
+"""A session: the presses of a plan on a hand, one after the other, each kept before the next begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from skincal.collect.connection import Connection
+from skincal.collect.journal import Journal
+from skincal.collect.loop import Loop
+from skincal.collect.options import CollectOptions
+from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.poses import radius_of
+from skincal.collect.posture import Fingers
+from skincal.collect.record import Arrays
+from skincal.collect.samples import Sample, Senses
+from skincal.hand import GuardedHand, GuardOptions, HandDriver
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a driver is made for.
+
+    Attributes:
+        session_s: where the session's clock will go on [s]; 0 at the beginning.
+        indenter_radius_m: the sphere that is to press [m]; None: the hand's own.
+        connections: how often the hand has been connected for this session.
+    """
+
+    session_s: float
+    indenter_radius_m: float | None
+    connections: int
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Where a session is.
+
+    Attributes:
+        done: finished presses.
+        total: presses of the plan.
+        number: of the present press.
+        planned: the present press.
+        doing: phase of the hand.
+        sample: what the hand says now.
+    """
+
+    done: int
+    total: int
+    number: int
+    planned: PlannedPress
+    doing: str
+    sample: Sample
+
+
+MakeDriver = Callable[[Need], HandDriver]
+Watch = Callable[[Progress], None]
+
+
+class Session:
+    """Carries out a plan on a hand.
+
+    Args:
+        plan: with angles for its poses.
+        journal: what has been done, and where what is done goes.
+        fingers: the hand.
+        make_driver: makes a driver whenever the hand is to be connected.
+        options: how presses are made.
+        guard: limits of the guard; None: its defaults.
+        watch: is told where the session is, in every period.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        journal: Journal,
+        fingers: Fingers,
+        make_driver: MakeDriver,
+        options: CollectOptions | None = None,
+        guard: GuardOptions | None = None,
+        watch: Watch | None = None,
+    ) -> None:
+        self.plan, self.journal, self.fingers = plan, journal, fingers
+        self._make_driver, self._guard, self._watch = make_driver, guard, watch
+        self.options = options or CollectOptions()
+        done = journal.presses()
+        self.todo = [number for number in range(len(plan)) if number not in done]
+        # Whoever was connected before for the press that now comes first may have touched its site.
+        self._resumed = bool(journal.connections())
+        self.cycles = _touches(plan, [*_cuts(journal), *(self.todo[:1] if self._resumed else ())])
+        stretches = [a["frames.time_s"] for a in (*done.values(), *journal.rests())]
+        self.last_frame_s = max((float(times[-1]) for times in stretches if len(times)), default=-np.inf)
+
+    def run(self) -> None:
+        """Makes the presses that are missing.
+
+        Raises:
+            HandError: the hand failed; what is finished is in the journal.
+            WorkError: a press cannot be made.
+        """
+        presses = self.plan.presses
+        for radius, group in groupby(list(self.todo), lambda number: presses[number].indenter_radius_m):
+            numbers = list(group)
+            before = len(self.journal.connections())
+            driver = self._make_driver(Need(max(self.last_frame_s, 0.0), radius, before))
+            senses = Senses(self.fingers.kinematics, radius or radius_of(self.fingers))
+            with GuardedHand(driver, self._guard, senses.contact_force) as hand:
+                loop = Loop(hand, senses, self._tell)
+                Connection(self, loop, radius or radius_of(self.fingers), numbers).run()
+
+    def connected(self, first: int, shift_s: float) -> None:
+        """Keeps that the hand has been connected, before it moves."""
+        self.journal.connected({"first": first, "resumed": self._resumed, "shift_s": shift_s})
+        self._resumed = False
+
+    def keep(self, number: int, arrays: Arrays) -> None:
+        """Keeps a finished press; when this returns, it is on the disk."""
+        self.journal.keep_press(number, arrays)
+        self.todo.remove(number)
+        self._saw(arrays)
+
+    def keep_rest(self, arrays: Arrays) -> None:
+        """Keeps frames of no press."""
+        self.journal.keep_rest(arrays)
+        self._saw(arrays)
+
+    def _saw(self, arrays: Arrays) -> None:
+        times = arrays["frames.time_s"]
+        if len(times):
+            self.last_frame_s = float(times[-1])
+
+    def _tell(self, sample: Sample, doing: str) -> None:
+        if self._watch is not None:
+            number = self.todo[0] if self.todo else len(self.plan) - 1
+            done = len(self.plan) - len(self.todo)
+            self._watch(Progress(done, len(self.plan), number, self.plan.presses[number], doing, sample))
+
+
+def _cuts(journal: Journal) -> list[int]:
+    """The presses at which the session went on after an interruption."""
+    return [int(connection["first"]) for connection in journal.connections() if connection["resumed"]]
+
+
+def _touches(plan: Plan, cuts: list[int]) -> list[int]:
+    """Earlier touches of the site of each press, those by presses that were cut off with them."""
+    cycles = list(plan.cycles())
+    for cut in cuts:
+        for number in range(cut, len(plan)):
+            cycles[number] += plan.presses[number].site == plan.presses[cut].site
+    return cycles

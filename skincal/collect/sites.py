@@ -1,0 +1,75 @@
+"""Sites on the patch as points and normals of the fingertip, for the pose that the sensor nominally has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.dataset import DatasetMeta
+from skincal.dataset.model_objects import layout_of, surface_of
+from skincal.dataset.placement import patch_coordinates
+from skincal.model import Plane, SensorPose, Surface, TaxelLayout
+from skincal.units import rad
+
+FloatArray = NDArray[np.float64]
+
+BEYOND_M = 0.02
+"""How far from the taxels a site may lie: farther out it is a slip of the pen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """The surface, and the patch where it nominally lies on it.
+
+    Attributes:
+        surface: the fingertip.
+        pose: the patch's nominal pose.
+        layout: the taxels.
+    """
+
+    surface: Surface
+    pose: SensorPose
+    layout: TaxelLayout
+
+    @classmethod
+    def of(cls, meta: DatasetMeta) -> Self:
+        """The mount of a hand, of which a dataset would say ``meta``; the layout has to be a grid."""
+        mount = meta.mount
+        pose = SensorPose(
+            mount.y_m, rad(mount.alpha_deg), beta_rad=rad(mount.beta_deg or 0.0), x_m=mount.x_m or 0.0
+        )
+        return cls(surface_of(meta.surface, {}), pose, layout_of(meta.sensor, None))
+
+    @property
+    def reach_m(self) -> float:
+        """How far a site may lie from the patch's centre along u and along v [m]."""
+        return float(np.abs(self.layout.bounds_m).max()) + BEYOND_M
+
+    @property
+    def pose_is_plane(self) -> bool:
+        """Whether a place is (x, y) instead of (beta, y)."""
+        return isinstance(self.surface, Plane)
+
+    def place(self, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Points (K, 3) [m] and outward normals (K, 3) of sites (K, 2) [m]; NaN where the surface has none."""
+        return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
+
+    def site_at(self, across: float, y_m: float) -> tuple[float, float]:
+        """The site of a place on the surface.
+
+        Args:
+            across: beta [rad], on a plane x [m].
+            y_m: along the finger [m].
+
+        Returns:
+            Patch coordinates (u, v) [m]; NaN where the numbers are.
+        """
+        if not np.isfinite([across, y_m]).all():
+            return float("nan"), float("nan")
+        there = SensorPose(y_m, 0.0, x_m=across) if self.pose_is_plane else SensorPose(y_m, 0.0, across)
+        point, _ = self.surface.wrap(there, np.zeros((1, 2)))
+        found = np.round(patch_coordinates(self.surface, self.pose, point)[0], 9)
+        return float(found[0]), float(found[1])

@@ -1,0 +1,150 @@
+"""Free motion: from site to site at a height above the skin, from one pose to another, and from and to home."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.loop import Loop
+from skincal.collect.options import CollectOptions
+from skincal.collect.posture import Fingers
+from skincal.errors import WorkError
+from skincal.robot import contact_from_joints, place_indenter
+
+FloatArray = NDArray[np.float64]
+
+WAYPOINT_M = 0.002
+"""Distance of the points of a way that are solved for; between them joints move evenly [m]."""
+
+CHECKED = 60
+"""Points at which a way through the joints is looked at for contact."""
+
+LOWEST_SHARE = 0.5
+"""A way through the joints stays above this share of the travelling height."""
+
+PEAK = 1.875
+"""Greatest speed of a smooth motion over its mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the indenter is over the skin, at travelling height.
+
+    Attributes:
+        site: patch coordinates [m].
+        skin_rad: angles of the finger with the skin [rad].
+        links_rad: angles of all links (n,) [rad].
+    """
+
+    site: tuple[float, float]
+    skin_rad: FloatArray
+    links_rad: FloatArray
+
+
+def way_over_skin(
+    fingers: Fingers, start: Place, site: tuple[float, float], skin_rad: FloatArray, centre_height_m: float
+) -> FloatArray:
+    """Waypoints between two sites, over the skin at one height, both fingers moving: it is never dragged over.
+
+    Args:
+        fingers: the hand.
+        start: where the indenter is.
+        site: where it shall go [m].
+        skin_rad: angles of the finger with the skin there [rad].
+        centre_height_m: height of the sphere's centre above the skin [m].
+
+    Returns:
+        Angles of the links (W, n) [rad], the first those of the start.
+
+    Raises:
+        WorkError: the way leads out of reach.
+    """
+    length = float(np.hypot(site[0] - start.site[0], site[1] - start.site[1]))
+    turn = float(np.abs(skin_rad - start.skin_rad).max())
+    count = 2 + int(max(length / WAYPOINT_M, turn / 0.05))
+    shares = np.linspace(0.0, 1.0, count)[1:, None]
+    sites = (1 - shares) * np.asarray(start.site) + shares * np.asarray(site)
+    skins = (1 - shares) * start.skin_rad + shares * skin_rad
+    points, normals = fingers.mount.place(sites)
+    q = start.links_rad
+    way = [q]
+    for skin, centre in zip(skins, points + centre_height_m * normals, strict=True):
+        q = q.copy()
+        q[fingers.kinematics.skin.columns] = skin
+        q = place_indenter(fingers.kinematics, centre, q)
+        way.append(q)
+    return np.array(way)
+
+
+def way_through_joints(
+    fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
+) -> FloatArray:
+    """A straight way in the angles, if the indenter stays off the skin on it; else one that goes up first.
+
+    Args:
+        fingers: the hand.
+        start_rad: angles of the links (n,) [rad].
+        end_rad: the same at the end.
+        radius_m: of the indenter [m].
+        least_m: lowest height of the indenter above the skin that is allowed on the way [m].
+
+    Returns:
+        Angles of the links (W, n) [rad].
+
+    Raises:
+        WorkError: both ways lead through the finger.
+    """
+    ways = [np.stack([start_rad, end_rad])]
+    indenter = fingers.kinematics.indenter.columns
+    first = start_rad.copy()
+    first[indenter] = fingers.kinematics.description.home_rad[indenter]
+    last = end_rad.copy()
+    last[indenter] = first[indenter]
+    ways += [np.stack([start_rad, first, end_rad]), np.stack([start_rad, last, end_rad]),
+             np.stack([start_rad, first, last, end_rad])]  # fmt: skip
+    for way in ways:
+        dense = _spaced(way, np.linspace(0, len(way) - 1, CHECKED))
+        if _least_height(fingers, dense, radius_m) >= least_m:
+            return way
+    raise WorkError(
+        "free motion: expected a way from the hand's present angles to the first site on which the indenter stays "
+        f"{1e3 * least_m:.1f} mm off the skin; found none. Move the fingers apart, to the hand's home angles, and run "
+        "again."
+    )
+
+
+def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> float:
+    found = contact_from_joints(
+        fingers.kinematics, links_rad, np.zeros_like(links_rad), indenter_radius_m=radius_m
+    )
+    return float(found.gap_m.min())
+
+
+def follow(
+    loop: Loop, way_rad: FloatArray, offset_rad: FloatArray, options: CollectOptions, length_m: float = 0.0
+) -> None:
+    """Moves along a way, slowly at both ends; an offset of the commanded angles fades on it.
+
+    Args:
+        loop: the hand.
+        way_rad: angles of the links (W, n) [rad].
+        offset_rad: what the commanded angles are off at the start (n,) [rad].
+        options: speeds.
+        length_m: length of the way over the skin [m].
+    """
+    turn = float(np.abs(np.diff(way_rad, axis=0)).max(axis=1).sum())
+    time_s = PEAK * max(turn / options.travel_rad_per_s, length_m / options.travel_m_per_s)
+    steps = loop.steps(time_s)
+    t = np.arange(1, steps + 1) / steps
+    smooth = t**3 * (10 - 15 * t + 6 * t**2)
+    for share, links in zip(smooth, _spaced(way_rad, smooth * (len(way_rad) - 1)), strict=True):
+        loop.step(links + (1 - share) * offset_rad)
+
+
+def _spaced(way_rad: FloatArray, places: FloatArray) -> FloatArray:
+    """Angles at places along a way, in numbers of waypoints."""
+    low = np.minimum(places.astype(int), len(way_rad) - 2)
+    share = (places - low)[:, None]
+    return (1 - share) * way_rad[low] + share * way_rad[low + 1]
