@@ -1,0 +1,44 @@
+"""What a skin does beyond the base model: one file an effect, one registry, whole sessions or sample by sample."""
+
+from skincal.effects.applied import Applied
+from skincal.effects.base import (
+    Effect,
+    InputEffect,
+    LawEffect,
+    MemoryEffect,
+    SignalEffect,
+    SpreadEffect,
+    Stage,
+)
+from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.registry import EFFECTS, effect
+from skincal.effects.samples import COVARIATES, Samples
+from skincal.effects.session import Contacted, EffectSkin
+from skincal.effects.setting import Setting
+from skincal.effects.stream import SkinStream
+
+__all__ = [
+    "COVARIATES",
+    "EFFECTS",
+    "Applied",
+    "Contacted",
+    "Effect",
+    "EffectParameter",
+    "EffectSkin",
+    "HoldSession",
+    "InputEffect",
+    "LawEffect",
+    "MemoryEffect",
+    "Samples",
+    "Setting",
+    "SignalEffect",
+    "SkinStream",
+    "SpreadEffect",
+    "Stage",
+    "Steps",
+    "Values",
+    "effect",
+    "hold_session",
+    "hold_times",
+]

@@ -1,0 +1,82 @@
+"""Effects with their parameters, in the order of the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+from numpy.typing import ArrayLike
+
+from skincal.effects.base import Effect
+from skincal.effects.parameter import Values
+from skincal.effects.registry import EFFECTS, effect
+from skincal.effects.samples import COVARIATES, Samples
+from skincal.errors import InputError, Problem
+
+Missing = Literal["error", "abstain"]
+"""What to do where samples lack a covariate that an effect needs."""
+
+Kind = TypeVar("Kind", bound=Effect)
+
+
+@dataclass(frozen=True, eq=False)
+class Applied:
+    """An effect with its parameters.
+
+    Attributes:
+        effect: which.
+        values: checked parameters.
+    """
+
+    effect: Effect
+    values: Values
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal for the same effect at equal values."""
+        return (self.effect.name, self.values.key)
+
+
+def applied(effects: Mapping[str, Mapping[str, ArrayLike]], taxels: int) -> tuple[Applied, ...]:
+    """Effects by name with their parameters, checked and in the order of the chain.
+
+    Args:
+        effects: parameters by effect; what is left out is neutral or default.
+        taxels: number of taxels J.
+
+    Raises:
+        InputError: unknown effects or parameters, or values out of bounds.
+    """
+    order = list(EFFECTS)
+    some = [Applied(effect(name), effect(name).checked(given, taxels)) for name, given in effects.items()]
+    return tuple(sorted(some, key=lambda a: order.index(a.effect.name)))
+
+
+def at_work(
+    all_of_them: tuple[Applied, ...], samples: Samples, kind: type[Kind], missing: Missing
+) -> list[tuple[int, Kind, Values]]:
+    """Effects of a kind that are not neutral and have what they need: their number, themselves, their values.
+
+    Args:
+        all_of_them: in the order of the chain.
+        samples: what they are to act on.
+        kind: subclass of effects.
+        missing: whether lacking a covariate is an error, or the effect then abstains.
+
+    Raises:
+        InputError: an effect lacks a covariate, and that is an error.
+    """
+    found: list[tuple[int, Kind, Values]] = []
+    for number, one in enumerate(all_of_them):
+        if not isinstance(one.effect, kind) or one.effect.is_neutral(one.values):
+            continue
+        lacking = [name for name in one.effect.needs(one.values) if not samples.has(name)]
+        if not lacking:
+            found.append((number, one.effect, one.values))
+        elif missing == "error":
+            columns = ", ".join(COVARIATES[name] for name in lacking)
+            place = f"effect {one.effect.name}"
+            fix = "Give them, or let effects abstain that lack something."
+            raise InputError([Problem(place, f"samples with {columns}", "samples without", fix)])
+    return found

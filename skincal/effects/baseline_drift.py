@@ -1,0 +1,73 @@
+"""The level at rest moves over the session.
+
+    y_j = x_j + s_j t + b_j (1 - exp(-t / tau)) + k (T - 25 °C)
+
+with t the time since the session began: a steady drift s_j and a settling b_j of each taxel, and a temperature
+coefficient k that all share.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import SignalEffect, Stage, known
+from skincal.effects.gain_drift import REFERENCE_C
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class BaselineDrift(SignalEffect):
+    """See the module."""
+
+    name = "baseline_drift"
+    stage = Stage.CONVERTER
+    meaning = "the level at rest moves over the session"
+    parameters = (
+        EffectParameter(
+            "slope_counts_per_s",
+            "counts/s",
+            0.0,
+            -1.0,
+            1.0,
+            "s_j: drift each second",
+            typical=0.01,
+            shape="per-taxel",
+            needs=("time",),
+        ),
+        EffectParameter(
+            "settling_counts",
+            "counts",
+            0.0,
+            -60.0,
+            60.0,
+            "b_j: change while settling",
+            shape="per-taxel",
+            needs=("time",),
+        ),
+        EffectParameter(
+            "settling_time_s", "s", 100.0, 5.0, 5000.0, "tau: time of settling", role="form", scale="log"
+        ),
+        EffectParameter(
+            "temperature_counts_per_k",
+            "counts/K",
+            0.0,
+            -20.0,
+            20.0,
+            "k: change each kelvin",
+            needs=("temperature",),
+        ),
+    )
+    source = "First-order drift terms of strain-gauge practice: Fraden, Handbook of Modern Sensors, 2016, chapter 3."
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at the reference."""
+        del setting
+        time = samples.elapsed_s[:, None]
+        settled = -np.expm1(-time / values.number("settling_time_s"))
+        level = values["slope_counts_per_s"] * time + values["settling_counts"] * settled
+        if values["temperature_counts_per_k"] != 0 and samples.temperature_c is not None:
+            warmer = known(samples.temperature_c, samples.temperature_c - REFERENCE_C)
+            level = level + (values["temperature_counts_per_k"] * warmer)[:, None]
+        return signal + level

@@ -1,0 +1,70 @@
+"""The measured contact positions are off in a way that the sensor's pose cannot absorb.
+
+    (across, along) += d_p + M r + c F
+
+d_p is an offset in the hand pose p (errors of the joint angles are others in another pose), M r a stretch and a skew
+of the place r from the patch's centre (a wrong fingertip radius or a rig that is scaled), c F a yielding of finger or
+rig that grows with the force. An offset that is the same always, and a turn, are the pose of the sensor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import InputEffect, by_pose
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+def _of_pose(name: str, direction: str) -> EffectParameter:
+    text = f"to be added to the measured place {direction}, in each hand pose"
+    return EffectParameter(
+        name, "m", 0.0, -3e-3, 3e-3, text, typical=0.15e-3, shape="per-pose", needs=("pose",)
+    )
+
+
+def _number(name: str, unit: str, bound: float, text: str, typical: float = 0.0) -> EffectParameter:
+    return EffectParameter(name, unit, 0.0, -bound, bound, text, typical=typical)
+
+
+class ContactOffset(InputEffect):
+    """See the module."""
+
+    name = "contact_offset"
+    meaning = "the measured contact positions are off in a way that the pose cannot absorb"
+    parameters = (
+        _of_pose("pose_across_m", "towards growing beta"),
+        _of_pose("pose_along_m", "along +y"),
+        _number("stretch_across", "-", 0.5, "true place across is so much farther from the centre", 0.04),
+        _number("stretch_along", "-", 0.5, "true place along is so much farther from the centre", -0.04),
+        _number("skew", "-", 0.5, "so much of the place along is added across, and of that across along"),
+        _number("across_m_per_n", "m/N", 1e-3, "movement towards growing beta with the force"),
+        _number("along_m_per_n", "m/N", 1e-3, "movement along +y with the force"),
+    )
+    source = (
+        "First-order kinematic calibration errors: Hollerbach, Khalil, Gautier, Model Identification, "
+        "Springer Handbook of Robotics, 2016, chapter 6."
+    )
+
+    def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
+        """See :meth:`InputEffect.apply`."""
+        place = (samples.contacts.points_m - setting.centre_m) @ setting.axes.T
+        across, along = place[:, 0], place[:, 1]
+        force, skew = np.maximum(samples.contacts.force_n, 0.0), values["skew"]
+        move_across = values["stretch_across"] * across + skew * along + values["across_m_per_n"] * force
+        move_along = values["stretch_along"] * along + skew * across + values["along_m_per_n"] * force
+        return setting.moved(
+            samples,
+            _finite(move_across + self._of_pose("pose_across_m", samples, values)),
+            _finite(move_along + self._of_pose("pose_along_m", samples, values)),
+        )
+
+    @staticmethod
+    def _of_pose(name: str, samples: Samples, values: Values) -> FloatArray | float:
+        return by_pose(values[name], samples.pose, 0.0) if values[name].any() else 0.0
+
+
+def _finite(move: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(move), move, 0.0)

@@ -1,0 +1,40 @@
+"""Small values are swallowed.
+
+    y = x - b ((1 - k) min(x / b, 1) + k (x / b) exp(-(x / b)²))    for x > 0
+
+b is the width of the band. With k = 0 the first b counts are missing from every value, as from a threshold or a
+preload; with k = 1 only values below about b are swallowed and larger ones come out whole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class DeadBand(SignalEffect):
+    """See the module."""
+
+    name = "dead_band"
+    stage = Stage.CONVERTER
+    meaning = "small values are swallowed"
+    parameters = (
+        EffectParameter("width_counts", "counts", 0.0, 0.0, 60.0, "b", typical=8.0),
+        EffectParameter(
+            "recovery", "-", 0.0, 0.0, 1.0, "k: how far large values come out whole", role="form"
+        ),
+    )
+    source = "Dead zone: Tao, Kokotović, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996."
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""
+        del samples, setting
+        width, recovery = values.number("width_counts"), values.number("recovery")
+        inside = np.maximum(signal, 0.0) / width
+        missing = (1 - recovery) * np.minimum(inside, 1.0) + recovery * inside * np.exp(-(inside**2))
+        return signal - width * missing

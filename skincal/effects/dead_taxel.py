@@ -1,0 +1,80 @@
+"""One or more taxels do not answer or are stuck.
+
+    y_j = a_j x_j + (1 - a_j) v_j    from the moment t_j on
+
+with a_j = 1 for a taxel that works and 0 for one that does not; v_j is what it reads then. A part between stands for
+one that answers weakly. x_j is the whole value, with its level at rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.errors import InputError, Problem
+from skincal.model import TaxelLayout
+from skincal.model.arrays import FloatArray
+
+
+class DeadTaxel(SignalEffect):
+    """See the module."""
+
+    name = "dead_taxel"
+    stage = Stage.CONVERTER
+    meaning = "one or more taxels do not answer or are stuck"
+    parameters = (
+        EffectParameter("answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", shape="per-taxel"),
+        EffectParameter(
+            "stuck_counts",
+            "counts",
+            0.0,
+            -100.0,
+            4096.0,
+            "v_j: what it reads",
+            shape="per-taxel",
+            role="form",
+        ),
+        EffectParameter(
+            "from_s",
+            "s",
+            0.0,
+            0.0,
+            1e6,
+            "t_j: when it begins, after the session did",
+            shape="per-taxel",
+            role="form",
+        ),
+    )
+    source = "Stuck-at faults: Isermann, Fault-Diagnosis Systems, 2006, chapter 5."
+
+    def needs(self, values: Values) -> tuple[str, ...]:
+        """See :meth:`Effect.needs`: the time, if the fault begins later than the session."""
+        late = bool(((values["from_s"] > 0) & (values["answer"] != 1.0)).any())
+        return ("time",) if late else ()
+
+    @property
+    def all_covariates(self) -> tuple[str, ...]:
+        """See :attr:`Effect.all_covariates`."""
+        return ("time",)
+
+    def at_strength(
+        self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
+    ) -> dict[str, FloatArray]:
+        """See :meth:`Effect.at_strength`: strength 1 is a sixteenth of the taxels dead, one at least, at zero."""
+        del poses
+        if not (np.isfinite(strength) and strength >= 0):
+            raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])
+        order = np.argsort(np.linalg.norm(layout.centres_m + rng.normal(0, 1e-3, (layout.taxels, 2)), axis=1))
+        dead = np.empty(layout.taxels)
+        dead[order] = np.clip(strength * max(1, layout.taxels // 16) - np.arange(layout.taxels), 0.0, 1.0)
+        return {"answer": 1.0 - dead}
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`."""
+        del setting
+        missing = 1.0 - values["answer"]
+        since = np.where(samples.elapsed_s[:, None] >= values["from_s"], missing, 0.0)
+        return signal + since * (values["stuck_counts"] - signal)

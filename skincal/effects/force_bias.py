@@ -1,0 +1,52 @@
+"""The measured force is off.
+
+    F = g_p F_measured + F_0    wherever something touches, never below zero
+
+with F_0 an offset of the force that the data name, and g_p a scale for the hand pose p, as from joint torques whose
+friction and gravity are compensated differently well in different poses. A scale that all poses share is not told
+apart from the scale of the counts, so only differences between poses show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.effects.base import InputEffect, by_pose
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+
+
+class ForceBias(InputEffect):
+    """See the module."""
+
+    name = "force_bias"
+    meaning = "the measured force is off: offset, or a scale that depends on the hand's pose"
+    parameters = (
+        EffectParameter("offset_n", "N", 0.0, -1.0, 1.0, "to be added to the measured force", typical=0.25),
+        EffectParameter(
+            "pose_scale",
+            "-",
+            1.0,
+            0.3,
+            3.0,
+            "true over measured force, in each hand pose",
+            typical=0.08,
+            shape="per-pose",
+            needs=("pose",),
+        ),
+    )
+    source = "Error model of a force transducer: offset and sensitivity (ISO 376:2011 names both)."
+
+    def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
+        """See :meth:`InputEffect.apply`."""
+        del setting
+        force = samples.contacts.force_n
+        if (values["pose_scale"] != 1.0).any():
+            force = by_pose(values["pose_scale"], samples.pose, 1.0) * force
+        biased = np.where(
+            samples.touching, np.maximum(force + values["offset_n"], 0.0), samples.contacts.force_n
+        )
+        return replace(samples, contacts=replace(samples.contacts, force_n=biased))

@@ -1,0 +1,67 @@
+"""The sensitivity moves over the session (wear, temperature).
+
+    y = x exp(r t + b (1 - exp(-t / tau)) + k (T - 25 °C))
+
+with t the time since the session began: steady wear r, a settling b as from warming up, and a temperature
+coefficient k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import SignalEffect, Stage, known
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+REFERENCE_C = 25.0
+"""The temperature at which the gain is one [°C]."""
+
+
+class GainDrift(SignalEffect):
+    """See the module."""
+
+    name = "gain_drift"
+    stage = Stage.TRANSFER
+    meaning = "the sensitivity moves over the session (wear, temperature)"
+    parameters = (
+        EffectParameter(
+            "rate_per_s",
+            "1/s",
+            0.0,
+            -2e-2,
+            2e-2,
+            "r: relative change each second",
+            typical=-5e-4,
+            needs=("time",),
+        ),
+        EffectParameter(
+            "settling", "-", 0.0, -1.0, 1.0, "b: relative change while settling", needs=("time",)
+        ),
+        EffectParameter(
+            "settling_time_s", "s", 100.0, 5.0, 5000.0, "tau: time of settling", role="form", scale="log"
+        ),
+        EffectParameter(
+            "temperature_per_k",
+            "1/K",
+            0.0,
+            -0.2,
+            0.2,
+            "k: relative change each kelvin",
+            needs=("temperature",),
+        ),
+    )
+    source = "First-order drift terms of strain-gauge practice: Fraden, Handbook of Modern Sensors, 2016, chapter 3."
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at the reference."""
+        del setting
+        time = samples.elapsed_s
+        exponent = values["rate_per_s"] * time
+        exponent = exponent - values["settling"] * np.expm1(-time / values.number("settling_time_s"))
+        if values["temperature_per_k"] != 0 and samples.temperature_c is not None:
+            warmer = samples.temperature_c - REFERENCE_C
+            exponent = exponent + values["temperature_per_k"] * known(samples.temperature_c, warmer)
+        return signal * np.exp(exponent)[:, None]

@@ -1,0 +1,41 @@
+"""A taxel leaks along its row and column.
+
+    y_j = x_j + r (sum of x_i over the rest of the row) + c (sum of x_i over the rest of the column)
+
+In an array whose taxels share row and column wires, currents find parallel ways through them; to first order in the
+resistance of wires and multiplexers a taxel gets a part of all that share a wire with it.
+"""
+
+from __future__ import annotations
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class Ghosting(SignalEffect):
+    """See the module."""
+
+    name = "ghosting"
+    stage = Stage.CROSSTALK
+    meaning = "a taxel leaks along its row and column"
+    parameters = (
+        EffectParameter(
+            "row_leak", "-", 0.0, -0.2, 0.5, "r: part that each taxel of the row gets", typical=0.06
+        ),
+        EffectParameter(
+            "column_leak", "-", 0.0, -0.2, 0.5, "c: part that each taxel of the column gets", typical=0.06
+        ),
+    )
+    source = (
+        "Parallel paths in resistive arrays: Hidalgo-López et al., J. Sensors 2018, Improving Accuracy in the "
+        "Readout of Resistive Sensor Arrays; Wu et al., Sensors 14 (2014) 12816."
+    )
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`."""
+        del samples
+        leaks = values["row_leak"] * setting.same_row + values["column_leak"] * setting.same_column
+        return signal + signal @ leaks

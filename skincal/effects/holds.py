@@ -1,0 +1,156 @@
+"""Presses that came without frames, as sessions of samples: load, hold, unload.
+
+A dataset without frames has one mean image a press, that of the hold. What effects with memory make of it depends on
+how the press went, so a standard press is played: the force rises in a straight line from t_start to t_hold, stays
+until t_release and falls to zero at t_end; a press whose branch is ``down`` rises to a higher force in the first half
+of the loading and comes back to the hold from above. Times that are not known are half a second for loading and for
+unloading, one second for the hold, and one second of rest before the next press.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD, Samples
+from skincal.model.arrays import FloatArray, IntArray, as_floats, check_shape
+
+LOADING_S = 0.5
+HOLD_S = 1.0
+REST_S = 1.0
+OVERSHOOT = 1.5
+"""Over which force a press comes back whose hold is reached from above, in parts of the hold's force."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Samples in each part of a press.
+
+    Attributes:
+        load: while the force rises, the last at the hold's force.
+        hold: in the hold, whose mean is the press's image.
+        unload: while it falls; the last has no force.
+    """
+
+    load: int = 12
+    hold: int = 10
+    unload: int = 12
+
+    @property
+    def all(self) -> int:
+        """In a press, and one at rest after it."""
+        return self.load + self.hold + self.unload + 1
+
+
+@dataclass(frozen=True, eq=False)
+class HoldSession:
+    """A session of samples that was made of presses.
+
+    Attributes:
+        samples: in the order of time.
+        row: (K,) row of the press that each belongs to.
+        hold: (H, S) indices of the samples in the hold of each press.
+    """
+
+    samples: Samples
+    row: IntArray
+    hold: IntArray
+
+    def means(self, values: FloatArray) -> FloatArray:
+        """Mean image in the hold (H, J) of each press, from values of all samples (K, J)."""
+        return values[self.hold].mean(axis=1)
+
+
+def hold_times(
+    count: int,
+    t_start_s: ArrayLike | None = None,
+    t_hold_s: ArrayLike | None = None,
+    t_release_s: ArrayLike | None = None,
+    t_end_s: ArrayLike | None = None,
+) -> FloatArray:
+    """Start, hold, release and end (H, 4) [s] of presses in the order of time; what is not known is standard.
+
+    A press none of whose times is known follows the one before.
+
+    Args:
+        count: number of presses H.
+        t_start_s: (H,) [s], NaN where not known; likewise the others.
+        t_hold_s: [s].
+        t_release_s: [s].
+        t_end_s: [s].
+    """
+    given = [t_start_s, t_hold_s, t_release_s, t_end_s]
+    times = np.column_stack([np.full(count, np.nan) if g is None else as_floats(g) for g in given])
+    check_shape("press times", times, (count, 4))
+    lasts = np.array([LOADING_S, HOLD_S, LOADING_S])
+    after = np.concatenate([[0.0], np.cumsum(lasts)])
+    end = -REST_S
+    for press in times:
+        known = np.isfinite(press)
+        anchor = int(np.argmax(known))
+        begin = press[anchor] - after[anchor] if known.any() else end + REST_S
+        begin = max(begin, end)
+        for k in range(4):
+            earliest = begin if k == 0 else press[k - 1]
+            guess = begin if k == 0 else press[k - 1] + lasts[k - 1]
+            press[k] = max(press[k], earliest) if known[k] else guess
+        end = press[3]
+    return times
+
+
+def hold_session(
+    holds: Samples, times_s: FloatArray, steps: Steps | None = None, *, down: ArrayLike | None = None
+) -> HoldSession:
+    """Standard presses about given holds.
+
+    Args:
+        holds: one sample a press, H of them, in the order of time.
+        times_s: (H, 4) start, hold, release and end, as of :func:`hold_times` [s].
+        steps: how finely.
+        down: (H,) True where the hold is reached from above.
+    """
+    steps = steps or Steps()
+    falls = np.zeros(len(holds), dtype=np.bool_) if down is None else np.asarray(down, dtype=np.bool_)
+    row = np.repeat(np.arange(len(holds)), steps.all)
+    share, time = _course(times_s, steps, falls)
+    phase = np.repeat([LOAD, HOLD, UNLOAD, IDLE], [steps.load, steps.hold, steps.unload, 1])
+    start = np.arange(len(holds))[:, None] * steps.all + steps.load
+    played = holds[row]
+    contacts = replace(played.contacts, force_n=played.contacts.force_n * share.ravel())
+    idle = np.tile(phase, len(holds)) == IDLE
+    samples = replace(
+        played,
+        contacts=contacts,
+        touching=played.touching & ~idle,
+        press=np.where(idle, -1, played.press),
+        time_s=time.ravel(),
+        phase=np.tile(phase, len(holds)),
+        start_s=float("nan"),
+    )
+    return HoldSession(samples, row, start + np.arange(steps.hold))
+
+
+def _course(
+    times_s: FloatArray, steps: Steps, down: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> tuple[FloatArray, FloatArray]:
+    """Force over that of the hold, and times [s], of all samples of each press: (H, steps.all) each."""
+    start, hold, release, end = (times_s[:, k, None] for k in range(4))
+    rise = np.arange(1, steps.load + 1) / steps.load
+    stay = np.arange(1, steps.hold + 1) / (steps.hold + 1)
+    fall = np.arange(1, steps.unload + 1) / steps.unload
+    gap = np.minimum(np.append(start[1:, 0], np.inf) - end[:, 0], REST_S)
+    rest = (end[:, 0] + np.maximum(gap, 0.0) / 2)[:, None]
+    time = np.hstack(
+        [
+            start + rise * (hold - start),
+            hold + stay * (release - hold),
+            release + fall * (end - release),
+            rest,
+        ]
+    )
+    over = np.where(rise <= 0.5, 2 * OVERSHOOT * rise, OVERSHOOT + (1 - OVERSHOOT) * (2 * rise - 1))
+    load = np.where(down[:, None], over, rise)
+    flat = np.ones((len(times_s), 1))
+    return np.hstack([load, flat * np.ones(steps.hold), flat * (1 - fall), flat * 0.0]), time

@@ -1,0 +1,78 @@
+"""At the same force the signal differs between loading and unloading.
+
+    y = x + h (mean of z_k - x),    z_k <- min(max(z_k, x), (1 + w_k) x),    w_k = w k / n,  k = 1 ... n
+
+A Prandtl-Ishlinskii sum of n generalised play operators whose two curves, x and (1 + w_k) x, both go through the
+origin: while the load x rises, all z_k follow it and the signal is the base model's; when it falls, each z_k stays
+until the load has fallen by the part w_k / (1 + w_k). So the loop is wide between the ends and closes at the peak and
+at rest, does not depend on speed, and grows in proportion to the load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import MemoryEffect, State
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.model.arrays import FloatArray, IntArray
+
+_OPERATORS = 6
+"""How many play operators stand for the continuum."""
+
+
+class Hysteresis(MemoryEffect):
+    """See the module."""
+
+    name = "hysteresis"
+    meaning = "at the same force the signal differs between loading and unloading"
+    parameters = (
+        EffectParameter("height", "-", 0.0, -0.8, 1.5, "h: weight of what lags behind", typical=0.45),
+        EffectParameter(
+            "width", "-", 1.5, 0.05, 8.0, "w: how far the unloading curves reach", role="form", scale="log"
+        ),
+    )
+    source = (
+        "Visintin, Differential Models of Hysteresis, 1994, chapter III (generalised play); on tactile sensors: "
+        "Sánchez-Durán et al., Sensors 15 (2015) 26170, doi 10.3390/s151026170."
+    )
+
+    def run(
+        self, loads_n: FloatArray, samples: Samples, values: Values, state: State
+    ) -> tuple[FloatArray, State]:
+        """See :meth:`MemoryEffect.run`."""
+        del samples
+        widths = values.number("width") * np.arange(1, _OPERATORS + 1) / _OPERATORS
+        lagging, state = _played(loads_n, 1.0 + widths[:, None], state)
+        return loads_n + values["height"] * (lagging - loads_n), state
+
+
+def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last.
+
+    Without load all operators are at zero. So stretches of load between moments of rest do not know of each other, and
+    are gone through side by side.
+    """
+    mean = np.zeros_like(x)
+    starts, lengths = _stretches(np.logical_or.reduce(x > 0, axis=1))
+    if not len(starts):
+        return mean, np.zeros((len(upper), x.shape[1]))
+    z = np.zeros((len(starts), len(upper), x.shape[1]))
+    if state is not None:
+        z[starts == 0] = state
+    for step in range(lengths[0]):
+        live = int(np.searchsorted(-lengths, -step, side="left"))
+        rows = starts[:live] + step
+        now = x[rows, None, :]
+        z[:live] = np.minimum(np.maximum(z[:live], now), upper * now)
+        mean[rows] = z[:live].mean(axis=1)
+    last = np.flatnonzero(starts + lengths == len(x))
+    return mean, z[last[0]] if len(last) else np.zeros(z.shape[1:])
+
+
+def _stretches(busy: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> tuple[IntArray, IntArray]:
+    """Where stretches of True begin and how long they are, the longest first."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(np.int8)))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    order = np.argsort(-lengths, kind="stable")
+    return starts[order], lengths[order]

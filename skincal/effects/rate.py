@@ -1,0 +1,82 @@
+"""The response depends on the speed of loading.
+
+    y = x (v / v_0)^(n phi),    v_0 = 1 mm/s
+
+with v the speed of loading of the press. phi is one while the load rises, and decays as exp(-age / T) from the end of
+loading, so that a viscous stiffening may fade in the hold (small T) or stay for the whole press (large T).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.effects.base import MemoryEffect, State
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import LOAD, UNKNOWN, Samples
+from skincal.model.arrays import FloatArray
+
+REFERENCE_M_PER_S = 1e-3
+"""v_0: the speed at which the response is the base model's [m/s]."""
+_SLOWEST_M_PER_S = 1e-6
+
+
+@dataclass(frozen=True)
+class _Last:
+    """The last moment of loading [s], and the press it belonged to."""
+
+    time_s: float
+    press: int
+
+
+class Rate(MemoryEffect):
+    """See the module."""
+
+    name = "rate"
+    meaning = "the response depends on the speed of loading"
+    parameters = (
+        EffectParameter("exponent", "-", 0.0, -0.5, 0.5, "n", typical=0.12),
+        EffectParameter(
+            "fade_s",
+            "s",
+            100.0,
+            0.02,
+            1000.0,
+            "T: time in which it fades after loading",
+            role="form",
+            scale="log",
+        ),
+    )
+    covariates = ("speed", "phase", "time")
+    source = (
+        "Power law of the strain rate with fading memory: Pipkin, Rogers, J. Mech. Phys. Solids 16 (1968) 59; "
+        "Lakes, Viscoelastic Materials, 2009, chapter 2."
+    )
+
+    def run(
+        self, loads_n: FloatArray, samples: Samples, values: Values, state: State
+    ) -> tuple[FloatArray, State]:
+        """See :meth:`MemoryEffect.run`. A sample whose speed is not known is left as it is."""
+        assert samples.speed_m_per_s is not None
+        age, state = _age_s(samples, state)
+        relative = np.maximum(samples.speed_m_per_s, _SLOWEST_M_PER_S) / REFERENCE_M_PER_S
+        power = values.number("exponent") * np.exp(-age / values.number("fade_s"))
+        power = np.where(np.isfinite(relative), power, 0.0)
+        factor = np.power(np.where(np.isfinite(relative), relative, 1.0), power)
+        return loads_n * factor[:, None], state
+
+
+def _age_s(samples: Samples, last: _Last | None) -> tuple[FloatArray, _Last | None]:
+    """Time since loading ended (K,) [s]; zero while it goes on, where the phase is not known, and as a press begins."""
+    assert samples.phase is not None and samples.time_s is not None
+    if not len(samples):
+        return np.zeros(0), last
+    time, press = samples.time_s, samples.press
+    before = np.concatenate([[-2 if last is None else last.press], press[:-1]])
+    fresh = (samples.phase == LOAD) | (samples.phase == UNKNOWN) | ~samples.touching | (press != before)
+    since = np.where(fresh, time, -np.inf)
+    if last is not None:
+        since[0] = max(since[0], last.time_s)
+    since = np.maximum.accumulate(since)
+    return time - since, _Last(float(since[-1]), int(press[-1]))

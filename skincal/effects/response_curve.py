@@ -1,0 +1,40 @@
+"""The counts are a nonlinear function of the taxel's load.
+
+    y = x_0 ((1 + x / x_0)^g - 1) / g
+
+for x > 0: linear with slope one for small loads, a power g beyond the knee x_0. g = 1 is the straight line, g -> 0 a
+logarithm, g = 2 a parabola. The same curve for all taxels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class ResponseCurve(SignalEffect):
+    """See the module."""
+
+    name = "response_curve"
+    stage = Stage.TRANSFER
+    meaning = "the counts are a nonlinear function of the taxel's load"
+    parameters = (
+        EffectParameter("exponent", "-", 1.0, 0.05, 3.0, "g", typical=-0.35),
+        EffectParameter("knee_n", "N", 0.2, 0.01, 5.0, "x_0", role="form", scale="log"),
+    )
+    source = (
+        "Box, Cox, J. R. Stat. Soc. B 26 (1964) 211 (shifted power); the power law of piezoresistive taxels: "
+        "Paredes-Madrid et al., DYNA 85 (2018) 191, doi 10.15446/dyna.v85n205.66432."
+    )
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`. Loads below zero stay as they are."""
+        del samples, setting
+        exponent, knee = values.number("exponent"), values.number("knee_n")
+        curved = knee * np.expm1(exponent * np.log1p(np.maximum(signal, 0.0) / knee)) / exponent
+        return np.where(signal > 0, curved, signal)

@@ -1,0 +1,185 @@
+"""Samples of a session in the order of time: what touches where and how hard, and what else is known then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skincal.model import Contacts, Indenter
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats, check_shape, frozen
+
+COVARIATES: Final[dict[str, str]] = {
+    "time": "time_s",
+    "phase": "phase",
+    "speed": "speed_m_per_s",
+    "cycle": "cycle",
+    "pose": "pose",
+    "temperature": "temperature_c",
+    "shear": "shear_n",
+}
+"""Names of covariates, each with the attribute of :class:`Samples` that holds it."""
+
+UNKNOWN, IDLE, LOAD, HOLD, UNLOAD = range(-1, 4)
+"""Phases of a sample; from idle on as in the table of frames of a dataset."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """K samples of one session, in the order of time.
+
+    A covariate is None where it was not recorded at all, and NaN (a phase or pose: -1) in a sample that lacks it.
+
+    Attributes:
+        contacts: what presses where, K of them; of a sample that touches nothing only the row counts.
+        touching: (K,) False where nothing touches: there is no load, whatever the contact says.
+        indenters: the things that press.
+        indenter: (K,) which of them it is.
+        press: (K,) number of the press, -1 for none.
+        time_s: (K,) session clock, never falling [s].
+        phase: (K,) :data:`IDLE`, :data:`LOAD`, :data:`HOLD`, :data:`UNLOAD`, or :data:`UNKNOWN`.
+        speed_m_per_s: (K,) speed of loading of the press [m/s].
+        cycle: (K,) number of earlier touches of the same site.
+        pose: (K,) number of the hand's pose, -1 where not known.
+        temperature_c: (K,) temperature at the skin [°C].
+        shear_n: (K, 2) tangential force along growing beta and along +y [N].
+        start_s: the moment from which drifts count [s]; that of the first sample unless given.
+    """
+
+    contacts: Contacts
+    touching: BoolArray
+    indenters: tuple[Indenter, ...]
+    indenter: IntArray
+    press: IntArray
+    time_s: FloatArray | None = None
+    phase: IntArray | None = None
+    speed_m_per_s: FloatArray | None = None
+    cycle: FloatArray | None = None
+    pose: IntArray | None = None
+    temperature_c: FloatArray | None = None
+    shear_n: FloatArray | None = None
+    start_s: float = float("nan")
+
+    def __post_init__(self) -> None:
+        count = len(self.contacts)
+        for name, kind in (("touching", np.bool_), ("indenter", np.int64), ("press", np.int64)):
+            self._set(name, np.asarray(getattr(self, name), dtype=kind), (count,))
+        if len(self.indenter) and not 0 <= self.indenter.min() <= self.indenter.max() < len(self.indenters):
+            raise ValueError(f"samples indenter: expected 0 to {len(self.indenters) - 1}")
+        for name in COVARIATES.values():
+            value = getattr(self, name)
+            if value is not None:
+                whole = name in ("phase", "pose")
+                shape = (count, 2) if name == "shear_n" else (count,)
+                self._set(name, np.asarray(value, dtype=np.int64 if whole else np.float64), shape)
+        if self.time_s is not None and count:
+            if not np.isfinite(self.time_s).all() or np.any(np.diff(self.time_s) < 0):
+                raise ValueError("samples time_s: expected finite times that never fall")
+            if np.isnan(self.start_s):
+                object.__setattr__(self, "start_s", float(self.time_s[0]))
+
+    def _set(
+        self, name: str, array: np.ndarray[tuple[int, ...], np.dtype[np.generic]], shape: tuple[int, ...]
+    ) -> None:
+        check_shape(f"samples {name}", array, shape)
+        object.__setattr__(self, name, frozen(array.view()))
+
+    @classmethod
+    def of(
+        cls,
+        contacts: Contacts,
+        indenter: Indenter | tuple[tuple[Indenter, ...], ArrayLike],
+        *,
+        touching: ArrayLike | None = None,
+        press: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        phase: ArrayLike | None = None,
+        speed_m_per_s: ArrayLike | None = None,
+        cycle: ArrayLike | None = None,
+        pose: ArrayLike | None = None,
+        temperature_c: ArrayLike | None = None,
+        shear_u_n: ArrayLike | None = None,
+        shear_v_n: ArrayLike | None = None,
+    ) -> Samples:
+        """Samples from columns; one number stands for all rows.
+
+        Args:
+            contacts: K contacts; a row of NaN where nothing touches.
+            indenter: what presses, or several and (K,) which of them it is.
+            touching: (K,) where something touches; left out, where the phase is known and not idle, and where it is
+                not known, where the force is above zero.
+            press: (K,) number of the press; left out, it changes where contact begins.
+            time_s: (K,) [s].
+            phase: (K,) as in the attribute.
+            speed_m_per_s: (K,) [m/s].
+            cycle: (K,).
+            pose: (K,) whole numbers.
+            temperature_c: (K,) [°C].
+            shear_u_n: (K,) along growing beta [N]; both components or none.
+            shear_v_n: (K,) along +y [N].
+        """
+        count = len(contacts)
+
+        def column(value: ArrayLike | None) -> FloatArray | None:
+            return None if value is None else np.broadcast_to(as_floats(value), (count,))
+
+        def whole(value: ArrayLike | None) -> IntArray | None:
+            return None if value is None else np.broadcast_to(np.asarray(value, dtype=np.int64), (count,))
+
+        things, which = indenter if isinstance(indenter, tuple) else ((indenter,), 0)
+        phases = whole(phase)
+        touches = _touching(contacts, phases) if touching is None else np.asarray(touching, dtype=np.bool_)
+        touches = np.broadcast_to(touches, (count,))
+        shear = None
+        if shear_u_n is not None and shear_v_n is not None:
+            u, v = column(shear_u_n), column(shear_v_n)
+            assert u is not None and v is not None
+            shear = np.stack([u, v], axis=1)
+        pressing = whole(press)
+        return cls(
+            contacts,
+            touches,
+            tuple(things),
+            np.broadcast_to(np.asarray(which, dtype=np.int64), (count,)),
+            _presses(touches) if pressing is None else pressing,
+            column(time_s),
+            phases,
+            column(speed_m_per_s),
+            column(cycle),
+            whole(pose),
+            column(temperature_c),
+            shear,
+        )
+
+    def __len__(self) -> int:
+        return len(self.touching)
+
+    def __getitem__(self, rows: slice | IntArray | BoolArray) -> Samples:
+        """Some of the samples, in their order."""
+        some = {
+            name: None if getattr(self, name) is None else getattr(self, name)[rows]
+            for name in ("touching", "indenter", "press", *COVARIATES.values())
+        }
+        return replace(self, contacts=self.contacts[rows], **some)
+
+    def has(self, covariate: str) -> bool:
+        """Whether a covariate of :data:`COVARIATES` was recorded."""
+        return getattr(self, COVARIATES[covariate]) is not None
+
+    @property
+    def elapsed_s(self) -> FloatArray:
+        """(K,) time since :attr:`start_s` [s]; zero where there is no clock."""
+        return np.zeros(len(self)) if self.time_s is None else self.time_s - self.start_s
+
+
+def _touching(contacts: Contacts, phase: IntArray | None) -> BoolArray:
+    pressing = contacts.force_n > 0
+    return pressing if phase is None else np.where(phase == UNKNOWN, pressing, phase != IDLE)
+
+
+def _presses(touching: BoolArray) -> IntArray:
+    """Numbers of presses (K,): one more each time contact begins, -1 where there is none."""
+    begins = touching & ~np.concatenate([[False], touching[:-1]])
+    return np.where(touching, np.cumsum(begins) - 1, -1)

@@ -1,0 +1,44 @@
+"""Large values are compressed or clipped.
+
+    y = x / (1 + (k x)^p)^(1/p)    for x > 0
+
+1 / k is the value that is never reached, in counts; the sharpness p goes from a gradual compression (1) to a hard
+clip (20 and more).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class Saturation(SignalEffect):
+    """See the module."""
+
+    name = "saturation"
+    stage = Stage.CONVERTER
+    meaning = "large values are compressed or clipped"
+    parameters = (
+        EffectParameter(
+            "inverse_ceiling_per_count", "1/counts", 0.0, 0.0, 0.2, "k: one over the ceiling", typical=1 / 80
+        ),
+        EffectParameter("sharpness", "-", 4.0, 1.0, 30.0, "p", role="form", scale="log"),
+    )
+    source = (
+        "Rapp's model of a limiting amplifier: Rapp, 2nd European Conf. on Satellite Communications, 1991."
+    )
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""
+        del samples, setting
+        sharpness = values.number("sharpness")
+        relative = values["inverse_ceiling_per_count"] * np.maximum(signal, 0.0)
+        # Of the two, one and (k x)^p, the larger is taken out, so that neither overflows.
+        most, least = np.maximum(relative, 1.0), np.minimum(relative, 1.0)
+        ratio = np.where(relative > 1.0, 1.0 / most, least)
+        return signal / (most * (1.0 + ratio**sharpness) ** (1.0 / sharpness))

@@ -1,0 +1,38 @@
+"""Stress is a nonlinear function of penetration.
+
+    sigma = E eps_0 (eps / eps_0)^n
+
+n = 1 is the paper's foundation; n > 1 a skin that stiffens as it is pressed through, n < 1 one that gives way. The
+equilibrium of forces is solved under this law, so the penetration and the image change together.
+"""
+
+from __future__ import annotations
+
+from skincal.effects.base import LawEffect
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.model import StressLaw
+
+
+class Stiffening(LawEffect):
+    """See the module."""
+
+    name = "stiffening"
+    meaning = "stress is a nonlinear function of penetration"
+    parameters = (
+        EffectParameter("exponent", "-", 1.0, 0.3, 4.0, "n", typical=0.6, scale="log"),
+        EffectParameter(
+            "reference_m",
+            "m",
+            5e-4,
+            1e-5,
+            5e-3,
+            "eps_0: where the stress is that of the linear law",
+            role="form",
+            scale="log",
+        ),
+    )
+    source = "Power-law foundation: Johnson, Contact Mechanics, 1985, 4.3; foams: Gibson, Ashby, Cellular Solids, 1997."
+
+    def law(self, values: Values) -> StressLaw:
+        """See :meth:`LawEffect.law`."""
+        return StressLaw(values.number("exponent"), values.number("reference_m"))

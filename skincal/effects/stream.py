@@ -1,0 +1,70 @@
+"""A skin with effects, sample by sample: what a simulated hand and an environment step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.effects.base import State
+from skincal.effects.samples import Samples
+from skincal.effects.session import EffectSkin
+from skincal.model.arrays import FloatArray
+
+
+class SkinStream:
+    """One session of a skin as it goes on; the values are those of :meth:`EffectSkin.values` for all of it.
+
+    The only object of this package that changes: it holds what effects remember.
+    """
+
+    def __init__(self, skin: EffectSkin) -> None:
+        """Begin a session.
+
+        Args:
+            skin: with its effects.
+        """
+        self.skin = skin
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin another session: nothing has touched the skin yet, and drifts count from the next sample."""
+        self._states: dict[int, State] = {}
+        self._start_s = float("nan")
+        self._now_s = -np.inf
+
+    def step(self, samples: Samples) -> FloatArray:
+        """Values (K, J) [counts] of the next samples; usually one.
+
+        Args:
+            samples: that follow those of the last step.
+
+        Raises:
+            ValueError: they lie before those of the last step.
+            InputError: an effect lacks a covariate, and that is an error.
+        """
+        samples = self._in_session(samples)
+        contacted = self.skin.contact(samples)
+        return self.skin.after(self.skin.loads(contacted), contacted.samples, self._states)
+
+    def step_loads(self, loads_n: FloatArray, samples: Samples) -> FloatArray:
+        """As :meth:`step`, for a caller that has the loads of the contact already.
+
+        Args:
+            loads_n: (K, J) loads after contact and spread [N].
+            samples: K of them, for their covariates; effects on pose and force are not applied.
+        """
+        return self.skin.after(loads_n, self._in_session(samples), self._states)
+
+    def _in_session(self, samples: Samples) -> Samples:
+        """The samples with the session's beginning."""
+        if samples.time_s is None or not len(samples):
+            return samples
+        if samples.time_s[0] < self._now_s:
+            raise ValueError(
+                f"samples time_s: expected {self._now_s:g} s or later; got {samples.time_s[0]:g} s"
+            )
+        if np.isnan(self._start_s):
+            self._start_s = samples.start_s
+        self._now_s = float(samples.time_s[-1])
+        return replace(samples, start_s=self._start_s)

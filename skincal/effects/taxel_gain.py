@@ -1,0 +1,26 @@
+"""Taxels differ in gain: y_j = g_j x_j. A gain that all share is the scale S."""
+
+from __future__ import annotations
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class TaxelGain(SignalEffect):
+    """See the module."""
+
+    name = "taxel_gain"
+    stage = Stage.TRANSFER
+    meaning = "taxels differ in gain"
+    parameters = (
+        EffectParameter("gain", "-", 1.0, 0.2, 5.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
+    )
+    source = "Kasolowsky, Bäuml, IROS 2024, equation 4: the scale S_j may be another for each taxel."
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`."""
+        del samples, setting
+        return signal * values["gain"]

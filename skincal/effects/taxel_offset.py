@@ -1,0 +1,26 @@
+"""Taxels differ in their level at rest: y_j = x_j + o_j."""
+
+from __future__ import annotations
+
+from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.samples import Samples
+from skincal.effects.setting import Setting
+from skincal.model.arrays import FloatArray
+
+
+class TaxelOffset(SignalEffect):
+    """See the module."""
+
+    name = "taxel_offset"
+    stage = Stage.CONVERTER
+    meaning = "taxels differ in their level at rest"
+    parameters = (
+        EffectParameter("offset_counts", "counts", 0.0, -100.0, 300.0, "o_j", typical=3.0, shape="per-taxel"),
+    )
+    source = "Kasolowsky, Bäuml, IROS 2024, table of randomized parameters: an offset for each taxel."
+
+    def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """See :meth:`SignalEffect.apply`."""
+        del samples, setting
+        return signal + values["offset_counts"]
