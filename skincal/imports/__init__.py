@@ -1,1 +1,8 @@
 """Recordings of others, CSV files and ROS bags, turned into datasets by a mapping file."""
+
+from skincal.imports.assembly import Imported
+from skincal.imports.recording import Dropped, ReadFile
+from skincal.imports.run import import_csv, import_rosbag
+from skincal.imports.templates import template
+
+__all__ = ["Dropped", "Imported", "ReadFile", "import_csv", "import_rosbag", "template"]

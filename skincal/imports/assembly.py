@@ -1,0 +1,139 @@
+"""The last step of every import: one dataset, checked as any dataset is, that appears whole or not at all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from skincal.dataset import Dataset, check_dataset, write_dataset
+from skincal.dataset.columns import POSITION
+from skincal.dataset.findings import Findings
+from skincal.dataset.meta_file import FILE
+from skincal.dataset.model_objects import surface_of
+from skincal.errors import InputError, Problem
+from skincal.files import whole_folder
+from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.placement import placed
+from skincal.imports.recording import Dropped, ReadFile, Recording
+from skincal.imports.session import Session, session_of
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import has read, written and left out.
+
+    Attributes:
+        folder: the dataset.
+        presses: number of presses.
+        frames: number of frames; 0 where there are none.
+        read: files and their rows, or messages.
+        dropped: what was left out, and why.
+        assumed: what was not measured but assumed.
+        warnings: what a person should know of the dataset.
+    """
+
+    folder: Path
+    presses: int
+    frames: int
+    read: tuple[ReadFile, ...]
+    dropped: tuple[Dropped, ...]
+    assumed: tuple[str, ...]
+    warnings: tuple[Problem, ...]
+
+
+def assemble(
+    recording: Recording, mapping: Mapping, out: Path, findings: Findings, *, force: bool
+) -> Imported:
+    """Writes the dataset of a recording.
+
+    Args:
+        recording: as a reader returns it.
+        mapping: what becomes of it.
+        out: the folder to make.
+        findings: what has been found so far; errors are raised before anything is written.
+        force: whether an existing dataset there is replaced.
+
+    Raises:
+        InputError: the recording cannot be cut into presses, or what comes out is no valid dataset.
+        OSError: the disk is full, or not writable.
+    """
+    findings.raise_errors()
+    surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.placement.project else None
+    session = session_of(placed(recording, mapping.placement, surface), mapping, findings)
+    findings.raise_errors()
+    assert session is not None
+    dataset = _dataset(session, mapping)
+    with whole_folder(out, force=force, marker=FILE) as folder:
+        write_dataset(dataset, folder, force=True)
+        checked = check_dataset(folder)
+        if checked.dataset is None:
+            raise InputError([_traced(problem, mapping) for problem in checked.errors])
+    return Imported(
+        folder=out,
+        presses=len(session.presses),
+        frames=0 if session.frames is None else len(session.frames),
+        read=session.read,
+        dropped=session.dropped,
+        assumed=dataset.meta.assumed,
+        warnings=tuple(_traced(problem, mapping) for problem in checked.warnings),
+    )
+
+
+def _dataset(session: Session, mapping: Mapping) -> Dataset:
+    files = ", ".join(file.file for file in session.read)
+    meta = replace(
+        mapping.meta, source=mapping.meta.source or f"imported from {files}", assumed=assumed(mapping)
+    )
+    return Dataset(meta, session.presses, session.frames, mapping.positions, mapping.meshes)
+
+
+def assumed(mapping: Mapping) -> tuple[str, ...]:
+    """What the mapping says is assumed, and what it gives as a constant or moves onto the surface."""
+    constant = [
+        q.target for q in mapping.quantities if q.constant is not None and not isinstance(q.constant, str)
+    ]
+    found = [*mapping.meta.assumed]
+    if any(name in constant for name in POSITION):
+        found.append("position")
+    elif mapping.placement.project:
+        found.append("position.depth")
+    found += [name for name in constant if name not in POSITION]
+    return tuple(dict.fromkeys(found))
+
+
+def _traced(problem: Problem, mapping: Mapping) -> Problem:
+    """A problem of the dataset with the place in the mapping that its column comes from."""
+    if problem.place.startswith(f"{FILE},"):
+        return replace(problem, place=f"{mapping.path.name}{problem.place.removeprefix(FILE)}")
+    names = re.findall(r"\w+", problem.place)
+    found = [q for q in mapping.quantities if q.target in names]
+    if found:
+        origin = "; ".join(dict.fromkeys(_origin(q) for q in found))
+    elif any(name.startswith("taxel_") for name in names):
+        origin = mapping.taxels.place
+    else:
+        return replace(problem, place=f"imported {problem.place}")
+    return replace(problem, place=f"imported {problem.place} ({origin})")
+
+
+def _origin(quantity: Quantity) -> str:
+    unit = "" if quantity.unit.name == "1" else f', unit "{quantity.unit.name}"'
+    return f"{quantity.place}{unit}"
+
+
+def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], what: str) -> list[Path]:
+    """The files to read: those of the command line, else those that the mapping lists.
+
+    Raises:
+        InputError: there are none at all, or one does not exist.
+    """
+    files = list(named) or [mapping.path.parent / name for name in listed]
+    if not files:
+        fix = "Name them on the command line, or as files in the mapping."
+        raise InputError([Problem(mapping.path.name, what, "none", fix)])
+    missing = [Problem(str(path), what, "no such file") for path in files if not path.exists()]
+    if missing:
+        raise InputError(missing)
+    return files

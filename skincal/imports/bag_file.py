@@ -1,0 +1,130 @@
+"""Opens ROS bags by the library rosbags: topics, their types, and messages with their times of receipt."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from skincal.dataset.findings import Findings, did_you_mean
+from skincal.errors import InputError, Problem, WorkError
+
+MISSING = "ROS bags are read by the library rosbags, which is not installed: pip install skincal[ros]"
+
+
+@dataclass(frozen=True)
+class Bag:
+    """An open bag.
+
+    Attributes:
+        path: the bag.
+        reader: of the library.
+        types: type of the messages of each topic.
+    """
+
+    path: Path
+    reader: Any
+    types: Mapping[str, str]
+
+    def messages(self, topics: set[str]) -> Generator[tuple[str, int, Any]]:
+        """Topic, time of receipt [ns] and message, in the order of receipt.
+
+        Raises:
+            InputError: the bag is damaged, or holds a type that it does not define.
+        """
+        chosen = [c for c in self.reader.connections if c.topic in topics]
+        try:
+            for connection, stamp_ns, raw in self.reader.messages(connections=chosen):
+                yield connection.topic, stamp_ns, self.reader.deserialize(raw, connection.msgtype)
+        except KeyError as error:
+            fix = "Name its file in definitions of [bag]."
+            problem = Problem(
+                str(self.path), "types that the bag or the mapping defines", f"no type {error}", fix
+            )
+            raise InputError([problem]) from error
+        except Exception as error:  # the library raises whatever its parsers raise
+            raise InputError([_damaged(self.path, error)]) from error
+
+
+@contextmanager
+def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
+    """An open bag: a ROS 1 file (``.bag``), a ROS 2 folder, or one ``.mcap`` or ``.db3`` of such a folder.
+
+    Args:
+        path: the bag.
+        definitions: files of message types by their names, for those that the bag does not define.
+
+    Raises:
+        InputError: it is no bag, or a damaged one.
+        WorkError: the library is not installed.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise WorkError(MISSING) from error
+    store: Any = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
+    for name, file in definitions.items():
+        store.register(_types(name, file))
+    with ExitStack() as stack:
+        try:
+            reader: Any = stack.enter_context(AnyReader([path], default_typestore=store))
+        except Exception as error:  # the library raises whatever its parsers raise
+            raise InputError([_damaged(path, error)]) from error
+        # A bag may define some of its types and not others.
+        known = reader.typestore.fielddefs
+        reader.typestore.register(
+            {name: fields for name, fields in store.fielddefs.items() if name not in known}
+        )
+        yield Bag(path, reader, {c.topic: c.msgtype for c in reader.connections})
+
+
+def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> bool:
+    """Whether a bag has every topic; else errors that list those it has.
+
+    Args:
+        bag: the bag.
+        wanted: place in the mapping of each topic.
+        findings: where errors go.
+    """
+    shown = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.types.items())) or "no topics"
+    absent = [topic for topic in wanted if topic not in bag.types]
+    for topic in absent:
+        close = did_you_mean(topic, bag.types)
+        fix = f'Did you mean "{close}"?' if close else ""
+        findings.error(
+            f"{wanted[topic]} topic", f"a topic of {bag.path.name}, which has {shown}", f'"{topic}"', fix
+        )
+    return not absent
+
+
+def _types(name: str, file: Path) -> Any:
+    """Message types of a definition file, ``.msg`` or ``.idl``.
+
+    Raises:
+        InputError: the file is not there, or defines nothing.
+    """
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    try:
+        text = file.read_text(encoding="utf-8")
+        parts = name.split("/")
+        full = name if len(parts) == 3 else f"{parts[0]}/msg/{parts[1]}"
+        return get_types_from_idl(text) if file.suffix == ".idl" else get_types_from_msg(text, full)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError([Problem(str(file), f"the definition of {name}", reason)]) from error
+    except Exception as error:  # the library raises whatever its parsers raise
+        reason = " ".join(str(error).split())[:200]
+        raise InputError([Problem(str(file), f"the definition of {name}", reason)]) from error
+
+
+def _damaged(path: Path, error: Exception) -> Problem:
+    reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    expected = (
+        "a whole ROS 1 bag" if path.suffix == ".bag" else "a whole ROS 2 bag (folder with metadata.yaml)"
+    )
+    fix = "Was the recording cut short? `rosbag reindex` (ROS 1) or `ros2 bag reindex` may mend it."
+    return Problem(str(path), expected, reason, fix)

@@ -1,0 +1,100 @@
+"""Cuts a time series into presses: contacts by a force threshold, and the hold in each of them.
+
+The rule: a contact is a stretch with a force above ``off_n`` that rises above ``on_n`` somewhere. Its level is the
+force that it keeps longest: the middle of the band of width ``2 * band * level`` that holds most of the time, among
+forces above half of the largest (a single spike therefore decides nothing). The hold is the longest stretch inside that
+band; one or two samples outside do not end it, and its ends are trimmed to where the force is no lower than a quarter
+of the band below the level, so that little of the ramps is in it. What comes before is loading, what comes after is
+unloading.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.imports.mapping import CutRules
+from skincal.imports.plateaus import cut_plateaus
+from skincal.imports.recording import FloatArray
+from skincal.imports.series import BoolArray, Cut, Rejected, Series, Span, longest, runs
+
+BRIDGED = 2
+"""So many samples on end outside the band do not end a hold: a spike of the force sensor is no release."""
+
+TRIM = 0.25
+"""A hold begins and ends no lower below its level than this share of the band."""
+
+HIGH_SHARE = 0.98
+"""The share of a contact's samples below the force that counts as its largest: spikes lie above."""
+
+
+def cut(series: Series, rules: CutRules) -> Cut:
+    """The presses of a series, by force or by plateaus; by a column see ``cut_numbered``."""
+    found = contacts(series, rules)
+    if rules.by == "plateaus":
+        return cut_plateaus(series, rules, found)
+    spans: list[Span] = []
+    rejected: list[Rejected] = []
+    for start, stop in found:
+        hold = hold_of(series.time_s[start:stop], series.force_n[start:stop], rules)
+        if isinstance(hold, str):
+            rejected.append(Rejected(start, stop, hold))
+        else:
+            spans.append(Span(len(spans), start, start + hold[0], start + hold[1], stop))
+    return Cut(tuple(spans), tuple(rejected))
+
+
+def contacts(series: Series, rules: CutRules) -> list[tuple[int, int]]:
+    """Stretches of contact ``[start, stop)``, in order."""
+    touching = runs(series.force_n > rules.off_n, series.part)
+    return [(start, stop) for start, stop in touching if series.force_n[start:stop].max() > rules.on_n]
+
+
+def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[int, int] | str:
+    """The hold of one contact ``[start, stop)``, or why there is none.
+
+    Args:
+        time_s: the contact's times [s], shape (n,).
+        force_n: its forces [N], shape (n,).
+        rules: band, settling time and least length.
+    """
+    level = kept_level(time_s, force_n, rules.band)
+    inside = np.abs(force_n - level) <= rules.band * abs(level)
+    stretch = longest(runs(_bridged(inside)), time_s)
+    assert stretch is not None
+    start, stop = stretch
+    high = np.flatnonzero(force_n[start:stop] >= level * (1 - TRIM * rules.band))
+    start, stop = start + int(high[0]), start + int(high[-1]) + 1
+    start = int(np.count_nonzero(time_s[:stop] < time_s[start] + rules.settle_s))
+    lasts = float(time_s[stop - 1] - time_s[start]) if start < stop else 0.0
+    if start >= stop or lasts < rules.min_hold_s:
+        return f"no hold of {rules.min_hold_s:g} s (min_hold_s)"
+    return start, stop
+
+
+def kept_level(time_s: FloatArray, force_n: FloatArray, band: float) -> float:
+    """The force that a contact keeps longest [N].
+
+    Args:
+        time_s: times [s], shape (n,).
+        force_n: forces [N], shape (n,).
+        band: half the width of what counts as the same force, as a share of it.
+    """
+    high = float(np.quantile(force_n, HIGH_SHARE, method="lower"))
+    weight = np.gradient(time_s) if len(time_s) > 1 else np.ones(1)
+    chosen = (force_n >= high / 2) & (force_n <= high * (1 + band))
+    order = np.argsort(force_n[chosen], kind="stable")
+    force, mass = force_n[chosen][order], weight[chosen][order]
+    upper = np.searchsorted(force, force * (1 + band) / (1 - band), side="right")
+    total = np.concatenate([[0.0], np.cumsum(mass)])
+    best = int(np.argmax(total[upper] - total[: len(force)]))
+    # The median inside the best band: its edges move with the noise, its middle does not.
+    return float(np.median(force[best : int(upper[best])]))
+
+
+def _bridged(mask: BoolArray) -> BoolArray:
+    """The mask with short gaps between stretches filled."""
+    filled = mask.copy()
+    for start, stop in runs(~mask):
+        if start > 0 and stop < len(mask) and stop - start <= BRIDGED:
+            filled[start:stop] = True
+    return filled

@@ -1,0 +1,138 @@
+"""Paths to values inside messages: ``wrench.force.z``, ``position[2]``, ``transforms[child_frame_id=tip].transform``.
+
+A path is names with dots between. After a name, ``[3]`` takes an element, ``[key=word]`` the first element of a list
+whose own field ``key``, itself a path, is that word.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STEP = re.compile(r"(\w+)(?:\[([^\]]+)\])?(?:\.|$)")
+
+
+class FieldError(ValueError):
+    """A path that a message does not have; the text says where it ends and what would be there."""
+
+
+class NotHereError(LookupError):
+    """A message of the right type that holds no such element: no sample, but no mistake."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One name of a path, with an index, or a key and a word, after it."""
+
+    name: str
+    index: int | None = None
+    key: str = ""
+    word: str = ""
+
+
+def parse_path(path: str) -> tuple[Step, ...]:
+    """The steps of a path.
+
+    Raises:
+        FieldError: it is none.
+    """
+    steps: list[Step] = []
+    at = 0
+    while at < len(path):
+        found = _STEP.match(path, at)
+        if not found:
+            raise FieldError(f'no path from "{path[at:]}" on')
+        name, inside = found[1], found[2]
+        key, _, word = (inside or "").partition("=")
+        if inside is None:
+            steps.append(Step(name))
+        elif word:
+            steps.append(Step(name, key=key, word=word))
+        elif key.isdecimal():
+            steps.append(Step(name, index=int(key)))
+        else:
+            raise FieldError(f'"[{inside}]": an index, or a key = word')
+        at = found.end()
+    if not steps:
+        raise FieldError("an empty path")
+    return tuple(steps)
+
+
+def value_at(message: Any, steps: Sequence[Step]) -> Any:
+    """The value at a path.
+
+    Raises:
+        FieldError: a name is not there.
+        NotHereError: an element is not there.
+    """
+    for step in steps:
+        fields = field_names(message)
+        if step.name not in fields:
+            shown = ", ".join(fields) or "a plain value"
+            raise FieldError(f'no field "{step.name}" in {_type(message)}, which has {shown}')
+        message = _element(getattr(message, step.name), step)
+    return message
+
+
+def number_at(message: Any, steps: Sequence[Step]) -> float:
+    """The number at a path.
+
+    Raises:
+        FieldError: there is something else.
+        NotHereError: an element is not there.
+    """
+    value = value_at(message, steps)
+    if isinstance(value, bool | int | float | np.number):
+        return float(cast("float", value))
+    raise FieldError(f"no number but {_type(value)}{_inside(value)}")
+
+
+def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
+    """The array of numbers at a path, flat.
+
+    Raises:
+        FieldError: there is something else.
+        NotHereError: an element is not there.
+    """
+    value = value_at(message, steps)
+    try:
+        if isinstance(value, str):
+            raise ValueError
+        return np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise FieldError(f"no array of numbers but {_type(value)}{_inside(value)}") from error
+
+
+def field_names(message: Any) -> list[str]:
+    """Names of the fields of a message; none for a plain value."""
+    return list(getattr(message, "__dataclass_fields__", {}))
+
+
+def _element(value: Any, step: Step) -> Any:
+    if step.index is not None:
+        if not hasattr(value, "__len__"):
+            raise FieldError(f'"{step.name}" has no elements')
+        if step.index >= len(value):
+            raise NotHereError
+        return value[step.index]
+    if step.key:
+        keys = parse_path(step.key)
+        for item in value:
+            if str(value_at(item, keys)) == step.word:
+                return item
+        raise NotHereError
+    return value
+
+
+def _type(value: Any) -> str:
+    return getattr(value, "__msgtype__", type(value).__name__)
+
+
+def _inside(value: Any) -> str:
+    names = field_names(value)
+    return f", which has {', '.join(names)}" if names else ""

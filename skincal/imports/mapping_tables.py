@@ -1,0 +1,178 @@
+"""The other tables of a mapping file: ``[frame]``, ``[series]``, ``[csv]``, ``[bag]``, ``[topics]``, ``[joints]``."""
+
+from __future__ import annotations
+
+import codecs
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from skincal.dataset.findings import Findings
+from skincal.imports.mapping import BagFormat, CsvFormat, CutRules, Placement, TopicRules
+from skincal.imports.strict import StrictTable
+
+FRAME_KEYS = ("matrix", "rotation_deg", "quaternion_xyzw", "translation_m", "project")
+SERIES_KEYS = (
+    "by", "on_n", "off_n", "band", "settle_s", "min_hold_s", "slope_n_per_s", "window_s", "start_at_zero",
+    "own_clocks", "gap_s",
+)  # fmt: skip
+CSV_KEYS = (
+    "rows", "files", "delimiter", "decimal", "encoding", "comment", "skip_rows", "skip_after_header", "header",
+    "missing", "drop_incomplete",
+)  # fmt: skip
+TOPIC_KEYS = ("clock", "resample", "max_age_s", "lag_s")
+BAG_KEYS = ("files", "clock", "resample", "max_age_s", "definitions")
+JOINT_KEYS = ("topic", "names")
+
+Matrix = tuple[tuple[float, float, float], ...]
+
+
+def read_placement(table: StrictTable) -> Placement:
+    """``[frame]``."""
+    given = [key for key in FRAME_KEYS[:3] if table.has(key)]
+    if len(given) > 1:
+        table.error(given[1], "one way to say the rotation", " and ".join(given), "Remove the others.")
+    matrix = _rotation(table)
+    if not np.allclose(np.asarray(matrix) @ np.asarray(matrix).T, np.eye(3), atol=1e-3):
+        table.error("matrix", "a rotation: rows of length 1, at right angles", "something else")
+    elif np.linalg.det(np.asarray(matrix)) < 0:
+        table.error(
+            "matrix", "a rotation", "a reflection (determinant -1)", "Is an axis of the source left-handed?"
+        )
+    shift = table.numbers("translation_m", "three numbers [m]", (3,), (0.0, 0.0, 0.0))
+    if max(abs(value) for value in shift) > 10:
+        table.error(
+            "translation_m", "at most 10 m", list(shift), "It looks like millimetres; divide by 1000."
+        )
+    return Placement(matrix, shift, table.flag("project", default=False))
+
+
+def _rotation(table: StrictTable) -> Matrix:
+    if table.has("rotation_deg"):
+        x, y, z = table.numbers("rotation_deg", "three angles about x, y, z [deg]", (3,), (0.0, 0.0, 0.0))
+        return _nested(_about(2, z) @ _about(1, y) @ _about(0, x))
+    if table.has("quaternion_xyzw"):
+        x, y, z, w = table.numbers("quaternion_xyzw", "four numbers x, y, z, w", (4,), (0.0, 0.0, 0.0, 1.0))
+        if abs(math.hypot(x, y, z, w) - 1) > 1e-3:
+            table.error("quaternion_xyzw", "a quaternion of length 1", [x, y, z, w])
+            return Placement().rotation
+        return _nested(_of_quaternion(np.array([x, y, z, w]) / math.hypot(x, y, z, w)))
+    return table.numbers("matrix", "three rows of three numbers", (3, 3), Placement().rotation)
+
+
+def _about(axis: int, angle_deg: float) -> Any:
+    cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.eye(3)
+    turn[i, i] = turn[j, j] = cos
+    turn[i, j], turn[j, i] = -sin, sin
+    return turn
+
+
+def _of_quaternion(q: Any) -> Any:
+    x, y, z, w = q
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def _nested(matrix: Any) -> Matrix:
+    return tuple((float(a), float(b), float(c)) for a, b, c in matrix)
+
+
+def read_cut(table: StrictTable, *, numbered: bool) -> CutRules:
+    """``[series]``; ``numbered``: whether a column of the source numbers the presses."""
+    d = CutRules()
+    by = table.choice("by", ("force", "plateaus", "press"), default="press" if numbered else "force")
+    if numbered and by in ("force", "plateaus"):
+        table.error("by", '"press" where [columns.press] is mapped', f'"{by}"', "Remove one of them.")
+    if by == "press" and not numbered:
+        table.error("by", "a column press in [columns]", "none")
+    on = table.bounded("on_n", "a force [N], 0 or more", d.on_n)
+    rules = CutRules(
+        by=by or "force",
+        on_n=on,
+        off_n=table.bounded("off_n", "a force [N]", on / 2, low=-math.inf),
+        band=table.bounded("band", "a share of the force, like 0.1", d.band),
+        settle_s=table.bounded("settle_s", "a time [s], 0 or more", d.settle_s),
+        min_hold_s=table.bounded("min_hold_s", "a time [s], 0 or more", d.min_hold_s),
+        slope_n_per_s=table.bounded("slope_n_per_s", "a change of force [N/s], 0 or more", d.slope_n_per_s),
+        window_s=table.bounded("window_s", "a time [s], 0 or more", d.window_s),
+        start_at_zero=table.flag("start_at_zero", default=d.start_at_zero),
+        own_clocks=table.flag("own_clocks", default=d.own_clocks),
+        gap_s=table.bounded("gap_s", "a time [s], 0 or more", d.gap_s),
+    )
+    if rules.off_n > rules.on_n:
+        table.error("off_n", f"at most on_n = {rules.on_n:g}", f"{rules.off_n:g}")
+    if rules.band >= 0.5:
+        table.error("band", "a share below 0.5", f"{rules.band:g}", "It looks like percent; divide by 100.")
+    return rules
+
+
+def read_csv_format(table: StrictTable) -> CsvFormat:
+    """``[csv]``."""
+    d = CsvFormat("presses")
+    found = CsvFormat(
+        rows=table.choice("rows", ("presses", "series")) or "presses",
+        files=table.texts("files", "names of files", default=()),
+        delimiter=table.text("delimiter", "a character", default=d.delimiter),
+        decimal=table.choice("decimal", (".", ","), default=d.decimal) or d.decimal,
+        encoding=table.text("encoding", "an encoding", default=d.encoding),
+        comment=table.text("comment", "how lines of comment begin", default=d.comment),
+        skip_rows=_whole(table, "skip_rows"),
+        skip_after_header=_whole(table, "skip_after_header"),
+        header=table.flag("header", default=d.header),
+        missing=("", *table.texts("missing", "what stands for no value", default=d.missing[1:])),
+        drop_incomplete=table.flag("drop_incomplete", default=d.drop_incomplete),
+    )
+    if len(found.delimiter) != 1 and found.delimiter != "whitespace":
+        table.error("delimiter", 'one character, like ";" or "\\t", or "whitespace"', f'"{found.delimiter}"')
+    if found.delimiter == found.decimal:
+        table.error("decimal", "another character than the delimiter", f'"{found.decimal}"')
+    try:
+        codecs.lookup(found.encoding)
+    except LookupError:
+        table.error("encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{found.encoding}"')
+    return found
+
+
+def _whole(table: StrictTable, key: str) -> int:
+    return table.whole(key, "a whole number, 0 or more", low=0) if table.has(key) else 0
+
+
+def read_bag_format(top: StrictTable, findings: Findings) -> BagFormat:
+    """``[bag]``, ``[topics]`` and ``[joints]``."""
+    bag = top.table("bag", BAG_KEYS, findings)
+    default = _topic_rules(bag, TopicRules("header"), needed=True)
+    topics = top.table("topics", (), findings, strict=False)
+    joints = top.table("joints", JOINT_KEYS, findings)
+    definitions = bag.raw("definitions")
+    if definitions is not None and not isinstance(definitions, dict):
+        bag.error("definitions", 'a table like { "my_msgs/msg/Skin" = "Skin.msg" }', definitions)
+        definitions = None
+    types = cast("dict[str, str]", definitions or {})
+    for name, file in types.items():
+        if name.count("/") not in (1, 2) or not isinstance(file, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            bag.error("definitions", 'a type like "my_msgs/msg/Skin" and a file', f"{name} = {file}")
+    return BagFormat(
+        default=default,
+        files=bag.texts("files", "names of bags", default=()),
+        topics={
+            name: _topic_rules(topics.table(name, TOPIC_KEYS, findings), default, needed=False)
+            for name in topics.items()
+        },
+        definitions=types,
+        joints_topic=joints.text("topic", "the topic's name") if top.has("joints") else "",
+        joints=joints.texts("names", "names of joints", default=()),
+    )
+
+
+def _topic_rules(table: StrictTable, default: TopicRules, *, needed: bool) -> TopicRules:
+    return TopicRules(
+        clock=table.choice("clock", ("header", "receive"), default=None if needed else default.clock)
+        or default.clock,
+        resample=table.choice("resample", ("previous", "linear"), default=default.resample)
+        or default.resample,
+        max_age_s=table.bounded("max_age_s", "a time [s], 0 or more", default.max_age_s),
+        lag_s=0.0 if needed else table.bounded("lag_s", "a time [s]", 0.0, low=-math.inf),
+    )

@@ -1,0 +1,120 @@
+"""``[taxels]`` of a mapping file: from the source's image, in its order, to ours."""
+
+from __future__ import annotations
+
+import math
+import string
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import SensorSpec
+from skincal.imports.mapping import Taxels
+from skincal.imports.strict import StrictTable, as_list
+
+KNOWN = ("order", "transpose", "flip_rows", "flip_cols", "scale", "offset", "falling_from")
+CSV_KEYS = ("columns", "first", *KNOWN)
+BAG_KEYS = ("topic", "field", "elements", *KNOWN)
+
+PATTERN = 'a pattern like "tax_{r}_{c}" or "s{j}", a list of all columns, or a list of rows of them'
+
+
+def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
+    """``[taxels]``; placeholders stand where something is wrong.
+
+    The image of the source is first turned over (``transpose``), then its rows and columns are put in the
+    other direction (``flip_rows``, ``flip_cols``): what comes out is ours, ``rows`` x ``cols``.
+    """
+    turned = table.flag("transpose", default=False)
+    shape = (sensor.cols, sensor.rows) if turned else (sensor.rows, sensor.cols)
+    by_columns = table.choice("order", ("rows", "columns"), default="rows") == "columns"
+    # Entry (r, c) of the source's image is its flat index in the source.
+    image = (
+        np.arange(sensor.taxels).reshape(shape[::-1]).T
+        if by_columns
+        else np.arange(sensor.taxels).reshape(shape)
+    )
+    names: tuple[str, ...] = ()
+    if source == "csv":
+        names, image = _names(table, image)
+    elif table.has("elements"):
+        image = _elements(table, image)
+    ours = image.T if turned else image
+    ours = ours[::-1] if table.flag("flip_rows", default=False) else ours
+    ours = ours[:, ::-1] if table.flag("flip_cols", default=False) else ours
+    falling = table.number("falling_from", "the reading that stands for no counts", default=None)
+    return Taxels(
+        place=table.label,
+        names=names,
+        topic=table.text("topic", "the topic's name") if source == "bag" else "",
+        field=table.text("field", "the path of the array, like data") if source == "bag" else "",
+        order=tuple(ours.ravel().tolist()),
+        scale=_finite(table, "scale", 1.0),
+        offset=_finite(table, "offset", 0.0),
+        falling_from=falling if falling is None or math.isfinite(falling) else 0.0,
+    )
+
+
+def _finite(table: StrictTable, key: str, default: float) -> float:
+    value = table.number(key, default=default)
+    return default if math.isnan(value) else float(value)
+
+
+def _names(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """Names of the source's columns, and where in them each entry of its image stands."""
+    given = table.raw("columns")
+    count = image.size
+    nothing = ("",) * count
+    if isinstance(given, str):
+        return _from_pattern(table, given, image)
+    items = as_list(given)
+    if not items:
+        table.error("columns", PATTERN, "nothing" if given is None else given)
+        return nothing, image
+    if all(isinstance(row, list) for row in items):
+        rows = cast("list[list[Any]]", items)
+        if len(rows) != image.shape[0] or any(len(row) != image.shape[1] for row in rows):
+            got = f"{len(rows)} rows of {', '.join(sorted({str(len(row)) for row in rows}))}"
+            table.error("columns", f"{image.shape[0]} rows of {image.shape[1]} columns", got)
+            return nothing, image
+        items, image = [name for row in rows for name in row], np.arange(count).reshape(image.shape)
+    if len(items) != count or not all(isinstance(name, str) and name for name in items):
+        table.error("columns", f"the names of {count} columns (rows x cols)", f"{len(items)} entries")
+        return nothing, image
+    doubled = sorted({name for name in items if items.count(name) > 1})
+    if doubled:
+        table.error("columns", "each column once", ", ".join(doubled[:6]))
+    return tuple(items), image
+
+
+def _from_pattern(
+    table: StrictTable, pattern: str, image: NDArray[np.int64]
+) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    value = table.raw("first") if table.has("first") else 0
+    first = value if isinstance(value, int) and not isinstance(value, bool) else 0
+    if first != value:
+        table.error("first", "the first number of rows, columns or taxels, like 0 or 1", value)
+    try:
+        fields = {field for _, field, _, _ in string.Formatter().parse(pattern) if field is not None}
+    except ValueError:
+        fields = set[str]()
+    if fields not in ({"r", "c"}, {"j"}):
+        table.error("columns", PATTERN, f'"{pattern}"', "Use {r} and {c}, or {j}.")
+        return ("",) * image.size, image
+    if fields == {"j"}:
+        return tuple(pattern.format(j=first + j) for j in range(image.size)), image
+    rows, cols = image.shape
+    names = [pattern.format(r=first + r, c=first + c) for r in range(rows) for c in range(cols)]
+    return tuple(names), np.arange(image.size).reshape(image.shape)
+
+
+def _elements(table: StrictTable, image: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The image with the indices of a message's array that the mapping picks out."""
+    given = table.raw("elements")
+    items = as_list(given)
+    good = all(isinstance(item, int) and not isinstance(item, bool) and item >= 0 for item in items)
+    if len(items) != image.size or not good or len(set(items)) != len(items):
+        table.error("elements", f"{image.size} different indices of the array", given)
+        return image
+    return np.asarray(items, dtype=np.int64)[image]

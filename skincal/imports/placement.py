@@ -1,0 +1,45 @@
+"""Positions of a source into the fingertip frame, and, where asked for, onto the surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skincal.dataset.columns import NORMAL, POSITION, TARGET
+from skincal.imports.mapping import Placement
+from skincal.imports.recording import FloatArray, Recording
+
+if TYPE_CHECKING:
+    from skincal.model import Surface
+
+
+def placed(recording: Recording, placement: Placement, surface: Surface | None) -> Recording:
+    """The recording with its positions, targets and normals in the fingertip frame.
+
+    Args:
+        recording: as read.
+        placement: rotation, translation, and whether positions go onto the surface.
+        surface: the surface; only needed for that.
+    """
+    columns = dict(recording.columns)
+    rotation = np.asarray(placement.rotation)
+    for names, shift in ((POSITION, True), (TARGET, True), (NORMAL, False)):
+        if not any(name in columns for name in names):
+            continue
+        points = recording.vector(names)
+        if placement.moves:
+            points = points @ rotation.T + (np.asarray(placement.translation_m) if shift else 0.0)
+        if shift and placement.project and surface is not None:
+            points = _projected(surface, points)
+        columns |= dict(zip(names, points.T, strict=True))
+    return replace(recording, columns=columns)
+
+
+def _projected(surface: Surface, points: FloatArray) -> FloatArray:
+    given = np.isfinite(points).all(axis=1)
+    result = points.copy()
+    if given.any():
+        result[given] = surface.project(points[given])
+    return result

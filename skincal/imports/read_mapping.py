@@ -1,0 +1,164 @@
+"""Reads a mapping file strictly: every violation at once, unknown keys with the known one that is meant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Map
+from contextlib import suppress
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+from skincal.dataset import DatasetMeta
+from skincal.dataset.companions import read_meshes, read_positions
+from skincal.dataset.findings import Findings
+from skincal.dataset.meta_tables import (
+    TABLES,
+    check_format,
+    clock_from,
+    indenter_from,
+    load_toml,
+    mount_from,
+    position_from,
+    sensor_from,
+    surface_from,
+    table_of,
+)
+from skincal.imports import mapping_taxels, targets
+from skincal.imports.mapping import FORMAT, BagFormat, CsvFormat, CutRules, Mapping, Quantity
+from skincal.imports.mapping_columns import read_columns
+from skincal.imports.mapping_tables import (
+    CSV_KEYS,
+    FRAME_KEYS,
+    SERIES_KEYS,
+    read_bag_format,
+    read_csv_format,
+    read_cut,
+    read_placement,
+)
+from skincal.imports.mapping_taxels import read_taxels
+from skincal.imports.strict import StrictTable
+
+OWN = ("columns", "taxels", "frame", "series")
+KEYS = {"csv": ("csv",), "bag": ("bag", "topics", "joints")}
+
+
+def read_mapping(path: Path, source: str) -> Mapping:
+    """Reads a mapping file.
+
+    Args:
+        path: the file.
+        source: what it is to map: ``csv`` or ``bag``.
+
+    Raises:
+        InputError: anything in it is wrong; ``problems`` holds every violation.
+    """
+    findings = Findings()
+    values = load_toml(path, findings, what="mapping")
+    findings.raise_errors()
+    assert values is not None
+    mapping = _mapping(path, values, source, findings)
+    findings.raise_errors()
+    return mapping
+
+
+def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings) -> Mapping:
+    file = path.name
+    other = "bag" if source == "csv" else "csv"
+    known = ("format", "created", "source", "assumed", *TABLES, *OWN, *KEYS[source])
+    if other in values and source not in values:
+        verb = "rosbag" if other == "bag" else "csv"
+        findings.error(
+            f"{file}, [{other}]", f"a table [{source}]", "another", f"Use `skincal import {verb}`."
+        )
+        findings.raise_errors()
+    top = StrictTable(findings, file, "", values, known)
+    check_format(top, FORMAT)
+    meta = _meta(top, findings, file)
+    if not top.has(source):
+        top.error(f"[{source}]", f"a table [{source}]", "nothing")
+    table = top.table(source, CSV_KEYS, findings) if source == "csv" else top
+    found = read_csv_format(table) if source == "csv" and top.has("csv") else _no_csv() if source == "csv" else (
+        read_bag_format(top, findings)
+    )  # fmt: skip
+    rows = found.rows if isinstance(found, CsvFormat) else targets.SERIES
+    quantities = read_columns(top.table("columns", (), findings, strict=False), source, rows, findings)
+    _check_required(top, quantities, rows, meta, found)
+    taxel_keys = mapping_taxels.CSV_KEYS if source == "csv" else mapping_taxels.BAG_KEYS
+    # One error for the missing table is enough: what it should hold is not asked for again.
+    heard = findings if top.has("taxels") else Findings()
+    taxels = read_taxels(top.table("taxels", taxel_keys, heard), meta.sensor, source)
+    return Mapping(
+        path=path,
+        meta=meta,
+        quantities=quantities,
+        taxels=taxels,
+        placement=read_placement(top.table("frame", FRAME_KEYS, findings)),
+        cut=_cut(top, quantities, rows, findings),
+        source=found,
+        positions=read_positions(path.parent, file, meta.sensor, findings),
+        meshes=read_meshes(path.parent, file, meta.surface, meta.indenter, findings),
+    )
+
+
+def _no_csv() -> CsvFormat:
+    """A placeholder; its absence has been reported."""
+    return CsvFormat("presses")
+
+
+def _cut(top: StrictTable, quantities: tuple[Quantity, ...], rows: str, findings: Findings) -> CutRules:
+    mapped = {q.target for q in quantities}
+    table = top.table("series", SERIES_KEYS, findings)
+    if rows == targets.PRESSES:
+        if top.has("series"):
+            top.error("[series]", "no such table where each row is a press", "one", "Remove it.")
+        return CutRules()
+    if "phase" in mapped and "press" not in mapped:
+        top.error("[columns.phase]", "a column press beside it", "none", "Map press, or leave phase out.")
+    return read_cut(table, numbered="press" in mapped)
+
+
+def _check_required(
+    top: StrictTable,
+    quantities: tuple[Quantity, ...],
+    rows: str,
+    meta: DatasetMeta,
+    found: CsvFormat | BagFormat,
+) -> None:
+    mapped = {q.target for q in quantities}
+    needed = targets.required_targets(rows, positions=meta.position.sigma_m != float("inf"))
+    bag = isinstance(found, BagFormat)
+    if bag and "time_s" in mapped:
+        top.error("[columns.time_s]", "no time: the clock of the taxels' topic counts", "one", "Remove it.")
+    for target in needed:
+        if target in mapped or (bag and target == "time_s"):
+            continue
+        vector = next((name for name, parts in targets.VECTORS.items() if target in parts), target)
+        known = f" (or {vector})" if vector != target else ""
+        top.error("[columns]", f"the column {target}{known}", "nothing", f"Add [columns.{vector}].")
+    if not top.has("taxels"):
+        top.error("[taxels]", "a table [taxels]", "nothing")
+
+
+def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
+    tables = {name: table_of(top, findings, file, name, optional=name == "clock") for name in TABLES}
+    surface = surface_from(tables["surface"])
+    created = top.raw("created")
+    if isinstance(created, str):
+        with suppress(ValueError):
+            created = datetime.fromisoformat(created.strip())
+    if created is not None and not isinstance(created, date):
+        top.error("created", "a date and time like 2026-11-20T12:00:00Z", created)
+        created = None
+    return DatasetMeta(
+        sensor=sensor_from(tables["sensor"]),
+        surface=surface,
+        indenter=indenter_from(tables["indenter"]),
+        mount=mount_from(tables["mount"], surface.kind),
+        position=position_from(tables["position"]),
+        clock=clock_from(tables["clock"]) if top.has("clock") else None,
+        created=created,
+        source=top.text("source", "a text", default=""),
+        assumed=top.texts("assumed", 'a list of texts like ["force_n"]', default=())
+        if top.raw("assumed") != []
+        else (),
+    )

@@ -1,0 +1,68 @@
+"""A recording as it comes out of a reader: named columns in SI and images, file by file; nothing is cut yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Column = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """What was left out of the dataset, and why."""
+
+    count: int
+    what: str
+    why: str
+
+    def __str__(self) -> str:
+        what = (
+            self.what if self.count == 1 else f"{self.what}es" if self.what.endswith("s") else f"{self.what}s"
+        )
+        return f"{self.count} {what}: {self.why}"
+
+
+@dataclass(frozen=True)
+class ReadFile:
+    """A file that was read, and how many rows, or messages of the taxels' topic, it held."""
+
+    file: str
+    rows: int
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Columns of equal length.
+
+    Attributes:
+        columns: by name of the dataset's column, in SI; numbers with NaN, or text with ''.
+        counts: images, shape (M, J).
+        part: index of the file that each row comes from, shape (M,).
+        files: the files.
+        dropped: rows that a reader has left out.
+    """
+
+    columns: Mapping[str, Column]
+    counts: FloatArray
+    part: NDArray[np.int64]
+    files: tuple[ReadFile, ...]
+    dropped: tuple[Dropped, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.part)
+
+    def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
+        """The recording with only these rows, and what to report of the others."""
+        columns = {name: column[rows] for name, column in self.columns.items()}
+        return Recording(columns, self.counts[rows], self.part[rows], self.files, (*self.dropped, *dropped))
+
+    def vector(self, names: tuple[str, ...]) -> FloatArray:
+        """Three columns side by side, shape (M, 3); NaN where one is not mapped."""
+        nothing = np.full(len(self), np.nan)
+        return np.column_stack([self.columns.get(name, nothing) for name in names])

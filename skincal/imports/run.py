@@ -1,0 +1,75 @@
+"""The imports as functions: a mapping file and a recording in, a dataset out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from skincal.dataset.findings import Findings
+from skincal.dataset.meta_file import FILE
+from skincal.files import refuse_existing
+from skincal.imports.assembly import Imported, assemble, resolved
+from skincal.imports.csv_source import read_csv_files
+from skincal.imports.mapping import BagFormat, CsvFormat
+from skincal.imports.read_mapping import read_mapping
+
+
+def import_csv(
+    mapping: str | Path, out: str | Path, files: Sequence[str | Path] = (), *, force: bool = False
+) -> Imported:
+    """Imports text files.
+
+    Args:
+        mapping: the mapping file, with a table ``[csv]``.
+        out: the dataset to make.
+        files: the recording, in the order of the session; none: the files that the mapping lists.
+        force: whether an existing dataset there is replaced.
+
+    Returns:
+        What was read, written and left out.
+
+    Raises:
+        InputError: the mapping or the recording is wrong; every violation is listed.
+        OSError: the disk is full, or not writable; then nothing is left behind.
+    """
+    refuse_existing(Path(out), force=force, marker=FILE)
+    found = read_mapping(Path(mapping), "csv")
+    assert isinstance(found.source, CsvFormat)
+    paths = resolved(found, [Path(file) for file in files], found.source.files, "a CSV file to read")
+    findings = Findings()
+    recording = read_csv_files(found, paths, findings)
+    findings.raise_errors()
+    assert recording is not None
+    return assemble(recording, found, Path(out), findings, force=force)
+
+
+def import_rosbag(
+    mapping: str | Path, out: str | Path, bags: Sequence[str | Path] = (), *, force: bool = False
+) -> Imported:
+    """Imports ROS bags; needs the library rosbags (``pip install skincal[ros]``).
+
+    Args:
+        mapping: the mapping file, with a table ``[bag]``.
+        out: the dataset to make.
+        bags: ROS 1 files or ROS 2 folders, in the order of the session; none: those that the mapping lists.
+        force: whether an existing dataset there is replaced.
+
+    Returns:
+        What was read, written and left out.
+
+    Raises:
+        InputError: the mapping or a bag is wrong; every violation is listed.
+        WorkError: the library is not installed.
+        OSError: the disk is full, or not writable; then nothing is left behind.
+    """
+    from skincal.imports.bag_source import read_bags
+
+    refuse_existing(Path(out), force=force, marker=FILE)
+    found = read_mapping(Path(mapping), "bag")
+    assert isinstance(found.source, BagFormat)
+    paths = resolved(found, [Path(bag) for bag in bags], found.source.files, "a bag to read")
+    findings = Findings()
+    recording = read_bags(found, paths, findings)
+    findings.raise_errors()
+    assert recording is not None
+    return assemble(recording, found, Path(out), findings, force=force)

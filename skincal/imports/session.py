@@ -1,0 +1,156 @@
+"""A recording becomes presses: checked, put on one clock, and cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import Frames, Presses
+from skincal.dataset.findings import Findings, listed
+from skincal.imports import targets
+from skincal.imports.csv_source import summed
+from skincal.imports.cutting import cut
+from skincal.imports.mapping import CutRules, Mapping
+from skincal.imports.numbered import check_phases, cut_numbered
+from skincal.imports.recording import Dropped, FloatArray, ReadFile, Recording
+from skincal.imports.series import Cut, Series
+from skincal.imports.tables import presses_of_rows, tables_of_series
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What a recording holds.
+
+    Attributes:
+        presses: one row a press.
+        frames: one row a sample; None where each row of the source is a press.
+        read: the files.
+        dropped: what was left out, and why.
+    """
+
+    presses: Presses
+    frames: Frames | None
+    read: tuple[ReadFile, ...]
+    dropped: tuple[Dropped, ...]
+
+
+def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Session | None:
+    """Presses, and frames, of a recording in the fingertip frame; None, and errors, where it cannot be cut."""
+    _check_numbers(recording, mapping, findings)
+    if findings.errors:
+        return None
+    if mapping.rows == targets.PRESSES:
+        presses = presses_of_rows(recording)
+        _check_unique(recording, presses.press, findings)
+        return Session(presses, None, recording.files, recording.dropped)
+    series = _series(recording, mapping, findings)
+    if findings.errors:
+        return None
+    file = _file_names(recording)
+    rules, counted = mapping.cut, series.press is None
+    found = cut(series, rules) if counted else cut_numbered(series, rules, file, findings)
+    if not found.spans and not findings.errors:
+        findings.error(file, "at least one press", _why_none(series, found), _cut_hint(mapping.cut))
+    if findings.errors:
+        return None
+    presses, frames = tables_of_series(recording, series, found)
+    return Session(presses, frames, recording.files, summed((*recording.dropped, *_rejections(found))))
+
+
+def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:
+    """Numbers of presses are whole ones; an empty cell of a series means no press."""
+    numbers = recording.columns.get("press")
+    if numbers is None:
+        return
+    low = 0 if mapping.rows == targets.PRESSES else -1
+    bad = np.isfinite(numbers) & ((numbers != np.rint(numbers)) | (numbers < low))
+    if bad.any():
+        expected = "whole numbers, 0 or more" + ("" if low == 0 else ", or -1 or nothing between presses")
+        got = listed([float(value) for value in numbers[bad][:3]], int(bad.sum()))
+        findings.error(f"{_where(recording, bad)}, press", expected, got)
+
+
+def _check_unique(recording: Recording, press: NDArray[np.int64], findings: Findings) -> None:
+    first = np.zeros(len(press), dtype=bool)
+    first[np.unique(press, return_index=True)[1]] = True
+    if not first.all():
+        again = press[~first]
+        got = f"{listed(again[:3].tolist(), len(again))} again"
+        fix = "The same press twice? Without [columns.press] presses are counted."
+        findings.error(f"{_where(recording, ~first)}, press", "each number once", got, fix)
+
+
+def _series(recording: Recording, mapping: Mapping, findings: Findings) -> Series:
+    time = _one_clock(recording, mapping.cut, findings)
+    numbers, phase = recording.columns.get("press"), recording.columns.get("phase")
+    if phase is not None:
+        check_phases(phase, _file_names(recording), findings)
+    press = None if numbers is None else np.where(np.isfinite(numbers), numbers, -1).astype(np.int64)
+    return Series(time, recording.columns["force_n"], recording.part, press, phase)
+
+
+def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> FloatArray:
+    """Times of all files on one clock [s], shape (M,)."""
+    time = np.array(recording.columns["time_s"], dtype=np.float64)
+    if rules.own_clocks:
+        for part in range(1, len(recording.files)):
+            here, before = recording.part == part, recording.part == part - 1
+            if here.any() and before.any():
+                time[here] += time[before][-1] + rules.gap_s - time[here][0]
+    back = np.zeros(len(time), dtype=bool)
+    back[1:] = np.diff(time) < 0
+    if back.any():
+        row = int(np.flatnonzero(back)[0])
+        between = recording.part[row] != recording.part[row - 1]
+        fix = (
+            "Set own_clocks = true in [series], or give the files in order."
+            if between
+            else "Sort the rows by time."
+        )
+        got = f"{time[row]:.6g} s after {time[row - 1]:.6g} s"
+        findings.error(f"{_where(recording, back)}, time_s", "times in order", got, fix)
+    return time - time[0] if rules.start_at_zero and len(time) else time
+
+
+def _where(recording: Recording, bad: NDArray[np.bool_]) -> str:
+    """File and rows of the first places where a mask holds."""
+    rows = np.flatnonzero(bad)
+    part = int(recording.part[rows[0]])
+    begin = int(np.flatnonzero(recording.part == part)[0])
+    same = rows[recording.part[rows] == part] - begin + 1
+    named = ", ".join(str(row) for row in same[:3]) + (f" and {len(rows) - 3} more" if len(rows) > 3 else "")
+    return f"{recording.files[part].file}, {'row' if len(rows) == 1 else 'rows'} {named}"
+
+
+def _file_names(recording: Recording) -> str:
+    names = [file.file for file in recording.files]
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def _rejections(found: Cut) -> list[Dropped]:
+    dropped: list[Dropped] = []
+    for rejected in found.rejected:
+        dropped.append(Dropped(1, "contact", rejected.why))
+        dropped.append(Dropped(rejected.stop - rejected.start, "frame", "of such a contact"))
+    return dropped
+
+
+def _why_none(series: Series, found: Cut) -> str:
+    reasons = sorted({rejected.why for rejected in found.rejected})
+    top = (
+        f"forces from {series.force_n.min():.3g} N to {series.force_n.max():.3g} N"
+        if len(series)
+        else "no rows"
+    )
+    return (
+        f"none: {len(found.rejected)} contacts with {'; '.join(reasons)} ({top})"
+        if reasons
+        else f"none ({top})"
+    )
+
+
+def _cut_hint(rules: CutRules) -> str:
+    thresholds = f"on_n = {rules.on_n:g}, off_n = {rules.off_n:g}"
+    return f"Look at the thresholds in [series] ({thresholds}), sign and unit of force_n."

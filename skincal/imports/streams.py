@@ -1,0 +1,172 @@
+"""Takes what a mapping asks for out of the messages of a bag: one stream a topic, each on its own clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from skincal.dataset.findings import Findings
+from skincal.imports import targets
+from skincal.imports.fields import FieldError, NotHereError, Step, array_at, number_at, parse_path, value_at
+from skincal.imports.mapping import BagFormat, Mapping, Quantity, TopicRules
+from skincal.imports.recording import FloatArray
+
+
+@dataclass
+class Stream:
+    """The samples of one topic, while they are read.
+
+    Attributes:
+        topic: the topic.
+        rules: its clock.
+        stamps_ns: times of the messages, as the clock says [ns].
+        samples: by field path, or name of a joint's column: a value a message.
+    """
+
+    topic: str
+    rules: TopicRules
+    stamps_ns: list[int] = field(default_factory=list[int])
+    samples: dict[str, list[Any]] = field(default_factory=dict[str, list[Any]])
+
+    def times_s(self, zero_ns: int) -> FloatArray:
+        """Times since ``zero_ns`` with the lag taken off [s], shape (n,)."""
+        # Differences of whole nanoseconds first: seconds since 1970 would lose the last digits.
+        passed = np.array([stamp - zero_ns for stamp in self.stamps_ns], dtype=np.float64)
+        return passed * 1e-9 - self.rules.lag_s
+
+
+class Collector:
+    """Collects the samples of all topics that a mapping names.
+
+    Args:
+        mapping: the mapping.
+        findings: where errors go; each kind is reported once.
+    """
+
+    def __init__(self, mapping: Mapping, findings: Findings) -> None:
+        form = mapping.source
+        assert isinstance(form, BagFormat)
+        self._form = form
+        self._findings = findings
+        self._reported: set[str] = set()
+        self._taxels = mapping.taxels
+        self._readers: dict[str, list[tuple[str, str, tuple[Step, ...], str]]] = {}
+        self._joints = form.joints
+        self.places = {q.topic: q.place for q in mapping.quantities if q.topic}
+        self.places[self._taxels.topic] = self._taxels.place
+        if form.joints_topic:
+            self.places[form.joints_topic] = f"{mapping.path.name}, [joints]"
+        self.streams = {topic: Stream(topic, form.rules(topic)) for topic in self.places}
+        self._add(self._taxels.topic, self._taxels.field, self._taxels.place, "array")
+        for quantity in mapping.quantities:
+            for path in quantity.sources:
+                self._add(quantity.topic, path, quantity.place, _kind(quantity))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, those of the mapping or of the first message."""
+        return self._joints
+
+    def take(self, topic: str, receive_ns: int, message: Any) -> None:
+        """Adds one message."""
+        stream = self.streams[topic]
+        stamp = self._stamp(stream, receive_ns, message)
+        if stamp is None:
+            return
+        sample: dict[str, Any] = {}
+        try:
+            for path, place, steps, kind in self._readers.get(topic, []):
+                sample[path] = self._read(path, place, steps, kind, message)
+            if topic == self._form.joints_topic:
+                sample |= self._joint_values(message)
+        except NotHereError:
+            return
+        stream.stamps_ns.append(stamp)
+        for path, value in sample.items():
+            stream.samples.setdefault(path, []).append(value)
+
+    def _add(self, topic: str, path: str, place: str, kind: str) -> None:
+        try:
+            steps = parse_path(path)
+        except FieldError as error:
+            self._report(place, "a path like wrench.force.z", f'"{path}": {error}')
+            return
+        self._readers.setdefault(topic, []).append((path, place, steps, kind))
+
+    def _read(self, path: str, place: str, steps: tuple[Step, ...], kind: str, message: Any) -> Any:
+        try:
+            if kind == "array":
+                return self._image(array_at(message, steps), place)
+            return str(value_at(message, steps)) if kind == "text" else number_at(message, steps)
+        except FieldError as error:
+            expected = {"array": "an array of numbers", "text": "a word"}.get(kind, "a number")
+            self._report(f"{place} field", f"{expected} at {path}", str(error))
+            raise NotHereError from error
+
+    def _image(self, values: FloatArray, place: str) -> FloatArray:
+        highest = max(self._taxels.order)
+        if len(values) <= highest:
+            self._report(
+                f"{place} field", f"an array of {highest + 1} values or more", f"{len(values)} values"
+            )
+            raise NotHereError
+        return values
+
+    def _stamp(self, stream: Stream, receive_ns: int, message: Any) -> int | None:
+        if stream.rules.clock == "receive":
+            return receive_ns
+        place = self.places[stream.topic]
+        stamp = self._header(stream.topic, message)
+        fix = f'Set clock = "receive" in [topics."{stream.topic}"], and lag_s if its delay is known.'
+        if stamp is None:
+            self._report(place, f"messages with a header on {stream.topic}", "none", fix)
+            return None
+        if stamp.sec == 0 and stamp.nanosec == 0:
+            self._report(place, f"stamps in the headers of {stream.topic}", "0", fix)
+            return None
+        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+    def _header(self, topic: str, message: Any) -> Any:
+        """The stamp of a message, or of the element that a path picks out of it; None where there is none."""
+        if hasattr(message, "header"):
+            return message.header.stamp
+        for _, _, steps, _ in self._readers.get(topic, []):
+            try:
+                element = value_at(message, steps[:1])
+            except (FieldError, NotHereError):
+                continue
+            if hasattr(element, "header"):
+                return element.header.stamp
+        return None
+
+    def _joint_values(self, message: Any) -> dict[str, float]:
+        """Angles and torques of a ``sensor_msgs/JointState``; NaN for what it does not hold."""
+        if not all(hasattr(message, name) for name in ("name", "position", "effort")):
+            expected = "sensor_msgs/JointState"
+            self._report(
+                self.places[self._form.joints_topic], expected, getattr(message, "__msgtype__", "another")
+            )
+            raise NotHereError
+        names = list(message.name)
+        self._joints = self._joints or tuple(names)
+        absent = [name for name in self._joints if name not in names]
+        if len(absent) == len(self._joints):
+            # Several nodes may publish the states of different joints on one topic.
+            raise NotHereError
+        values: dict[str, float] = {}
+        for i, name in enumerate(self._joints):
+            at = names.index(name) if name in names else len(message.position)
+            values[f"q_{i}"] = float(message.position[at]) if at < len(message.position) else np.nan
+            values[f"tau_{i}"] = float(message.effort[at]) if at < len(message.effort) else np.nan
+        return values
+
+    def _report(self, place: str, expected: str, got: str, fix: str = "") -> None:
+        if place + expected not in self._reported:
+            self._reported.add(place + expected)
+            self._findings.error(place, expected, got, fix)
+
+
+def _kind(quantity: Quantity) -> str:
+    return "text" if targets.is_text(quantity.target) else "number"

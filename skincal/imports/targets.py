@@ -1,0 +1,60 @@
+"""The columns of a dataset that a mapping may fill: of what kind they are, and which belong together."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skincal.dataset.columns import JOINT, NORMAL, OPTIONAL, POSITION, TARGET, TEXT, TIMES, WHOLE
+from skincal.imports import units
+
+VECTORS: Final = {"position": POSITION, "normal": NORMAL, "target": TARGET}
+"""Names that stand for three columns at once in a mapping."""
+
+NUMBER, WORD = "number", "text"
+
+PRESSES, SERIES = "presses", "series"
+"""What a row of the source is: a whole press, or one sample of a time series."""
+
+_KINDS: Final = {
+    **dict.fromkeys((*POSITION, *TARGET, "indenter_radius_m"), units.LENGTH),
+    **dict.fromkeys(("force_n", "target_force_n", "shear_u_n", "shear_v_n"), units.FORCE),
+    **dict.fromkeys((*TIMES, "time_s"), units.TIME),
+    "speed_m_per_s": units.SPEED,
+    "temperature_c": units.TEMPERATURE,
+}
+
+LABELS: Final = ("pose", "branch", "cycle", "indenter_radius_m", "target_force_n", *TARGET)
+"""Columns that name something of a whole press and are not averaged over its hold."""
+
+
+def quantity_of(target: str) -> str:
+    """The kind of quantity that a column holds; plain numbers where it has no unit."""
+    joint = JOINT.fullmatch(target)
+    if joint:
+        return units.ANGLE if joint[1] == "q" else units.TORQUE
+    return _KINDS.get(target, units.NONE)
+
+
+def is_text(target: str) -> bool:
+    """Whether a column holds words."""
+    return target == "phase" or OPTIONAL.get(target) == TEXT
+
+
+def is_whole(target: str) -> bool:
+    """Whether a column holds whole numbers."""
+    return target == "press" or OPTIONAL.get(target) == WHOLE
+
+
+def known_targets(rows: str) -> tuple[str, ...]:
+    """The columns that sources with such rows may fill, without joints."""
+    own = ("press", *TIMES) if rows == PRESSES else ("time_s", "press", "phase")
+    return (*own, *POSITION, "force_n", *OPTIONAL)
+
+
+def required_targets(rows: str, *, positions: bool) -> tuple[str, ...]:
+    """The columns that a mapping has to fill; ``positions``: whether anything is known of them."""
+    return (
+        *(("time_s",) if rows == SERIES else ()),
+        *(POSITION if positions else ()),
+        "force_n",
+    )

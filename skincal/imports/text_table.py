@@ -1,0 +1,248 @@
+"""One text file of anyone's making as named columns, with the line that each row stands on."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.imports.mapping import CsvFormat
+
+Column = NDArray[Any]
+
+
+class SourceSheet(Sheet):
+    """Names places in a text file; ``lines`` holds the number of the line of each row."""
+
+    def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64]) -> None:
+        super().__init__(findings, file, None)
+        self._lines = lines
+
+    def rows(self, name: str, rows: ArrayLike) -> str:
+        """The place of some rows (counted from 0) of a column: the lines of the file."""
+        index = np.atleast_1d(np.asarray(rows))
+        named = ", ".join(f"{int(row) + 1} (line {self._lines[row]})" for row in index[:SHOWN])
+        more = f" and {index.size - SHOWN} more" if index.size > SHOWN else ""
+        return f'{self.file}, column "{name}", {"row" if index.size == 1 else "rows"} {named}{more}'
+
+
+class TextTable:
+    """A text file, read.
+
+    Args:
+        sheet: names places in it.
+        columns: the columns that were asked for: float64 where every cell is a number, else text.
+        decimal: the decimal mark.
+    """
+
+    def __init__(self, sheet: SourceSheet, columns: dict[str, Column], rows: int, decimal: str) -> None:
+        self.sheet = sheet
+        self.rows = rows
+        self._columns = columns
+        self._decimal = decimal
+
+    def numbers(self, name: str) -> NDArray[np.float64]:
+        """A column as numbers, NaN where nothing stands; an error for cells that are none, and for inf."""
+        column = self._columns.get(name)
+        if column is None:
+            return np.full(self.rows, np.nan)
+        if column.dtype == object:
+            values, bad = _parsed(column, self._decimal)
+            hint = "Set decimal in [csv]." if _other_mark(column[bad], self._decimal) else ""
+            self.sheet.bad_rows(name, bad, column, "a number", hint)
+            return values
+        self.sheet.bad_rows(name, np.isinf(column), column, "a finite number")
+        return column
+
+    def text(self, name: str) -> NDArray[Any]:
+        """A column as text, '' where nothing stands."""
+        column = self._columns.get(name)
+        return np.full(self.rows, "", dtype=object) if column is None else column
+
+
+def read_text_table(
+    path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
+) -> TextTable | None:
+    """Reads the columns that are asked for; None, and errors, where the file has no such form.
+
+    Args:
+        path: the file.
+        form: its layout.
+        numbers: columns that hold numbers.
+        texts: columns that hold words or dates.
+        findings: where errors go.
+    """
+    lines = _lines(path, form, findings)
+    if lines is None:
+        return None
+    names, kept = _header(path.name, form, lines, findings)
+    wanted = [*dict.fromkeys((*numbers, *texts))]
+    if not names or not _check_names(path.name, form, names, wanted, findings):
+        return None
+    body = "\n".join(" ".join(text.split()) if form.delimiter == "whitespace" else text for _, text in kept)
+    numbered = np.array([number for number, _ in kept], dtype=np.int64)
+    sheet = SourceSheet(findings, path.name, numbered)
+    types = {**dict.fromkeys(texts, "text"), **{name: "number" for name in numbers if name not in texts}}
+    columns = _parse(sheet, body, form, names, types, numbered)
+    return None if columns is None else TextTable(sheet, columns, len(kept), form.decimal)
+
+
+def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, str]] | None:
+    """The lines that are neither skipped, empty nor comments, with their numbers."""
+    encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
+    try:
+        text = path.read_bytes().decode(encoding)
+    except OSError as error:
+        findings.error(str(path), "a text file", (error.strerror or str(error)).lower())
+        return None
+    except UnicodeDecodeError as error:
+        fix = 'Set encoding in [csv], to "latin-1" or "utf-16" perhaps.'
+        findings.error(path.name, f"text in {form.encoding}", f"byte {error.start}: {error.reason}", fix)
+        return None
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    numbered = enumerate(lines[form.skip_rows :], start=form.skip_rows + 1)
+    comment = form.comment
+    return [(n, s) for n, s in numbered if s.strip() and not (comment and s.lstrip().startswith(comment))]
+
+
+def _header(
+    file: str, form: CsvFormat, lines: list[tuple[int, str]], findings: Findings
+) -> tuple[list[str], list[tuple[int, str]]]:
+    """The names of the columns (their numbers, from 1, where there is no header), and the rows' lines."""
+    if not lines:
+        findings.error(file, "a header line and rows" if form.header else "rows", "nothing")
+        return [], []
+    first = lines[0][1]
+    cells = (
+        first.split()
+        if form.delimiter == "whitespace"
+        else next(csv.reader([first], delimiter=form.delimiter))
+    )
+    names = [cell.strip() for cell in cells] if form.header else [str(i + 1) for i in range(len(cells))]
+    rows = lines[(1 if form.header else 0) + form.skip_after_header :]
+    if not rows:
+        findings.error(file, "at least one row below the header", "none")
+    return names if rows else [], rows
+
+
+def _check_names(file: str, form: CsvFormat, names: list[str], wanted: list[str], findings: Findings) -> bool:
+    missing = [name for name in wanted if name not in names]
+    for name in missing[:6]:
+        close = did_you_mean(name, names)
+        shown = ", ".join(f'"{n}"' for n in names[:12]) + (
+            f", … ({len(names)} in all)" if len(names) > 12 else ""
+        )
+        split = _other_delimiter(names, form)
+        fix = f'Did you mean "{close}"?' if close else f"Set delimiter in [csv] to {split}." if split else ""
+        findings.error(file, f'a column "{name}"', f"the columns {shown}", fix)
+    if len(missing) > 6:
+        findings.error(file, f"{len(missing) - 6} more columns, like {missing[6]}", "none of them")
+    doubled = [name for name in wanted if names.count(name) > 1]
+    for name in doubled:
+        findings.error(f'{file}, column "{name}"', "each column once", f"{names.count(name)} of that name")
+    return not missing and not doubled
+
+
+def _other_delimiter(names: list[str], form: CsvFormat) -> str:
+    marks = {";": '";"', "\t": '"\\t"', ",": '","', "|": '"|"', " ": '"whitespace"'}
+    found = [shown for mark, shown in marks.items() if len(names) == 1 and mark in names[0]]
+    return found[0] if found and form.delimiter not in found[0] else ""
+
+
+def _parse(
+    sheet: SourceSheet,
+    body: str,
+    form: CsvFormat,
+    names: list[str],
+    types: dict[str, str],
+    lines: NDArray[np.int64],
+) -> dict[str, Column] | None:
+    """The columns: as numbers at once, or as text where a cell is none."""
+    import pyarrow as arrow  # pyright: ignore[reportMissingTypeStubs]
+    import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
+
+    pa, pcsv = cast("Any", arrow), cast("Any", arrow_csv)
+    bad: list[Any] = []
+
+    def skip(row: Any) -> str:
+        bad.append(row)
+        return "skip"
+
+    def read(kinds: dict[str, Any]) -> Any:
+        bad.clear()
+        return pcsv.read_csv(
+            pa.BufferReader(body.encode("utf-8")),
+            # Only a single thread knows the line numbers of bad rows.
+            pcsv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 24),
+            pcsv.ParseOptions(
+                delimiter=" " if form.delimiter == "whitespace" else form.delimiter, invalid_row_handler=skip
+            ),
+            pcsv.ConvertOptions(
+                column_types=kinds,
+                include_columns=list(types),
+                null_values=list(form.missing),
+                strings_can_be_null=True,
+                decimal_point=form.decimal,
+            ),
+        )
+
+    try:
+        try:
+            table = read({n: pa.float64() if kind == "number" else pa.string() for n, kind in types.items()})
+        except pa.ArrowInvalid:
+            table = read(dict.fromkeys(types, pa.string()))
+    except pa.ArrowException as error:
+        sheet.findings.error(sheet.file, "rows of cells", " ".join(str(error).split())[:200])
+        return None
+    if bad:
+        _report_ragged(sheet, bad, lines)
+        return None
+    return {name: _column(table.column(name), types[name], form) for name in types}
+
+
+def _column(column: Any, kind: str, form: CsvFormat) -> Column:
+    if str(column.type) == "double":
+        return np.asarray(column.to_numpy(), dtype=np.float64)
+    cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
+    words = np.array(cells, dtype=object)
+    if kind == "text":
+        return words
+    values, bad = _parsed(words, form.decimal)
+    return words if bad.any() or np.isinf(values).any() else values
+
+
+def _parsed(cells: NDArray[Any], decimal: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Cells as numbers, NaN where nothing stands, and which are no finite number."""
+    values = np.full(len(cells), np.nan)
+    bad = np.zeros(len(cells), dtype=bool)
+    for i, cell in enumerate(cells):
+        if cell == "":
+            continue
+        try:
+            values[i] = float(cell.replace(decimal, ".") if "." not in cell or decimal == "." else "no")
+            bad[i] = bool(np.isinf(values[i]))
+        except ValueError:
+            bad[i] = True
+    return values, bad
+
+
+def _other_mark(cells: NDArray[Any], decimal: str) -> bool:
+    """Whether cells would be numbers with the other decimal mark."""
+    other = "," if decimal == "." else "."
+    return any(
+        other in cell and not _parsed(np.array([cell], dtype=object), other)[1][0] for cell in cells[:SHOWN]
+    )
+
+
+def _report_ragged(sheet: SourceSheet, bad: Sequence[Any], lines: NDArray[np.int64]) -> None:
+    named = ", ".join(str(lines[row.number - 1]) for row in bad[:SHOWN])
+    more = f" and {len(bad) - SHOWN} more" if len(bad) > SHOWN else ""
+    got = ", ".join(str(row.actual_columns) for row in bad[:SHOWN])
+    fix = "Was the file cut short, or are there lines to skip (skip_rows, skip_after_header, comment)?"
+    expected = f"{bad[0].expected_columns} cells as in the header"
+    sheet.findings.error(f"{sheet.file}, line {named}{more}", expected, f"{got} cells", fix)

@@ -1,0 +1,89 @@
+"""Units that other people write, and what turns them into SI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+STANDARD_GRAVITY: Final = 9.80665
+"""Standard acceleration of gravity [m/s²] (BIPM, SI brochure)."""
+
+INCH_M: Final = 0.0254
+POUND_KG: Final = 0.45359237
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a source: ``SI = factor * value + offset``.
+
+    Attributes:
+        name: as it is written in a mapping.
+        factor: of one unit, in SI.
+        offset: of its zero, in SI; only temperatures have one.
+    """
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+LENGTH = "length"
+FORCE = "force"
+ANGLE = "angle"
+TIME = "time"
+TORQUE = "torque"
+SPEED = "speed"
+TEMPERATURE = "temperature"
+NONE = "number"
+
+DATETIME: Final = "datetime"
+"""In the place of a unit of time: dates with times, like 2026-11-20 12:00:00.250."""
+
+_LENGTHS = {
+    "m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": INCH_M, "mil": INCH_M / 1000,
+}  # fmt: skip
+_FORCES = {
+    "N": 1.0, "kN": 1e3, "cN": 1e-2, "mN": 1e-3, "uN": 1e-6, "gf": 1e-3 * STANDARD_GRAVITY,
+    "kgf": STANDARD_GRAVITY, "lbf": POUND_KG * STANDARD_GRAVITY,
+}  # fmt: skip
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, DATETIME: 1.0}
+
+FACTORS: Final[dict[str, dict[str, float]]] = {
+    LENGTH: _LENGTHS,
+    FORCE: _FORCES,
+    ANGLE: {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "turn": 2 * math.pi},
+    TIME: _TIMES,
+    TORQUE: {"N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "kgf cm": STANDARD_GRAVITY / 100},
+    SPEED: {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "mm/min": 1e-3 / 60, "inch/s": INCH_M},
+    TEMPERATURE: {"C": 1.0, "K": 1.0, "F": 5 / 9},
+    NONE: {"1": 1.0},
+}
+"""What one unit is in SI (degrees Celsius for temperatures), by the kind of quantity."""
+
+_ZEROS = {"K": -273.15, "F": -32 * 5 / 9}
+_ALIASES = {
+    "in": "inch", "µm": "um", "μm": "um", "µs": "us", "μs": "us", "Nm": "N m", "N*m": "N m", "mNm": "mN m",
+    "Nmm": "N mm", "Ncm": "N cm", "°C": "C", "degC": "C", "°F": "F", "degF": "F", "°": "deg", "degrees": "deg",
+    "radians": "rad", "sec": "s",
+}  # fmt: skip
+
+
+def unit_of(kind: str, name: str) -> Unit | None:
+    """The unit of a quantity by its name; None where there is none of that name."""
+    name = _ALIASES.get(name, name)
+    factor = FACTORS[kind].get(name)
+    return (
+        None if factor is None else Unit(name, factor, _ZEROS.get(name, 0.0) if kind == TEMPERATURE else 0.0)
+    )
+
+
+def other_kind(name: str) -> str | None:
+    """The kind of quantity that a unit belongs to; None for a unit of nothing."""
+    name = _ALIASES.get(name, name)
+    return next((kind for kind, units in FACTORS.items() if name in units), None)
+
+
+def si_unit(kind: str) -> Unit:
+    """The unit that the dataset itself has: the first of a kind."""
+    return Unit(next(iter(FACTORS[kind])))
