@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -112,7 +112,8 @@ class _Reader:
 
     def _table(self, name: str, values: Any, known: tuple[str, ...]) -> TomlTable:
         if isinstance(values, dict):
-            return TomlTable(self._findings, self._path.name, name, values, known)
+            table = cast(dict[str, Any], values)
+            return TomlTable(self._findings, self._path.name, name, table, known)
         self._findings.error(
             f"{self._path.name}, [{name}]", f"a table [{name}]", "nothing" if values is None else values
         )
@@ -121,27 +122,28 @@ class _Reader:
 
     def _names(self, table: TomlTable, key: str) -> tuple[str, ...]:
         value = table.raw(key)
-        if not isinstance(value, list) or not value or not all(isinstance(v, str) and v for v in value):
-            table.error(key, "a list of joint names", "nothing" if value is None else value)
+        names = cast(list[Any], value) if isinstance(value, list) else []
+        if not names or not all(isinstance(v, str) and v for v in names):
+            table.error(key, "a list of joint names", _shown(value))
             return ()
-        if len(set(value)) != len(value):
-            table.error(key, "every joint once", value)
-        return tuple(value)
+        if len(set(names)) != len(names):
+            table.error(key, "every joint once", names)
+        return tuple(names)
 
     def _each(
         self, table: TomlTable, key: str, count: int, *, low: float = -math.inf, high: float = math.inf
     ) -> FloatArray:
         """One number a joint; a single one stands for all."""
         value = table.raw(key)
-        numbers = value if isinstance(value, list) else [value] * count
+        numbers = cast(list[Any], value) if isinstance(value, list) else [value] * count
         plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers)
         if value is None or not plain or len(numbers) != count:
-            table.error(key, f"a number, or a list of {count}", "nothing" if value is None else value)
+            table.error(key, f"a number, or a list of {count}", _shown(value))
             return np.full(count, np.nan)
         array = np.array(numbers, dtype=np.float64)
         if not np.all(np.isfinite(array) & (array >= low) & (array <= high)):
             table.error(
-                key, f"finite numbers, at least {low:g}" if math.isfinite(low) else "finite numbers", value
+                key, f"finite numbers, at least {low:g}" if math.isfinite(low) else "finite numbers", numbers
             )
         return array
 
@@ -166,7 +168,8 @@ class _Reader:
         """The finger with the skin and the one with the indenter; empty ones, and an error, where there is none."""
         found: dict[str, FingerDescription] = {}
         values = self._top.raw("fingers")
-        for name, table in (values if isinstance(values, dict) else {}).items():
+        tables = cast(dict[str, Any], values) if isinstance(values, dict) else {}
+        for name, table in tables.items():
             reader = self._table(f"fingers.{name}", table, _FINGER)
             carries = reader.choice("carries", ("skin", "indenter"))
             finger = FingerDescription(
@@ -262,6 +265,10 @@ class _Reader:
             position=position_from(tables["position"]),
             clock=clock_from(tables["clock"]) if self._top.has("clock") else None,
         )
+
+
+def _shown(value: Any) -> object:
+    return "nothing" if value is None else value
 
 
 def _digest(*paths: Path) -> str:

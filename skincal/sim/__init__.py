@@ -1,1 +1,21 @@
-"""One PyBullet client: the fingers, their controller, contact and a reference skin."""
+"""One PyBullet client: the fingers, their drives, contact and a reference skin with a hidden truth."""
+
+from skincal.sim.options import SimOptions, TruthOptions
+from skincal.sim.position_error import PositionError, position_error
+from skincal.sim.reference_skin import ReferenceSkin
+from skincal.sim.simulated_hand import SimReading, SimulatedHand
+from skincal.sim.touch import TrueContact
+from skincal.sim.truth import JointTruth, Truth
+
+__all__ = [
+    "JointTruth",
+    "PositionError",
+    "ReferenceSkin",
+    "SimOptions",
+    "SimReading",
+    "SimulatedHand",
+    "TrueContact",
+    "Truth",
+    "TruthOptions",
+    "position_error",
+]

@@ -1,0 +1,148 @@
+"""The simulated hand as a driver: every later step can be tried without a hand."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from skincal.errors import InputError, Problem
+from skincal.files import whole_file
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import HandError
+from skincal.hand.hands import hand_named
+from skincal.robot.description import HandDescription
+from skincal.sim import SimOptions, SimulatedHand, Truth, TruthOptions
+
+TRUTH_FORMAT = "skincal-sim-truth/1"
+_TRUTH_STREAM, _NOISE_STREAM = 0, 1
+
+
+class SimDriver(HandDriver):
+    """A simulated hand with a reference skin whose truth is drawn by the seed.
+
+    Its clock runs as fast as the computer allows: a call of :meth:`observe` moves it on by one period. The same seed,
+    hand, effects and commands give the same states, bit for bit.
+
+    Args:
+        seed: draws the truth and all noise.
+        effects: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
+        hand: name of a hand that comes with skincal, or the path of a ``hand.toml``.
+        truth_path: file for the truth (JSON), written when the hand is connected.
+        rate_hz: states and commands [Hz].
+        options: physics.
+        truth_options: ranges of the truth.
+
+    Raises:
+        InputError: a rate that does not fit the physics, a hand that cannot be read, or an effect that is not known.
+    """
+
+    name = "sim"
+
+    def __init__(
+        self,
+        *,
+        seed: Annotated[int, "draws the hidden truth and all noise"] = 0,
+        effects: Annotated[Mapping[str, float] | None, "strengths of effects, 1 is a typical case"] = None,
+        hand: Annotated[str, "the hand: its name, or its hand.toml"] = "dlr_hand_2",
+        truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
+        rate_hz: Annotated[int, "states and commands per second"] = 100,
+        options: SimOptions | None = None,
+        truth_options: TruthOptions | None = None,
+    ) -> None:
+        self._options = options or SimOptions()
+        if not 0 < rate_hz <= self._options.physics_hz or self._options.physics_hz % rate_hz:
+            expected = f"a divisor of the physics' {self._options.physics_hz} Hz"
+            raise InputError([Problem('driver "sim", option rate_hz', expected, str(rate_hz))])
+        self._steps = self._options.physics_hz // rate_hz
+        self._seed = seed
+        self._description = hand_named(hand)
+        self._truth_path = truth_path
+        self.truth = Truth.draw(
+            np.random.default_rng([seed, _TRUTH_STREAM]), self._description, truth_options, effects
+        )
+        self._hand: SimulatedHand | None = None
+        self._moving = threading.Lock()
+        self._halted = threading.Event()
+
+    @property
+    def description(self) -> HandDescription:
+        """The hand."""
+        return self._description
+
+    @property
+    def period_s(self) -> float:
+        """Time between two states [s]."""
+        return self._steps / self._options.physics_hz
+
+    @property
+    def simulated(self) -> SimulatedHand:
+        """The hand behind the driver, for tests and studies: it knows what truly touches.
+
+        Raises:
+            HandError: not connected.
+        """
+        if self._hand is None:
+            raise HandError('driver "sim": expected a hand that is connected; call connect() first', "order")
+        return self._hand
+
+    def connect(self) -> None:
+        """Begins a session: the hand stands at its home angles, at time 0 but for a first image."""
+        self._halted.clear()
+        if self._hand is None:
+            rng = np.random.default_rng([self._seed, _NOISE_STREAM])
+            self._hand = SimulatedHand(self._description, self.truth, rng, self._options)
+            if self._truth_path is not None:
+                self._write_truth(self._truth_path)
+
+    def observe(self) -> HandState:
+        """Moves the hand on by one period and says what its sensors say."""
+        hand = self.simulated
+        with self._moving:
+            if self._halted.is_set():
+                hand.hold()
+            hand.advance(self._steps)
+            reading = hand.reading()
+        return HandState(
+            time_s=reading.time_s,
+            q_rad=reading.q_rad,
+            dq_rad_per_s=reading.dq_rad_per_s,
+            tau_nm=reading.tau_nm,
+            q_desired_rad=reading.q_desired_rad,
+            taxels=reading.taxels,
+            taxel_time_s=reading.taxel_time_s,
+        )
+
+    def act(self, command: HandCommand) -> None:
+        """Holds to other angles from now on. A hand that has been stopped stays so until it is connected again."""
+        if not self._halted.is_set():
+            self.simulated.command(command.q_desired_rad)
+
+    def stop(self) -> None:
+        """Holds to where the motors are, which lets go of what they exert."""
+        self._halted.set()
+        # While a period runs, it is that call that lets go before the next one.
+        if self._hand is not None and self._moving.acquire(blocking=False):
+            try:
+                self._hand.hold()
+            finally:
+                self._moving.release()
+
+    def close(self) -> None:
+        """Ends the session."""
+        hand, self._hand = self._hand, None
+        if hand is not None:
+            hand.close()
+
+    def truth_dict(self) -> dict[str, object]:
+        """What is hidden from the fit, as plain numbers, lists and texts."""
+        head = {"format": TRUTH_FORMAT, "seed": self._seed, "hand": self._description.name}
+        return {**head, **self.simulated.truth_dict()}
+
+    def _write_truth(self, path: Path) -> None:
+        with whole_file(path, force=True) as file:
+            file.write_text(json.dumps(self.truth_dict(), indent=2) + "\n", encoding="utf-8")

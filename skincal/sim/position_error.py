@@ -1,0 +1,116 @@
+"""How far a hand's measured contact positions are off because of its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.errors import WorkError
+from skincal.robot import Kinematics, contact_from_joints, place_indenter
+from skincal.robot.kinematics import TipFrames
+from skincal.sim.truth import Truth
+
+FloatArray = NDArray[np.float64]
+
+FORCE_N = 3.0
+"""Force at which the error is taken [N]."""
+_HALF_M = 0.006
+_SIDE = 5
+
+
+@dataclass(frozen=True, eq=False)
+class PositionError:
+    """Measured less true contact position over a grid of places round the sensor's nominal centre, in the home pose.
+
+    Attributes:
+        mean_across_m: mean towards growing beta (on a plane +x) [m].
+        mean_along_m: mean along +y [m].
+        rms_m: root mean square of the length, the mean included [m].
+        scatter_m: root mean square of the length about the mean [m].
+    """
+
+    mean_across_m: float
+    mean_along_m: float
+    rms_m: float
+    scatter_m: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Plain numbers, for a JSON file."""
+        return dict(vars(self))
+
+
+def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
+    """The error that joint offsets, waves and the drives' true stiffness cause.
+
+    Raises:
+        WorkError: none of the places can be reached from the home pose.
+    """
+    errors = [
+        error for place in _places(kinematics) if (error := _error_at(kinematics, truth, *place)) is not None
+    ]
+    if not errors:
+        raise WorkError("simulated hand: expected a sensor that the indenter can reach from the home pose")
+    found = np.array(errors)
+    mean = found.mean(axis=0)
+    return PositionError(
+        mean_across_m=float(mean[0]),
+        mean_along_m=float(mean[1]),
+        rms_m=float(np.sqrt((found**2).sum(axis=1).mean())),
+        scatter_m=float(np.sqrt(((found - mean) ** 2).sum(axis=1).mean())),
+    )
+
+
+def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
+    """Points (3,) and normals (3,) of a grid round the nominal centre."""
+    meta = kinematics.description.meta
+    steps = np.linspace(-_HALF_M, _HALF_M, _SIDE)
+    places: list[tuple[FloatArray, FloatArray]] = []
+    for across in steps:
+        for along in steps:
+            y = meta.mount.y_m + along
+            if meta.surface.radius_m is None:
+                x = (meta.mount.x_m or 0.0) + across
+                places.append((np.array([x, y, 0.0]), np.array([0.0, 0.0, 1.0])))
+                continue
+            beta = np.radians(meta.mount.beta_deg or 0.0) + across / meta.surface.radius_m
+            normal = np.array([np.sin(beta), 0.0, np.cos(beta)])
+            places.append((meta.surface.radius_m * normal + [0.0, y, 0.0], normal))
+    return places
+
+
+def _error_at(
+    kinematics: Kinematics, truth: Truth, point: FloatArray, normal: FloatArray
+) -> tuple[float, float] | None:
+    """Measured less true position, across and along [m]; None where the place is out of reach."""
+    meta = kinematics.description.meta
+    assert meta.indenter.radius_m is not None
+    try:
+        q = place_indenter(
+            kinematics, point + meta.indenter.radius_m * normal, kinematics.description.home_rad
+        )
+    except WorkError:
+        return None
+    tau = _torques(kinematics, q, kinematics.skin_frames(q), point, -FORCE_N * normal)
+    measured = q
+    if kinematics.description.compliance_rad_per_nm is not None:
+        measured = q + tau / truth.joints.drive_stiffness_nm_per_rad
+    found = contact_from_joints(kinematics, measured + truth.joints.angle_error_rad(measured), tau)
+    along = float(found.points_m[0, 1] - point[1])
+    if meta.surface.radius_m is None:
+        return float(found.points_m[0, 0] - point[0]), along
+    turn = np.arctan2(found.normals[0, 0], found.normals[0, 2]) - np.arctan2(normal[0], normal[2])
+    return float(meta.surface.radius_m * turn), along
+
+
+def _torques(
+    kinematics: Kinematics, q: FloatArray, skin: TipFrames, point: FloatArray, force: FloatArray
+) -> FloatArray:
+    """Torques (n,) [N m] that hold a force (3,) on the skin at a point (3,), both in the fingertip frame."""
+    at, root_force = skin.to_root(point[None]), skin.rotations[0] @ force
+    tau = np.zeros(len(q))
+    indenter = kinematics.indenter_frames(q)
+    tau[kinematics.indenter.columns] = kinematics.indenter.jacobian(indenter, at)[0].T @ root_force
+    tau[kinematics.skin.columns] = -kinematics.skin.jacobian(skin, at)[0].T @ root_force
+    return tau

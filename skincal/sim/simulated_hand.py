@@ -1,0 +1,200 @@
+"""The simulated hand: fingers, drives, joint sensors and skin, moved on together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.errors import WorkError
+from skincal.robot import HandDescription, Kinematics
+from skincal.sim.bullet import Fingers
+from skincal.sim.drives import DriveParameters, Drives
+from skincal.sim.options import SimOptions
+from skincal.sim.position_error import position_error
+from skincal.sim.reference_skin import ReferenceSkin
+from skincal.sim.touch import TrueContact, contact_stiffness, true_contact
+from skincal.sim.truth import Truth
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SimReading:
+    """What the hand's sensors say.
+
+    Attributes:
+        time_s: the hand's clock [s].
+        q_rad: measured joint angles (n,) [rad].
+        dq_rad_per_s: measured joint velocities (n,) [rad/s].
+        tau_nm: measured joint torques (n,) [N m].
+        q_desired_rad: the angles last commanded (n,) [rad].
+        taxels: the last image (J,) [counts].
+        taxel_time_s: when each of its taxels was read (J,) [s].
+    """
+
+    time_s: float
+    q_rad: FloatArray
+    dq_rad_per_s: FloatArray
+    tau_nm: FloatArray
+    q_desired_rad: FloatArray
+    taxels: FloatArray
+    taxel_time_s: FloatArray
+
+
+class SimulatedHand:
+    """A hand in a PyBullet client of its own. Two of them know nothing of each other.
+
+    Args:
+        description: the hand.
+        truth: what is true of its skin and joints.
+        rng: all noise.
+        options: physics.
+    """
+
+    def __init__(
+        self,
+        description: HandDescription,
+        truth: Truth,
+        rng: np.random.Generator,
+        options: SimOptions | None = None,
+    ) -> None:
+        options = options or SimOptions()
+        self.description = description
+        self.truth = truth
+        self.truth_log: list[TrueContact] = []
+        self._options = options
+        self._kinematics = Kinematics(description)
+        self._rng, skin_rng = rng.spawn(2)
+        self._skin = ReferenceSkin(description, truth, skin_rng)
+        stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
+        self._drives = Drives(
+            _drive_parameters(description, truth, options),
+            description.home_rad.tolist(),
+            1 / options.physics_hz,
+        )
+        self._fingers = Fingers(description, options, stiffness)
+        self._steps = 0
+        self._between = options.physics_hz // options.taxel_hz
+        scan = np.linspace(-options.taxel_scan_s, 0.0, self._skin.taxels)
+        self._scan_s = scan if self._skin.taxels > 1 else np.zeros(1)
+        self._desired = self._measured_angles()
+        # Some time passes before the first reading, so that there is an image.
+        self.advance(self._between)
+
+    @property
+    def time_s(self) -> float:
+        """The hand's clock [s]."""
+        return self._steps / self._options.physics_hz
+
+    @property
+    def step_s(self) -> float:
+        """Time of a physics step [s]."""
+        return 1 / self._options.physics_hz
+
+    def command(self, q_desired_rad: ArrayLike) -> None:
+        """Angles to hold to from now on (n,) [rad], as the joint sensors measure them.
+
+        Raises:
+            WorkError: another number of angles, or one that is not finite.
+        """
+        desired = np.array(q_desired_rad, dtype=np.float64)
+        if desired.shape != self._desired.shape or not np.isfinite(desired).all():
+            raise WorkError(
+                f"simulated hand: expected {len(self._desired)} finite angles; got {q_desired_rad!r}"
+            )
+        self._desired = desired
+
+    def hold(self) -> None:
+        """Holds to where the motors are: no force that was not there, and that fades."""
+        self._drives.hold()
+        self._desired = self._measured_angles()
+
+    def advance(self, steps: int) -> None:
+        """Moves on by some physics steps."""
+        fingers, drives = self._fingers, self._drives
+        # The controller sees angles with the sensors' errors, which change little over such a time.
+        motors = np.array(drives.motor_rad)
+        drives.target_rad = (self._desired - self._truth_error(motors)).tolist()
+        q, dq = fingers.joints()
+        for _ in range(steps):
+            fingers.step(drives.step(q, dq))
+            q, dq = fingers.joints()
+            self._steps += 1
+            if self._steps % self._between == 0:
+                self._look(q)
+        if not all(map(_sound, q)):
+            raise WorkError("simulated hand: expected finite joint angles; the simulation has gone astray")
+
+    def contact(self) -> TrueContact:
+        """What truly touches at this moment."""
+        return self._contact(self._fingers.joints()[0])
+
+    def reading(self) -> SimReading:
+        """What the sensors say now; every call draws new noise."""
+        joints, count = self.truth.joints, len(self._desired)
+        noise = self._rng.standard_normal((3, count))
+        speed = np.array(self._drives.speed_rad_per_s)
+        tau = np.array(self._drives.torque_nm) * joints.torque_scale + joints.torque_offset_nm
+        return SimReading(
+            time_s=self.time_s,
+            q_rad=self._measured_angles() + joints.noise_rad * noise[0],
+            dq_rad_per_s=speed + joints.speed_noise_rad_per_s * noise[1],
+            tau_nm=tau + joints.torque_noise_nm * noise[2],
+            q_desired_rad=self._desired.copy(),
+            taxels=self._image.copy(),
+            taxel_time_s=self._image_time_s + self._scan_s,
+        )
+
+    def truth_dict(self) -> dict[str, Any]:
+        """The truth as plain numbers, lists and texts, for a JSON file."""
+        truth = self.truth
+        return {
+            "model": truth.model_dict(plane=self.description.meta.surface.kind == "plane"),
+            "skin": {"noise_counts": truth.noise_counts, "rest_counts": truth.rest_counts},
+            "effects": [{"name": name, "strength": strength} for name, strength in truth.effects.items()],
+            "joints": truth.joints.as_dict(),
+            "position_error": position_error(self._kinematics, truth).as_dict(),
+        }
+
+    def close(self) -> None:
+        """Ends the client; may be called twice."""
+        self._fingers.close()
+
+    def _look(self, q: list[float]) -> None:
+        contact = self._contact(q)
+        self.truth_log.append(contact)
+        self._image, self._image_time_s = self._skin.image(contact), contact.time_s
+
+    def _contact(self, q: list[float]) -> TrueContact:
+        return true_contact(self._kinematics, self.time_s, np.array(q), self._fingers.force())
+
+    def _truth_error(self, q_rad: FloatArray) -> FloatArray:
+        return self.truth.joints.angle_error_rad(q_rad)
+
+    def _measured_angles(self) -> FloatArray:
+        """Angles (n,) without noise, where the hand measures them: on the motors, or on the links."""
+        if self.description.compliance_rad_per_nm is None:
+            q = np.array(self._fingers.joints()[0])
+        else:
+            q = np.array(self._drives.motor_rad)
+        return q + self._truth_error(q)
+
+
+def _sound(value: float) -> bool:
+    return -1e3 < value < 1e3
+
+
+def _drive_parameters(description: HandDescription, truth: Truth, options: SimOptions) -> DriveParameters:
+    gains = description.gains
+    return DriveParameters(
+        stiffness_nm_per_rad=gains.stiffness_nm_per_rad,
+        damping_nms_per_rad=gains.damping_nms_per_rad,
+        low_pass_hz=gains.low_pass_hz,
+        drive_stiffness_nm_per_rad=truth.joints.drive_stiffness_nm_per_rad,
+        friction_nm=truth.joints.friction_nm,
+        torque_limit_nm=description.limits.torque_nm,
+        link_damping_nms_per_rad=options.link_damping_nms_per_rad,
+    )

@@ -1,0 +1,159 @@
+"""What is true in a simulated session and hidden from the fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.model import SensorPose
+from skincal.robot import HandDescription
+from skincal.sim.options import Range, TruthOptions
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointTruth:
+    """Errors of the joints' sensors, and what the drives really are; each (n,).
+
+    Attributes:
+        offset_rad: constant error of the angles [rad].
+        wave_rad: amplitude of an error sin(2 pi q / length + phase) of the angles [rad].
+        wave_length_rad: the angle after which it repeats [rad].
+        wave_phase_rad: its phase [rad].
+        noise_rad: noise of the angles [rad].
+        speed_noise_rad_per_s: noise of the velocities [rad/s].
+        torque_offset_nm: constant error of the torques [N m].
+        torque_scale: measured over true torque.
+        torque_noise_nm: noise of the torques [N m].
+        drive_stiffness_nm_per_rad: parasitic stiffness K_e [N m/rad].
+        friction_nm: stick friction [N m].
+    """
+
+    offset_rad: FloatArray
+    wave_rad: FloatArray
+    wave_length_rad: float
+    wave_phase_rad: FloatArray
+    noise_rad: float
+    speed_noise_rad_per_s: float
+    torque_offset_nm: FloatArray
+    torque_scale: FloatArray
+    torque_noise_nm: float
+    drive_stiffness_nm_per_rad: FloatArray
+    friction_nm: FloatArray
+
+    def angle_error_rad(self, q_rad: FloatArray) -> FloatArray:
+        """Measured less true angles (..., n) at true angles (..., n) [rad]."""
+        turn = 2 * math.pi / self.wave_length_rad
+        return self.offset_rad + self.wave_rad * np.sin(turn * q_rad + self.wave_phase_rad)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for a JSON file."""
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The skin's and the joints' truth.
+
+    Attributes:
+        pose: where the sensor sits.
+        elasticity_pa_per_m: E [Pa/m].
+        scale_per_n: S [1/N].
+        noise_counts: noise of a taxel value [counts].
+        rest_counts: level at rest [counts].
+        joints: errors of the joints.
+        effects: strength of each effect that the skin has beyond the base model, by name.
+    """
+
+    pose: SensorPose
+    elasticity_pa_per_m: float
+    scale_per_n: float
+    noise_counts: float
+    rest_counts: float
+    joints: JointTruth
+    effects: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        description: HandDescription,
+        options: TruthOptions | None = None,
+        effects: Mapping[str, float] | None = None,
+    ) -> Truth:
+        """Draws a truth.
+
+        Args:
+            rng: source of chance.
+            description: the hand; its ``[mount]`` bounds the pose.
+            options: ranges.
+            effects: strengths of effects by name.
+        """
+        options = options or TruthOptions()
+        pose = _pose(rng, description, options.mount_share)
+        low, high = (math.log(e) for e in options.elasticity_pa_per_m)
+        return cls(
+            pose=pose,
+            elasticity_pa_per_m=math.exp(rng.uniform(low, high)),
+            scale_per_n=float(rng.uniform(*options.scale_per_n)),
+            noise_counts=options.noise_counts,
+            rest_counts=options.rest_counts,
+            joints=_joints(rng, description, options),
+            effects=dict(effects or {}),
+        )
+
+    def model_dict(self, *, plane: bool) -> dict[str, float]:
+        """The fitted parameters by the names of ``calibration.toml``."""
+        place = {"x_m": self.pose.x_m} if plane else {"beta_deg": math.degrees(self.pose.beta_rad)}
+        return {
+            "y_m": self.pose.y_m,
+            **place,
+            "alpha_deg": math.degrees(self.pose.alpha_rad),
+            "elasticity_pa_per_m": self.elasticity_pa_per_m,
+            "scale_per_n": self.scale_per_n,
+        }
+
+
+def _pose(rng: np.random.Generator, description: HandDescription, share: float) -> SensorPose:
+    mount = description.meta.mount
+    y = _within(rng, mount.y_range_m, share)
+    alpha = math.radians(_within(rng, mount.alpha_range_deg, share))
+    if mount.beta_range_deg is None:
+        assert mount.x_range_m is not None
+        return SensorPose(y_m=y, alpha_rad=alpha, x_m=_within(rng, mount.x_range_m, share))
+    return SensorPose(
+        y_m=y, alpha_rad=alpha, beta_rad=math.radians(_within(rng, mount.beta_range_deg, share))
+    )
+
+
+def _within(rng: np.random.Generator, bounds: Range, share: float) -> float:
+    middle, half = (bounds[0] + bounds[1]) / 2, (bounds[1] - bounds[0]) / 2
+    return float(rng.uniform(middle - share * half, middle + share * half))
+
+
+def _joints(rng: np.random.Generator, description: HandDescription, options: TruthOptions) -> JointTruth:
+    count = len(description.joints)
+    friction = rng.uniform(*options.stick_friction_nm, count)
+    last = rng.uniform(*options.last_stick_friction_nm, count)
+    for finger in (description.skin_finger, description.indenter_finger):
+        at = description.joints.index(finger.joints[-1])
+        friction[at] = last[at]
+    return JointTruth(
+        offset_rad=rng.normal(0.0, options.joint_offset_rad, count),
+        wave_rad=rng.normal(0.0, options.joint_wave_rad, count),
+        wave_length_rad=options.joint_wave_length_rad,
+        wave_phase_rad=rng.uniform(0.0, 2 * math.pi, count),
+        noise_rad=options.joint_noise_rad,
+        speed_noise_rad_per_s=options.joint_speed_noise_rad_per_s,
+        torque_offset_nm=rng.normal(0.0, options.torque_offset_nm, count),
+        torque_scale=1.0 + rng.normal(0.0, options.torque_scale, count),
+        torque_noise_nm=options.torque_noise_nm,
+        drive_stiffness_nm_per_rad=rng.uniform(*options.drive_stiffness_nm_per_rad, count),
+        friction_nm=friction,
+    )
