@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,5 +240,6 @@ def _bounds(description: HandDescription, options: GuardOptions) -> tuple[FloatA
 def _shown(value: Any) -> str:
     """A value of a wrong type or shape, briefly."""
     if isinstance(value, np.ndarray):
-        return f"an array of {value.dtype} of shape {value.shape}"
+        array = cast(NDArray[Any], value)
+        return f"an array of {array.dtype} of shape {array.shape}"
     return f"{type(value).__name__} {value!r:.60}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Union, cast, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
@@ -91,9 +91,9 @@ def _mapping(value: str, kind: Any) -> Mapping[str, Any]:
 
 def _is_mapping(kind: Any) -> bool:
     base = get_origin(kind) or kind
-    return isinstance(base, type) and issubclass(cast(type, base), Mapping)
+    return isinstance(base, type) and issubclass(base, Mapping)
 
 
 def _is_sequence(kind: Any) -> bool:
     base = get_origin(kind) or kind
-    return isinstance(base, type) and issubclass(cast(type, base), Sequence) and base is not str
+    return isinstance(base, type) and issubclass(base, Sequence) and base is not str

@@ -207,7 +207,8 @@ class GuardedHand:
             if self._failure is not None:
                 raise _again(self._failure) from None
             kind, text = _described(what, error)
-            self._fail(kind, text, cause=error)
+            own = error if isinstance(error, HandError) else HandError(text, kind)
+            self._fail(kind, text, own.joint, own.value, own.limit, cause=error)
         except BaseException:
             self._halt()
             raise

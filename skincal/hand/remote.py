@@ -1,0 +1,223 @@
+"""A hand on another computer, through the messages of :mod:`skincal.hand.messages`.
+
+A request that is not answered is sent again, with its number; the hand's side answers it again and does nothing
+twice. Answers to earlier requests are thrown away. When nothing at all comes for ``silence_s``, the hand is lost; its
+side stops it by its own watchdog.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import HandError
+from skincal.hand.hands import hand_named
+from skincal.hand.messages import (
+    REPLIES,
+    Message,
+    MessageError,
+    decode,
+    encode,
+    number,
+    refusal_of,
+    state_of,
+)
+from skincal.hand.sockets import checked_address, client_keys, prepared, zmq_module
+from skincal.robot.description import HandDescription
+
+if TYPE_CHECKING:
+    import zmq
+
+RESEND_S = 0.2
+"""A request that is not answered for so long is sent again [s]."""
+
+CALL_S, CONNECT_S, STOP_S = 5.0, 30.0, 0.4
+"""What a call, connecting and stopping may take in all, while the hand's side says that it is at work [s]."""
+
+
+class RemoteDriver(HandDriver):
+    """The hand behind an address.
+
+    Args:
+        address: where the hand's side listens.
+        hand: description of the hand; it must be the same as on the other side.
+        keys: folder with the keys of a client; needed for any address that is not of this computer.
+        silence_s: the hand counts as lost when nothing comes from it for so long [s].
+
+    Raises:
+        InputError: the address needs keys, or a file is wrong.
+        WorkError: pyzmq is not installed.
+    """
+
+    name = "remote"
+
+    def __init__(
+        self,
+        address: Annotated[str, "where the hand's side listens"] = "tcp://127.0.0.1:5555",
+        *,
+        hand: Annotated[str, "the hand: its name, or its hand.toml; the same as there"] = "dlr_hand_2",
+        keys: Annotated[Path | None, "folder client/ of a key pair, for other computers"] = None,
+        silence_s: Annotated[float, "lost when nothing comes for so long [s]"] = 0.8,
+    ) -> None:
+        self._zmq = zmq_module()
+        self._address = checked_address(address, keys=keys is not None, what="address")
+        self._description = hand_named(hand)
+        self._keys = None if keys is None else client_keys(keys)
+        self._silence_s = silence_s
+        self._context: zmq.Context[zmq.Socket[bytes]] | None = None
+        self._socket: zmq.Socket[bytes] | None = None
+        self._session = ""
+        self._gone = False
+        self._number = 0
+        self._observed = 0
+        self._period_s: float | None = None
+        self._watchdog_s: float | None = None
+
+    @property
+    def description(self) -> HandDescription:
+        """The hand, as it is described here."""
+        return self._description
+
+    @property
+    def period_s(self) -> float:
+        """Time between two states [s]; the hand's side says it on connecting."""
+        if self._period_s is None:
+            raise HandError("period_s is known once the hand is connected", "order")
+        return self._period_s
+
+    def connect(self) -> None:
+        """Takes the hand, if nobody else has it and it is the one that is described here."""
+        self.close()
+        context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
+        self._context, self._socket = context, self._open(context)
+        self._session, self._number, self._gone = secrets.token_hex(16), 0, False
+        hello = {"digest": self._description.digest, "hand": self._description.name}
+        try:
+            welcome = self._ask("hello", hello, "welcome", limit_s=CONNECT_S)
+            self._period_s, self._watchdog_s = number(welcome, "period_s"), number(welcome, "watchdog_s")
+        except (HandError, MessageError) as error:
+            self._shut()
+            if isinstance(error, MessageError):
+                raise HandError(str(error), "refused") from error
+            raise
+
+    def observe(self) -> HandState:
+        """The next state; the hand's side waits for it."""
+        reply = self._ask("observe", {}, "state")
+        try:
+            state = state_of(reply)
+        except MessageError as error:
+            raise HandError(str(error), "state") from error
+        self._observed = reply.number
+        return state
+
+    def act(self, command: HandCommand) -> None:
+        """Sends a command; the hand's side refuses it where the state that it answers is no longer fresh."""
+        angles = [float(q) for q in command.q_desired_rad]
+        self._ask("act", {"q_desired_rad": angles, "answers": self._observed}, "done")
+
+    def stop(self) -> None:
+        """Stops the hand over a connection of its own, so that it comes through while another call waits."""
+        if not self._session:
+            return
+        context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
+        socket = self._open(context)
+        try:
+            self._exchange(socket, Message("stop", 1, self._session), "done", STOP_S)
+        except HandError as error:
+            if error.kind != "lost":
+                raise
+            watchdog = "" if self._watchdog_s is None else f" within {self._watchdog_s:g} s"
+            text = f"{str(error).rstrip('.')}. If the hand's side still runs, its watchdog stops the hand{watchdog}"
+            raise HandError(text, "lost") from error
+        finally:
+            socket.close()
+            context.term()
+
+    def close(self) -> None:
+        """Gives the hand back, if its side still answers."""
+        try:
+            if self._socket is not None and not self._gone:
+                self._ask("bye", {}, "done")
+        except HandError as error:
+            if error.kind not in ("lost", "refused"):
+                raise
+        finally:
+            self._shut()
+
+    def _shut(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        if self._context is not None:
+            self._context.term()
+        self._context, self._socket, self._session = None, None, ""
+
+    def _open(self, context: zmq.Context[zmq.Socket[bytes]]) -> zmq.Socket[bytes]:
+        socket = prepared(context, self._zmq.DEALER, self._keys)
+        socket.connect(self._address)
+        return socket
+
+    def _ask(self, kind: str, body: dict[str, Any], expected: str, *, limit_s: float = CALL_S) -> Message:
+        """Sends a request over the session's own connection and waits for its answer."""
+        if self._socket is None:
+            raise HandError(f"{kind}: the hand is not connected", "order")
+        self._number += 1
+        return self._exchange(
+            self._socket, Message(kind, self._number, self._session, body), expected, limit_s
+        )
+
+    def _exchange(
+        self, socket: zmq.Socket[bytes], request: Message, expected: str, limit_s: float
+    ) -> Message:
+        """Sends a request until it is answered, and returns the answer."""
+        start = heard = now = time.monotonic()
+        silence_s = min(self._silence_s, limit_s)
+        data = encode(request)
+        while True:
+            self._send(socket, data)
+            left_s = min(heard + silence_s, start + limit_s) - now
+            reply = self._answer(socket, request, min(RESEND_S, left_s))
+            now = time.monotonic()
+            if reply is not None and reply.kind == "refused":
+                raise refusal_of(reply)
+            if reply is not None and reply.kind == expected:
+                return reply
+            if reply is not None:
+                heard = now
+                # It is at work: asking again at once would only keep it from that.
+                time.sleep(min(RESEND_S / 4, limit_s))
+            if now - heard >= silence_s or now - start >= limit_s:
+                self._gone = request.kind != "stop"
+                raise self._lost(request.kind, now - heard)
+
+    def _send(self, socket: zmq.Socket[bytes], data: bytes) -> None:
+        try:
+            socket.send(data, self._zmq.NOBLOCK)
+        except self._zmq.Again:
+            # The queue is full, as nobody takes from it: the silence tells.
+            return
+
+    def _answer(self, socket: zmq.Socket[bytes], request: Message, wait_s: float) -> Message | None:
+        """The answer to a request; earlier answers, and those of other sessions, are thrown away."""
+        deadline = time.monotonic() + wait_s
+        while (left_s := deadline - time.monotonic()) > 0:
+            if not socket.poll(max(1, int(left_s * 1e3))):
+                continue
+            try:
+                reply = decode(socket.recv(), REPLIES)
+            except MessageError as error:
+                raise HandError(f"{self._address} does not speak our language: {error}", "refused") from error
+            own = (reply.number, reply.session) == (request.number, request.session)
+            if own or reply.session == "-":
+                return reply
+        return None
+
+    def _lost(self, kind: str, silent_s: float) -> HandError:
+        keys = "without keys" if self._keys is None else "with these keys"
+        text = f"{self._address} has not answered {kind} for {silent_s:.2g} s"
+        if kind == "hello":
+            text += f": nobody listens there, or nobody who admits a client {keys}"
+        return HandError(text, "lost")

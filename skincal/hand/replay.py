@@ -1,0 +1,160 @@
+"""A recorded session as a hand: what moved it then can be tried again, or watched, without it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import Frames, read_dataset
+from skincal.errors import InputError, Problem
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import HandError
+from skincal.hand.hands import hand_named
+from skincal.robot.description import HandDescription
+
+FloatArray = NDArray[np.float64]
+
+
+class ReplayDriver(HandDriver):
+    """Plays the frames of a dataset as states, one a call.
+
+    Needed are frames with ``q_0 ..`` and ``tau_0 ..``, one of each for every joint of the hand. Where they are there,
+    ``dq_0 ..`` are its velocities (else differences of the angles), ``q_desired_0 ..`` its desired angles (else the
+    measured ones), ``taxel_time_s`` the time stamps of the taxels (else those of the frames), and ``temperature_c``.
+
+    Commands have no effect; they are kept in :attr:`commands`, each with the time of the state that it answered.
+
+    Args:
+        dataset: folder of the dataset.
+        hand: the hand that it was recorded with.
+
+    Raises:
+        InputError: the dataset cannot be read, or has no such frames.
+    """
+
+    name = "replay"
+    follows_commands = False
+
+    def __init__(
+        self,
+        dataset: Annotated[Path, "folder of the dataset to play"],
+        *,
+        hand: Annotated[str, "the hand it was recorded with: its name, or its hand.toml"] = "dlr_hand_2",
+    ) -> None:
+        self._description = hand_named(hand)
+        self._place = str(dataset)
+        self._states = _states(Path(dataset), self._description)
+        steps = np.diff([state.time_s for state in self._states])
+        self._period_s = float(np.median(steps))
+        self._next = 0
+        self._connected = False
+        self.commands: list[tuple[float, HandCommand]] = []
+
+    @property
+    def description(self) -> HandDescription:
+        """The hand that the session was recorded with."""
+        return self._description
+
+    @property
+    def period_s(self) -> float:
+        """Median time between two frames [s]."""
+        return self._period_s
+
+    def connect(self) -> None:
+        """Begins at the first frame."""
+        self._next = 0
+        self._connected = True
+
+    def observe(self) -> HandState:
+        """The next frame.
+
+        Raises:
+            HandError: the record is over (kind ``end``), or not connected.
+        """
+        self._check_connected("observe")
+        if self._next == len(self._states):
+            last_s = self._states[-1].time_s
+            text = f"{self._place}: the record ends at {last_s:.6g} s, after {self._next} frames; nothing comes after"
+            raise HandError(text, "end")
+        self._next += 1
+        return self._states[self._next - 1]
+
+    def act(self, command: HandCommand) -> None:
+        """Keeps the command; a record does not follow it."""
+        self._check_connected("act")
+        time_s = self._states[max(self._next - 1, 0)].time_s
+        self.commands.append((time_s, HandCommand(np.array(command.q_desired_rad, dtype=float))))
+
+    def stop(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """Ends the replay."""
+        self._connected = False
+
+    def _check_connected(self, what: str) -> None:
+        if not self._connected:
+            raise HandError(f"{what}() before connect()", "order")
+
+
+def _states(folder: Path, description: HandDescription) -> list[HandState]:
+    data = read_dataset(folder)
+    if data.frames is None:
+        fix = "Collect with frames, or replay another session."
+        raise InputError([Problem(str(folder), "a dataset with frames, to play them", "none", fix)])
+    taxels, expected = data.meta.sensor.taxels, description.meta.sensor.taxels
+    if taxels != expected:
+        fix = "Name the hand that it was recorded with: --driver-option hand=..."
+        raise InputError([Problem(str(folder), f"{expected} taxels, as the hand has", str(taxels), fix)])
+    # A clock that stands still is no state of its own.
+    rows = np.flatnonzero(np.diff(data.frames.time_s, prepend=-np.inf) > 0)
+    if len(rows) < 2:
+        raise InputError([Problem(str(folder), "two frames or more", str(len(rows)))])
+    return _from_frames(folder, data.frames.select(rows), len(description.joints))
+
+
+def _from_frames(folder: Path, frames: Frames, joints: int) -> list[HandState]:
+    times = frames.time_s
+    q, tau = _needed(folder, frames, "q", joints), _needed(folder, frames, "tau", joints)
+    dq, desired = _wanted(frames, "dq", joints), _wanted(frames, "q_desired", joints)
+    if dq is None:
+        dq = np.gradient(q, times, axis=0)
+    stamps = _column(frames, "taxel_time_s", times)
+    temperature = _column(frames, "temperature_c", np.full(len(times), np.nan))
+    counts, taxels = frames.counts, len(frames.counts[0])
+    return [
+        HandState(
+            time_s=float(times[i]),
+            q_rad=q[i],
+            dq_rad_per_s=dq[i],
+            tau_nm=tau[i],
+            q_desired_rad=q[i] if desired is None else desired[i],
+            taxels=counts[i],
+            taxel_time_s=np.full(taxels, stamps[i]),
+            temperature_c=float(temperature[i]),
+        )
+        for i in range(len(times))
+    ]
+
+
+def _column(frames: Frames, name: str, default: FloatArray) -> FloatArray:
+    column = frames.column(name)
+    return default if column is None else np.asarray(column, dtype=np.float64)
+
+
+def _wanted(frames: Frames, name: str, joints: int) -> FloatArray | None:
+    columns = [frames.column(f"{name}_{j}") for j in range(joints)]
+    found = [np.asarray(column, dtype=float) for column in columns if column is not None]
+    return np.column_stack(found) if len(found) == joints else None
+
+
+def _needed(folder: Path, frames: Frames, name: str, joints: int) -> FloatArray:
+    found = _wanted(frames, name, joints)
+    if found is None:
+        there = ", ".join(n for n in frames.columns if n.startswith(f"{name}_")) or "none of them"
+        place = f"{folder}, frames"
+        raise InputError([Problem(place, f"columns {name}_0 to {name}_{joints - 1}, one a joint", there)])
+    return found

@@ -1,0 +1,218 @@
+"""One client's session at the hand's side: its requests, in order, each done once."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any
+
+from skincal.hand.driver import HandCommand, HandDriver
+from skincal.hand.errors import HandError
+from skincal.hand.guard import ContactForce, GuardedHand
+from skincal.hand.messages import Message, MessageError, number, numbers, refusal_body, state_body
+
+if TYPE_CHECKING:
+    from skincal.hand.serve import ServeOptions
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A message, and the connection that it goes to."""
+
+    client: bytes
+    message: Message
+
+
+class Outbox:
+    """Replies on their way to the loop that sends them, which it wakes.
+
+    Args:
+        replies: where the loop takes them from.
+        context: a ZeroMQ context.
+        zmq: the module.
+    """
+
+    def __init__(self, replies: SimpleQueue[Reply], context: Any, zmq: Any) -> None:
+        self._replies, self._context, self._zmq = replies, context, zmq
+        self._wake: Any = None
+
+    def put(self, reply: Reply) -> None:
+        """Adds a reply, from the loop's own thread."""
+        self._replies.put(reply)
+
+    def put_and_wake(self, reply: Reply) -> None:
+        """Adds a reply from another thread, always the same."""
+        self._replies.put(reply)
+        try:
+            if self._wake is None:
+                self._wake = self._context.socket(self._zmq.PUSH)
+                self._wake.linger = 0
+                self._wake.connect("inproc://replies")
+            self._wake.send(b"", self._zmq.NOBLOCK)
+        except self._zmq.ZMQError:
+            # The server has ended meanwhile; nobody waits for the reply.
+            return
+
+    def close(self) -> None:
+        """Nothing more comes from that other thread."""
+        if self._wake is not None:
+            self._wake.close()
+
+
+class Session:
+    """Does the requests of one client in a thread of its own, so that a stop comes through at any time.
+
+    Args:
+        token: the text that the client chose for it.
+        driver: the hand.
+        options: times.
+        contact_force: tells the contact force; None: not checked.
+        replies: where replies go.
+    """
+
+    def __init__(
+        self,
+        token: str,
+        driver: HandDriver,
+        options: ServeOptions,
+        contact_force: ContactForce | None,
+        replies: Outbox,
+    ) -> None:
+        self.token = token
+        self.over = False
+        self._options = options
+        self._hand = GuardedHand(driver, options.guard_options, contact_force)
+        self._replies = replies
+        self._connected = False
+        self._requests: SimpleQueue[Message | None] = SimpleQueue()
+        self._lock = Lock()
+        self._number = 0
+        self._client = b""
+        self._last: Message | None = None
+        self._observed = (0, 0.0)
+        self._thread = Thread(target=self._work, name=f"session {driver.name}", daemon=True)
+        self._thread.start()
+
+    def takes(self, message: Message) -> bool:
+        """Whether there is an answer to a request: one that is over has only the last one, and can always stop."""
+        with self._lock:
+            return not self.over or message.kind == "stop" or message.number <= self._number
+
+    def request(self, client: bytes, message: Message) -> None:
+        """Takes a request: new ones are done, the last one is answered again, older ones came late and are not."""
+        if message.kind == "stop":
+            self._stop(client, message)
+            return
+        with self._lock:
+            self._client = client
+            if message.number > self._number:
+                self._number, self._last = message.number, None
+                self._requests.put(message)
+            elif message.number == self._number:
+                again = self._last or Message("wait", message.number, self.token)
+                self._replies.put(Reply(client, again))
+
+    def end(self, wait_s: float = 3.0) -> None:
+        """Stops the hand and gives it back."""
+        try:
+            self._hand.stop()
+        finally:
+            self._requests.put(None)
+            self._thread.join(wait_s)
+
+    def _stop(self, client: bytes, message: Message) -> None:
+        try:
+            self._hand.stop()
+            reply = Message("done", message.number, self.token)
+        except HandError as error:
+            reply = Message("refused", message.number, self.token, refusal_body(error))
+        self._replies.put(Reply(client, reply))
+
+    def _work(self) -> None:
+        try:
+            while (message := self._next()) is not None:
+                reply = self._done(message)
+                with self._lock:
+                    self._last, client = reply, self._client
+                self._replies.put_and_wake(Reply(client, reply))
+                if message.kind == "bye" or self._hand.failure is not None or not self._connected:
+                    break
+        finally:
+            self._give_back()
+            self._replies.close()
+
+    def _next(self) -> Message | None:
+        """The next request; None: the session is over, or its client has fallen silent."""
+        while True:
+            try:
+                return self._requests.get(timeout=self._options.watchdog_s / 4)
+            except Empty:
+                if self._hand.failure is not None:
+                    return None
+
+    def _done(self, message: Message) -> Message:
+        """Does a request, and says how it went."""
+        try:
+            kind, body = self._do(message)
+            return Message(kind, message.number, self.token, body)
+        except MessageError as error:
+            refusal = HandError(str(error), "refused")
+        except HandError as error:
+            refusal = error
+        except Exception as error:
+            refusal = HandError(f"{type(error).__name__}: {error}", "driver")
+        self._stop_quietly()
+        return Message("refused", message.number, self.token, refusal_body(refusal))
+
+    def _do(self, message: Message) -> tuple[str, dict[str, Any]]:
+        hand = self._hand
+        if message.kind == "hello":
+            hand.connect()
+            self._connected = True
+            return "welcome", {"period_s": hand.period_s, "watchdog_s": self._options.watchdog_s}
+        if message.kind == "observe":
+            state = hand.observe()
+            self._observed = (message.number, time.monotonic())
+            return "state", state_body(state)
+        if message.kind == "act":
+            self._check_fresh(message)
+            hand.act(HandCommand(numbers(message, "q_desired_rad")))
+        if message.kind == "bye":
+            # The hand is free for the next client when this one is told so.
+            self._give_back()
+        return "done", {}
+
+    def _check_fresh(self, message: Message) -> None:
+        """A command that was long under way answers a state that is no more."""
+        answers, (observed, sent_s) = number(message, "answers"), self._observed
+        age_s, limit_s = time.monotonic() - sent_s, self._options.command_age_s
+        if answers != observed:
+            raise HandError(
+                f"the command answers message {answers:g}; the last state was {observed}", "command"
+            )
+        if age_s > limit_s:
+            text = (
+                f"the command came {age_s:.3g} s after the state that it answers, the limit is {limit_s:g} s"
+            )
+            raise HandError(text, "command", value=age_s, limit=limit_s)
+
+    def _give_back(self) -> None:
+        if self.over:
+            return
+        self._stop_quietly()
+        try:
+            self._hand.close()
+        except HandError:
+            # The reply, or the failure of the guard, has told what happened.
+            return
+        finally:
+            self.over = True
+
+    def _stop_quietly(self) -> None:
+        """Stops a hand whose client is told of something else, or nothing; that this fails is told to its own stop."""
+        try:
+            self._hand.stop()
+        except HandError:
+            return

@@ -1,0 +1,166 @@
+"""ZeroMQ sockets for a remote hand: loopback as they are, anything else with a key pair on both sides.
+
+Keys are CURVE certificates in two folders. ``hand/`` stays on the hand's computer: its own key ``hand.key_secret``,
+and in ``allowed/`` the public key of everyone who may move it. ``client/`` goes to who moves it: ``client.key_secret``,
+and the public key of the hand, ``hand.key``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import ipaddress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skincal.errors import InputError, Problem, WorkError
+from skincal.files import whole_folder
+from skincal.hand.messages import MAX_BYTES
+
+if TYPE_CHECKING:
+    import zmq
+
+INSTALL = "pip install 'skincal[remote]'"
+
+
+def zmq_module() -> Any:
+    """The module ``zmq``.
+
+    Raises:
+        WorkError: it is not installed.
+    """
+    try:
+        zmq = importlib.import_module("zmq")
+        importlib.import_module("zmq.auth.thread")
+    except ImportError as error:
+        raise WorkError(f"a remote hand needs pyzmq, which is not installed: {INSTALL}") from error
+    return zmq
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Whose secret key this is, and whom it trusts.
+
+    Attributes:
+        public: own public key.
+        secret: own secret key.
+        server: public key of the hand, at a client; None at the hand.
+        allowed: folder with the public keys of the clients, at the hand; None at a client.
+    """
+
+    public: bytes
+    secret: bytes
+    server: bytes | None = None
+    allowed: Path | None = None
+
+
+def make_keys(folder: Path, *, force: bool = False) -> None:
+    """Writes a key pair for a hand and one for a client that it knows.
+
+    Args:
+        folder: where ``hand/`` and ``client/`` shall be.
+        force: whether earlier keys there are replaced.
+
+    Raises:
+        InputError: the folder exists.
+        WorkError: pyzmq is not installed.
+    """
+    auth = zmq_module().auth
+    with whole_folder(folder, force=force, marker="README.txt") as out:
+        hand, client = out / "hand", out / "client"
+        (hand / "allowed").mkdir(parents=True)
+        client.mkdir()
+        for place, name in ((hand, "hand"), (client, "client")):
+            # create_certificates writes the secret with the process's mask; nobody else may read it even for a moment.
+            place.chmod(0o700)
+            _, secret = auth.create_certificates(place, name)
+            Path(secret).chmod(0o600)
+        (hand / "hand.key").replace(client / "hand.key")
+        (client / "client.key").replace(hand / "allowed" / "client.key")
+        (out / "README.txt").write_text(README, encoding="utf-8")
+
+
+def hand_keys(folder: Path) -> Keys:
+    """The keys of the hand's side, from its folder."""
+    public, secret = _certificate(folder / "hand.key_secret", secret=True)
+    allowed = folder / "allowed"
+    if not any(allowed.glob("*.key")):
+        fix = "Put the public key (NAME.key) of everyone there who may move the hand."
+        raise InputError([Problem(str(allowed), "at least one public key of a client", "none", fix)])
+    return Keys(public, secret, allowed=allowed)
+
+
+def client_keys(folder: Path) -> Keys:
+    """The keys of a client, from its folder."""
+    public, secret = _certificate(folder / "client.key_secret", secret=True)
+    return Keys(public, secret, server=_certificate(folder / "hand.key", secret=False)[0])
+
+
+def checked_address(address: str, *, keys: bool, what: str) -> str:
+    """An address, if it may be used.
+
+    Args:
+        address: ``tcp://HOST:PORT`` or ``ipc://FILE``.
+        keys: whether there is a key pair.
+        what: the option that it comes from.
+
+    Raises:
+        InputError: it is no such address, or would need keys.
+    """
+    scheme, _, rest = address.partition("://")
+    host, colon, port = rest.rpartition(":")
+    if scheme == "ipc" and rest:
+        return address
+    if scheme != "tcp" or not colon or not host or not (port.isdigit() or port == "*"):
+        raise InputError([Problem(what, "an address such as tcp://127.0.0.1:5555", f'"{address}"')])
+    if not keys and not _is_loopback(host):
+        expected = "a loopback address (tcp://127.0.0.1:PORT), or keys for any other"
+        fix = "`skincal hand keys --out keys` makes a pair for both sides."
+        raise InputError([Problem(what, expected, f'"{address}" without keys', fix)])
+    return address
+
+
+def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
+    """A socket that keeps nothing when it is closed, takes no large messages, and uses the keys if there are any."""
+    socket = context.socket(kind)
+    socket.linger = 0
+    socket.maxmsgsize = MAX_BYTES
+    socket.heartbeat_ivl, socket.heartbeat_timeout = 500, 2000
+    if keys is not None:
+        socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
+        if keys.server is None:
+            socket.curve_server = True
+        else:
+            socket.curve_serverkey = keys.server
+    return socket
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def _certificate(path: Path, *, secret: bool) -> tuple[bytes, bytes]:
+    fix = "`skincal hand keys --out keys` makes a pair; give hand/ to serve-hand and client/ to the driver remote."
+    try:
+        public, private = zmq_module().auth.load_certificate(path)
+    except (OSError, ValueError) as error:
+        raise InputError([Problem(str(path), "a key file", str(error), fix)]) from None
+    if secret and private is None:
+        raise InputError([Problem(str(path), "a key file with a secret key", "a public key alone", fix)])
+    return public, private or b""
+
+
+README = """Keys of a remote hand, made by `skincal hand keys`.
+
+hand/    stays on the hand's computer:   skincal serve-hand --bind tcp://ADDRESS:PORT --keys hand
+client/  goes to who moves the hand:     --driver remote --driver-option address=tcp://ADDRESS:PORT
+                                         --driver-option keys=client
+
+Copy client/ by a way that nobody else can read, and keep the files *.key_secret to yourself. Whoever has a public
+key in hand/allowed may move the hand; remove the file, and start serve-hand anew, to take that back.
+"""

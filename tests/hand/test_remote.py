@@ -1,0 +1,502 @@
+"""A hand behind a socket: delays, losses, doubles, deaths, second clients, keys. Real sockets on this computer."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_fakes import FakeHand, changed, tiny_description
+
+from skincal.errors import InputError, WorkError
+from skincal.hand import remote, sockets
+from skincal.hand.driver import HandCommand
+from skincal.hand.errors import HandError
+from skincal.hand.guard import GuardedHand
+from skincal.hand.messages import REPLIES, VERSION, Message, decode, encode
+from skincal.hand.options import GuardOptions
+from skincal.hand.remote import RemoteDriver
+from skincal.hand.serve import HandServer, ServeOptions
+from skincal.hand.sockets import checked_address, client_keys, hand_keys, make_keys
+
+zmq = pytest.importorskip("zmq")
+
+SERVE = ServeOptions(watchdog_s=0.4, command_age_s=0.2, guard=GuardOptions(timeout_s=0.3, stop_timeout_s=0.1))
+SLACK_S = 0.15
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tiny hand on both sides."""
+    monkeypatch.setattr(remote, "hand_named", lambda hand: tiny_description())
+
+
+class Hands:
+    """Makes fake hands for a server, and keeps them."""
+
+    def __init__(self, make: Callable[[], FakeHand] = FakeHand) -> None:
+        self._make = make
+        self.made: list[FakeHand] = []
+
+    def __call__(self) -> FakeHand:
+        self.made.append(self._make())
+        return self.made[-1]
+
+    @property
+    def last(self) -> FakeHand:
+        return self.made[-1]
+
+
+@contextmanager
+def served(hands: Hands, options: ServeOptions = SERVE, **more: Any) -> Iterator[HandServer]:
+    with HandServer(hands, more.pop("bind", "tcp://127.0.0.1:*"), options=options, **more) as server:
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.end()
+            thread.join(5.0)
+            assert not thread.is_alive()
+
+
+class Proxy:
+    """Stands between client and hand and mistreats messages: a function says what becomes of each."""
+
+    def __init__(self, address: str, fate: Callable[[Message, bool], list[float]]) -> None:
+        self._context = zmq.Context()
+        self._front = self._context.socket(zmq.ROUTER)
+        self._front.linger = 0
+        port = self._front.bind_to_random_port("tcp://127.0.0.1")
+        self.address = f"tcp://127.0.0.1:{port}"
+        self._back, self._fate, self._to = {}, fate, address
+        self._late: list[tuple[float, Any, list[bytes]]] = []
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Proxy:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+        self._context.destroy(linger=0)
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            if self._front.poll(1):
+                client, data = self._front.recv_multipart()
+                if client not in self._back:
+                    socket = self._context.socket(zmq.DEALER)
+                    socket.linger = 0
+                    socket.connect(self._to)
+                    self._back[client] = socket
+                self._post(self._back[client], [data], forth=True)
+            for client, socket in self._back.items():
+                while socket.poll(0):
+                    self._post(self._front, [client, socket.recv()], forth=False)
+            now = time.monotonic()
+            for item in [item for item in self._late if item[0] <= now]:
+                self._late.remove(item)
+                item[1].send_multipart(item[2])
+
+    def _post(self, socket: Any, parts: list[bytes], *, forth: bool) -> None:
+        kinds = ("hello", "observe", "act", "stop", "bye", *REPLIES)
+        for delay_s in self._fate(decode(parts[-1], kinds), forth):
+            self._late.append((time.monotonic() + delay_s, socket, parts))
+
+
+def drive(hand: GuardedHand, periods: int) -> list[float]:
+    times = []
+    for k in range(periods):
+        state = hand.observe()
+        times.append(state.time_s)
+        hand.act(HandCommand(state.q_desired_rad + 0.001 * (k % 2)))
+    return times
+
+
+def test_a_remote_hand_is_as_one_that_is_here() -> None:
+    hands = Hands()
+    with served(hands) as server:
+        for _ in range(2):
+            with GuardedHand(RemoteDriver(server.address)) as hand:
+                times = drive(hand, 20)
+                assert hand.period_s == 0.01
+            np.testing.assert_allclose(np.diff(times), 0.01)
+            assert len(hands.last.commands) == 20
+            assert hands.last.calls[-2:] == ["stop", "close"]
+    assert len(hands.made) == 2
+
+
+def test_messages_lost_late_doubled_and_out_of_order_change_nothing() -> None:
+    generator = random.Random(5)
+
+    def fate(message: Message, forth: bool) -> list[float]:
+        if message.kind == "stop":
+            return [0.0]
+        chance = generator.random()
+        if chance < 0.06:
+            return []
+        if chance < 0.3:
+            return [0.0, 0.005]
+        return [0.25, 0.0] if chance < 0.36 else [0.0]
+
+    hands = Hands()
+    options = ServeOptions(watchdog_s=3.0, command_age_s=2.0)
+    with served(hands, options) as server, Proxy(server.address, fate) as proxy:
+        with GuardedHand(RemoteDriver(proxy.address, silence_s=2.0), GuardOptions(timeout_s=3.0)) as hand:
+            times = drive(hand, 40)
+        # Every state is a step of the hand, every command was sent once, in order.
+        np.testing.assert_allclose(np.diff(times), 0.01)
+        assert len(hands.last.commands) == 40
+        assert hands.last.calls.count("observe") == 40
+        np.testing.assert_allclose(
+            np.diff([q[0] for q in hands.last.commands]), np.tile([0.001, 0.0], 20)[:39], atol=1e-12
+        )
+
+
+def test_latency_is_borne() -> None:
+    hands = Hands()
+    with served(hands) as server, Proxy(server.address, lambda message, forth: [0.02]) as proxy:
+        with GuardedHand(RemoteDriver(proxy.address)) as hand:
+            drive(hand, 5)
+        assert len(hands.last.commands) == 5
+
+
+def test_a_command_that_was_long_under_way_is_refused_and_the_hand_stopped() -> None:
+    hands = Hands()
+
+    def fate(message: Message, forth: bool) -> list[float]:
+        late = message.kind == "act" and hands.last.ticks >= 3
+        return [0.3] if late else [0.0]
+
+    with served(hands) as server, Proxy(server.address, fate) as proxy:
+        with pytest.raises(HandError) as caught, GuardedHand(RemoteDriver(proxy.address)) as hand:
+            drive(hand, 10)
+        assert caught.value.kind == "command"
+        assert "after the state that it answers, the limit is 0.2 s" in str(caught.value)
+        assert len(hands.last.commands) == 2
+        assert hands.last.stopped_at is not None
+
+
+def test_an_error_at_the_hands_side_is_told_with_its_reason() -> None:
+    hands = Hands(lambda: FakeHand(changed(tau_nm=np.array([0, 1.6]))))
+    with served(hands) as server:
+        with pytest.raises(HandError) as caught, GuardedHand(RemoteDriver(server.address)) as hand:
+            drive(hand, 10)
+        assert caught.value.kind == "torque"
+        assert (caught.value.joint, caught.value.value, caught.value.limit) == ("finger", 1.6, 1.5)
+        assert "joint finger: measured torque is 1.6 N m" in str(caught.value)
+        assert caught.value.stopped is True
+        assert hands.last.stopped_at is not None
+
+
+def test_the_force_is_limited_at_the_hands_side() -> None:
+    hands = Hands()
+    force = lambda description: lambda state: 9.0  # noqa: E731
+    with served(hands, contact_force=force) as server:
+        with (
+            pytest.raises(HandError, match="contact force is 9 N"),
+            GuardedHand(RemoteDriver(server.address)) as hand,
+        ):
+            drive(hand, 2)
+        assert hands.last.stopped_at is not None
+
+
+def test_a_driver_that_hangs_there_is_stopped_there() -> None:
+    hands = Hands(lambda: FakeHand(hang={"observe": 1.5}))
+    with served(hands) as server:
+        start = time.monotonic()
+        with pytest.raises(HandError) as caught, GuardedHand(RemoteDriver(server.address)) as hand:
+            drive(hand, 10)
+        assert caught.value.kind == "timeout"
+        assert "observe() did not return within 0.3 s" in str(caught.value)
+        assert hands.last.stopped_at is not None
+        assert hands.last.stopped_at - start < 0.3 + 3 * SLACK_S
+
+
+def test_stop_comes_through_while_another_call_waits() -> None:
+    hands = Hands(lambda: FakeHand(hang={"observe": 0.25}, after=0))
+    with served(hands) as server:
+        driver = RemoteDriver(server.address)
+        driver.connect()
+        timer = threading.Timer(0.05, driver.stop)
+        start = time.monotonic()
+        timer.start()
+        driver.observe()
+        assert hands.last.stopped_at is not None
+        assert hands.last.stopped_at - start < 0.05 + SLACK_S
+        timer.join()
+        driver.close()
+
+
+def test_a_client_that_falls_silent_loses_the_hand() -> None:
+    hands = Hands()
+    with served(hands) as server:
+        silent = RemoteDriver(server.address)
+        silent.connect()
+        silent.observe()
+        start = time.monotonic()
+        other = RemoteDriver(server.address)
+        with pytest.raises(HandError, match="another client has the hand") as caught:
+            other.connect()
+        assert caught.value.kind == "refused"
+        time.sleep(SERVE.watchdog_s + SLACK_S + SERVE.watchdog_s / 4)
+        first = hands.last
+        assert first.stopped_at is not None
+        assert first.stopped_at - start < SERVE.watchdog_s + SLACK_S
+        assert first.calls[-1] == "close"
+        other.connect()
+        other.observe()
+        assert hands.last is not first
+        with pytest.raises(HandError, match="no such session") as caught:
+            silent.observe()
+        assert caught.value.kind == "lost"
+        other.close()
+        silent.close()
+
+
+def test_a_message_of_another_session_does_nothing() -> None:
+    hands = Hands()
+    with served(hands) as server:
+        driver = RemoteDriver(server.address)
+        driver.connect()
+        state = driver.observe()
+        with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+            socket.linger = 0
+            socket.connect(server.address)
+            old = [
+                Message("act", 9, "another", {"q_desired_rad": [0, 0], "answers": 2}),
+                Message("stop", 9, "another"),
+            ]
+            for message in old:
+                socket.send(encode(message))
+                assert decode(socket.recv(), REPLIES).kind == "refused"
+            for data in (b"garbage", b"", json.dumps({"v": VERSION, "kind": "act"}).encode()):
+                socket.send(data)
+                assert decode(socket.recv(), REPLIES).kind == "refused"
+        assert hands.last.commands == []
+        assert hands.last.stopped_at is None
+        driver.act(HandCommand(state.q_desired_rad))
+        driver.close()
+
+
+def test_an_older_version_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    with served(Hands()) as server:
+        monkeypatch.setattr(
+            remote, "encode", lambda message: encode(message).replace(b"skincal-hand/1", b"skincal-hand/0")
+        )
+        with pytest.raises(HandError, match="expected a message of version"):
+            RemoteDriver(server.address).connect()
+
+
+def test_another_hand_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    with served(Hands()) as server:
+        monkeypatch.setattr(remote, "hand_named", lambda hand: replace(tiny_description(), digest="ff" * 32))
+        with pytest.raises(HandError, match=r"both need the same hand\.toml"):
+            RemoteDriver(server.address).connect()
+
+
+def test_nobody_there() -> None:
+    driver = RemoteDriver("tcp://127.0.0.1:9", silence_s=0.3)
+    start = time.monotonic()
+    with pytest.raises(HandError, match=r"has not answered hello for .* nobody listens there") as caught:
+        driver.connect()
+    assert caught.value.kind == "lost"
+    assert time.monotonic() - start < 0.3 + SLACK_S
+    with pytest.raises(HandError, match="not connected"):
+        driver.observe()
+    with pytest.raises(HandError, match="period_s is known once"):
+        _ = driver.period_s
+    driver.stop()
+    driver.close()
+
+
+def test_a_server_that_ends_is_a_lost_connection() -> None:
+    hands = Hands()
+    with pytest.raises(HandError) as caught:  # noqa: SIM117
+        with served(hands) as server, GuardedHand(RemoteDriver(server.address, silence_s=0.4)) as hand:
+            drive(hand, 5)
+            server.end()
+            start = time.monotonic()
+            drive(hand, 5)
+    assert caught.value.kind == "lost"
+    assert "has not answered observe" in str(caught.value)
+    # Silence; then two stops, each tried twice, that nobody answers.
+    assert time.monotonic() - start < 0.4 + 4 * remote.STOP_S + 3 * SLACK_S
+    assert hands.last.stopped_at is not None
+
+
+SERVER = """
+import sys
+sys.path.insert(0, {tests!r})
+from hand_fakes import FakeHand
+from skincal.hand.serve import HandServer
+with HandServer(FakeHand, "tcp://127.0.0.1:*") as server:
+    print(server.address, flush=True)
+    server.run()
+"""
+
+
+def test_a_server_that_is_killed() -> None:
+    code = SERVER.format(tests=str(Path(__file__).parent))
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        address = process.stdout.readline().strip()
+        with pytest.raises(HandError) as caught, GuardedHand(RemoteDriver(address, silence_s=0.4)) as hand:
+            drive(hand, 5)
+            os.kill(process.pid, signal.SIGKILL)
+            killed = time.monotonic()
+            drive(hand, 5)
+        assert time.monotonic() - killed < 0.4 + 4 * remote.STOP_S + 3 * SLACK_S
+        assert caught.value.kind == "lost"
+        assert caught.value.stopped is False
+        assert "its watchdog stops the hand within 2 s" in str(caught.value)
+        assert "Cut the hand's power" in str(caught.value)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+CLIENT = """
+import sys, time
+sys.path.insert(0, {tests!r})
+from hand_fakes import tiny_description
+from skincal.hand import remote
+remote.hand_named = lambda hand: tiny_description()
+driver = remote.RemoteDriver({address!r})
+driver.connect()
+while True:
+    driver.observe()
+    print("alive", flush=True)
+    time.sleep(0.05)
+"""
+
+
+def test_a_client_that_is_killed() -> None:
+    hands = Hands()
+    with served(hands) as server:
+        code = CLIENT.format(tests=str(Path(__file__).parent), address=server.address)
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "alive\n"
+        os.kill(process.pid, signal.SIGKILL)
+        killed = time.monotonic()
+        process.wait()
+        process.stdout.close()
+        while hands.last.stopped_at is None and time.monotonic() - killed < 3.0:
+            time.sleep(0.01)
+        assert hands.last.stopped_at is not None
+        assert hands.last.stopped_at - killed < SERVE.watchdog_s + SLACK_S
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://0.0.0.0:5555", "tcp://*:5555", "tcp://192.168.1.4:5555", "tcp://hand:5555"]
+)
+def test_other_computers_need_keys(address: str) -> None:
+    with pytest.raises(InputError, match="without keys") as caught:
+        checked_address(address, keys=False, what="address")
+    assert "skincal hand keys" in str(caught.value)
+    assert checked_address(address, keys=True, what="address") == address
+    with pytest.raises(InputError, match="without keys"):
+        RemoteDriver(address)
+    with pytest.raises(InputError, match="without keys"):
+        HandServer(Hands(), address)
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1:5555", "tcp://127.0.0.1", "udp://127.0.0.1:1", "tcp://:1", "ipc://", "x"]
+)
+def test_what_is_no_address(address: str) -> None:
+    with pytest.raises(InputError, match="expected an address such as"):
+        checked_address(address, keys=True, what="address")
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:1", "tcp://localhost:1", "tcp://[::1]:1", "tcp://127.3.2.1:*", "ipc://a"]
+)
+def test_this_computer_needs_no_keys(address: str) -> None:
+    assert checked_address(address, keys=False, what="address") == address
+
+
+def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys")
+    make_keys(tmp_path / "others")
+    hands = Hands()
+    with served(hands, keys=hand_keys(tmp_path / "keys" / "hand")) as server:
+        with GuardedHand(RemoteDriver(server.address, keys=tmp_path / "keys" / "client")) as hand:
+            drive(hand, 3)
+        first = hands.last
+        # No keys; keys of somebody else; the right server key, but a client that is not allowed.
+        mixed = tmp_path / "mixed"
+        mixed.mkdir()
+        for name, folder in (("client.key_secret", "others"), ("hand.key", "keys")):
+            (mixed / name).write_bytes((tmp_path / folder / "client" / name).read_bytes())
+        for keys in (None, tmp_path / "others" / "client", mixed):
+            with pytest.raises(HandError, match="nobody who admits a client") as caught:
+                RemoteDriver(server.address, keys=keys, silence_s=0.3).connect()
+            assert caught.value.kind == "lost"
+        assert hands.last is first
+        # A client with keys does not talk to a server that cannot show the hand's.
+    with served(hands) as server, pytest.raises(HandError, match="nobody who admits"):
+        RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
+
+
+def test_keys_are_private_and_kept(tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys")
+    files = sorted(
+        str(p.relative_to(tmp_path / "keys")) for p in (tmp_path / "keys").rglob("*") if p.is_file()
+    )
+    assert files == [
+        "README.txt",
+        "client/client.key_secret",
+        "client/hand.key",
+        "hand/allowed/client.key",
+        "hand/hand.key_secret",
+    ]
+    for path in (tmp_path / "keys").rglob("*.key_secret"):
+        assert path.stat().st_mode & 0o077 == 0
+    with pytest.raises(InputError, match="existing folder"):
+        make_keys(tmp_path / "keys")
+    secret = client_keys(tmp_path / "keys" / "client").secret.decode()
+    assert all(secret not in p.read_text() for p in (tmp_path / "keys").rglob("*.key"))
+
+
+def test_key_folders_that_are_wrong(tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys")
+    with pytest.raises(InputError, match=r"client\.key_secret: expected a key file"):
+        client_keys(tmp_path / "keys" / "hand")
+    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
+    with pytest.raises(InputError, match="expected at least one public key of a client"):
+        hand_keys(tmp_path / "keys" / "hand")
+
+
+def test_an_address_that_is_taken() -> None:
+    with (
+        served(Hands()) as server,
+        pytest.raises(HandError, match="cannot listen at"),
+        HandServer(Hands(), server.address),
+    ):
+        pass
+
+
+def test_without_pyzmq_the_error_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zmq", None)
+    with pytest.raises(WorkError, match=r"pip install 'skincal\[remote\]'"):
+        sockets.zmq_module()
