@@ -83,6 +83,11 @@ sigma_m = 0.002
 slack_m = 0.003
 """
 
+ROUND_PAD = """<collision><origin xyz="0 0.02 0" rpy="1.5707963 0 0"/>
+  <geometry><capsule radius="0.008" length="0.04"/></geometry></collision>"""
+FLAT_PAD = """<collision><origin xyz="0 0.02 -0.005"/>
+  <geometry><box size="0.04 0.06 0.01"/></geometry></collision>"""
+
 ROUND = 'kind = "cylinder"\nradius_m = 0.008', "beta_deg = 2.0\nbeta_range_deg = [-5, 5]"
 FLAT = 'kind = "plane"', "x_m = 0.0\nx_range_m = [-0.002, 0.002]"
 HOME_DEG = {"a0": 5, "a1": 30, "a2": 30, "a3": 25, "b0": 3, "b1": 8, "b2": 35}
@@ -90,8 +95,7 @@ HOME_DEG = {"a0": 5, "a1": 30, "a2": 30, "a3": 25, "b0": 3, "b1": 8, "b2": 35}
 
 def other_hand(folder: Path, *, plane: bool = False) -> Path:
     """Writes a hand with seven joints (four and three) in another order, other links and another sensor."""
-    pad = """<collision><origin xyz="0 0.02 0" rpy="1.5707963 0 0"/>
-      <geometry><capsule radius="0.008" length="0.04"/></geometry></collision>"""
+    pad = FLAT_PAD if plane else ROUND_PAD
     ball = '<collision><geometry><sphere radius="0.004"/></geometry></collision>'
     parts = [
         _joint("a0", "base", "l0", "0 0 0", "0 0 0", "0 0 1"),

@@ -152,7 +152,8 @@ def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: flo
         if not 0.0 < normal_force <= largest_n:
             continue
         force = normal_force * np.array(row[7])
-        if abs(np.linalg.norm(row[7]) - 1.0) > 1e-3:
+        # A comparison with NaN is false.
+        if not abs(np.linalg.norm(row[7]) - 1.0) <= 1e-3:
             continue
         for size, direction in ((row[10], row[11]), (row[12], row[13])):
             sideways = float(size) * np.array(direction)
