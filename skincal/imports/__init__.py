@@ -2,7 +2,7 @@
 
 from skincal.imports.assembly import Imported
 from skincal.imports.recording import Dropped, ReadFile
-from skincal.imports.run import import_csv, import_rosbag
+from skincal.imports.run import bag_topics, import_csv, import_rosbag
 from skincal.imports.templates import template
 
-__all__ = ["Dropped", "Imported", "ReadFile", "import_csv", "import_rosbag", "template"]
+__all__ = ["Dropped", "Imported", "ReadFile", "bag_topics", "import_csv", "import_rosbag", "template"]

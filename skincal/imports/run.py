@@ -73,3 +73,22 @@ def import_rosbag(
     findings.raise_errors()
     assert recording is not None
     return assemble(recording, found, Path(out), findings, force=force)
+
+
+def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
+    """The topics of a bag: type and number of messages of each, by name.
+
+    Args:
+        bag: a ROS 1 file or a ROS 2 folder.
+
+    Raises:
+        InputError: it cannot be read.
+        WorkError: the library rosbags is not installed.
+    """
+    from skincal.imports.bag_file import opened
+
+    with opened(Path(bag), {}) as found:
+        counts = {c.topic: 0 for c in found.reader.connections}
+        for connection in found.reader.connections:
+            counts[connection.topic] += connection.msgcount
+        return {topic: (found.types[topic], counts[topic]) for topic in sorted(counts)}

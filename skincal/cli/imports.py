@@ -1,0 +1,154 @@
+"""``skincal import``: recordings of others become datasets, by a mapping file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, OutOption, example, print_json, say, warn
+
+if TYPE_CHECKING:
+    from skincal.imports import Imported
+
+app = typer.Typer(no_args_is_help=True, help="Make a dataset of recordings that lie in other files.")
+
+
+def _printer(kind: str) -> Callable[[bool], None]:
+    """Prints a commented mapping file and ends, whatever else stands on the command line."""
+
+    def show(wanted: bool) -> None:
+        if wanted:
+            from skincal.imports import template
+
+            typer.echo(template(kind), nl=False)
+            raise typer.Exit()
+
+    return show
+
+
+def _topics(bag: Path | None) -> None:
+    """Prints what a bag holds and ends."""
+    if bag is not None:
+        from skincal.imports import bag_topics
+
+        for topic, (kind, count) in bag_topics(bag).items():
+            typer.echo(f"{topic}  {kind}  {count} messages")
+        raise typer.Exit()
+
+
+MappingArgument = Annotated[
+    Path, typer.Argument(metavar="MAPPING", help="What the source's columns mean (TOML).", show_default=False)
+]
+
+
+@app.command(
+    "csv",
+    epilog=example(
+        "skincal import csv --template > mapping.toml",
+        "skincal import csv mapping.toml presses.csv --out dataset",
+    ),
+)
+def import_csv(
+    mapping: MappingArgument,
+    out: OutOption,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="FILES",
+            help="The recording, in the order of the session; none: the files that the mapping lists.",
+            show_default=False,
+        ),
+    ] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    template: Annotated[
+        bool,
+        typer.Option(
+            "--template",
+            is_eager=True,
+            callback=_printer("csv"),
+            help="Print a mapping to begin with, and end.",
+        ),
+    ] = False,
+) -> None:
+    """Make a dataset of text files: presses row by row, or a time series that is cut into presses."""
+    from skincal import imports
+
+    _told(imports.import_csv(mapping, out, files or (), force=force), as_json)
+
+
+@app.command(
+    "rosbag",
+    epilog=example(
+        "skincal import rosbag --template > mapping.toml",
+        "skincal import rosbag --topics session.bag",
+        "skincal import rosbag mapping.toml session.bag --out dataset",
+    ),
+)
+def import_rosbag(
+    mapping: MappingArgument,
+    out: OutOption,
+    bags: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="BAGS",
+            help="ROS 1 files or ROS 2 folders; none: those that the mapping lists.",
+            show_default=False,
+        ),
+    ] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    template: Annotated[
+        bool,
+        typer.Option(
+            "--template",
+            is_eager=True,
+            callback=_printer("rosbag"),
+            help="Print a mapping to begin with, and end.",
+        ),
+    ] = False,
+    topics: Annotated[
+        Path | None,
+        typer.Option(
+            "--topics",
+            is_eager=True,
+            callback=_topics,
+            metavar="BAG",
+            help="Print the topics of a bag and their types, and end.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Make a dataset of ROS 1 or ROS 2 bags: their streams on one clock, cut into presses."""
+    from skincal import imports
+
+    _told(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
+
+
+def _told(done: Imported, as_json: bool) -> None:
+    """Says what was read, left out and written."""
+    for file in done.read:
+        say(f"read {file.rows} rows of {file.file}")
+    for dropped in done.dropped:
+        say(f"left out {dropped}")
+    if done.assumed:
+        say(f"assumed, not measured: {', '.join(done.assumed)}")
+    warn(done.warnings)
+    if as_json:
+        print_json(
+            {
+                "dataset": done.folder,
+                "presses": done.presses,
+                "frames": done.frames,
+                "read": [{"file": file.file, "rows": file.rows} for file in done.read],
+                "dropped": [{"count": d.count, "what": d.what, "why": d.why} for d in done.dropped],
+                "assumed": done.assumed,
+                "warnings": [vars(problem) for problem in done.warnings],
+            }
+        )
+        return
+    frames = f", {done.frames} frames" if done.frames else ""
+    typer.echo(f"{done.folder}: {done.presses} presses{frames}")
