@@ -86,6 +86,7 @@ class Session:
         self._hand = GuardedHand(driver, options.guard_options, contact_force)
         self._replies = replies
         self._connected = False
+        self._given_back = False
         self._requests: SimpleQueue[Message | None] = SimpleQueue()
         self._lock = Lock()
         self._number = 0
@@ -141,6 +142,7 @@ class Session:
                     break
         finally:
             self._give_back()
+            self._answer_rest()
             self._replies.close()
 
     def _next(self) -> Message | None:
@@ -182,6 +184,7 @@ class Session:
         if message.kind == "bye":
             # The hand is free for the next client when this one is told so.
             self._give_back()
+            self.over = True
         return "done", {}
 
     def _check_fresh(self, message: Message) -> None:
@@ -199,16 +202,30 @@ class Session:
             raise HandError(text, "command", value=age_s, limit=limit_s)
 
     def _give_back(self) -> None:
-        if self.over:
+        """Stops the hand and closes it; a second time does nothing."""
+        if self._given_back:
             return
+        self._given_back = True
         self._stop_quietly()
         try:
             self._hand.close()
         except HandError:
             # The reply, or the failure of the guard, has told what happened.
             return
-        finally:
+
+    def _answer_rest(self) -> None:
+        """Answers what came in while the session was ending."""
+        with self._lock:
             self.over = True
+            while not self._requests.empty():
+                message = self._requests.get()
+                if message is None:
+                    continue
+                self._last = Message("done", message.number, self.token)
+                if message.kind != "bye":
+                    body = refusal_body(HandError("the session is over", "lost"))
+                    self._last = Message("refused", message.number, self.token, body)
+                self._replies.put_and_wake(Reply(self._client, self._last))
 
     def _stop_quietly(self) -> None:
         """Stops a hand whose client is told of something else, or nothing; that this fails is told to its own stop."""
