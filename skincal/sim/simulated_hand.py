@@ -68,7 +68,7 @@ class SimulatedHand:
         self._options = options
         self._kinematics = Kinematics(description)
         self._rng, skin_rng = rng.spawn(2)
-        self._skin = ReferenceSkin(description, truth, skin_rng)
+        self._skin = ReferenceSkin(self._kinematics, truth, skin_rng)
         stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
         self._drives = Drives(
             _drive_parameters(description, truth, options),
@@ -154,7 +154,7 @@ class SimulatedHand:
         return {
             "model": truth.model_dict(plane=self.description.meta.surface.kind == "plane"),
             "skin": {"noise_counts": truth.noise_counts, "rest_counts": truth.rest_counts},
-            "effects": [{"name": name, "strength": strength} for name, strength in truth.effects.items()],
+            "effects": truth.effects_list(),
             "joints": truth.joints.as_dict(),
             "position_error": position_error(self._kinematics, truth).as_dict(),
         }

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.dataset.model_objects import layout_of
+from skincal.effects import effect
 from skincal.model import SensorPose
 from skincal.robot import HandDescription
 from skincal.sim.options import Range, TruthOptions
@@ -68,7 +71,8 @@ class Truth:
         noise_counts: noise of a taxel value [counts].
         rest_counts: level at rest [counts].
         joints: errors of the joints.
-        effects: strength of each effect that the skin has beyond the base model, by name.
+        strengths: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
+        effects: their parameters by name.
     """
 
     pose: SensorPose
@@ -77,7 +81,10 @@ class Truth:
     noise_counts: float
     rest_counts: float
     joints: JointTruth
-    effects: Mapping[str, float] = field(default_factory=dict[str, float])
+    strengths: Mapping[str, float] = field(default_factory=dict[str, float])
+    effects: Mapping[str, Mapping[str, FloatArray]] = field(
+        default_factory=dict[str, Mapping[str, FloatArray]]
+    )
 
     @classmethod
     def draw(
@@ -93,20 +100,35 @@ class Truth:
             rng: source of chance.
             description: the hand; its ``[mount]`` bounds the pose.
             options: ranges.
-            effects: strengths of effects by name.
+            effects: strengths of effects by name. They change nothing else that is drawn.
+
+        Raises:
+            InputError: an effect that is not known, or a strength that cannot be.
         """
         options = options or TruthOptions()
         pose = _pose(rng, description, options.mount_share)
         low, high = (math.log(e) for e in options.elasticity_pa_per_m)
-        return cls(
+        strengths = dict(effects or {})
+        truth = cls(
             pose=pose,
             elasticity_pa_per_m=math.exp(rng.uniform(low, high)),
             scale_per_n=float(rng.uniform(*options.scale_per_n)),
             noise_counts=options.noise_counts,
             rest_counts=options.rest_counts,
             joints=_joints(rng, description, options),
-            effects=dict(effects or {}),
         )
+        return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
+
+    def effects_list(self) -> list[dict[str, Any]]:
+        """The effects as plain numbers, lists and texts."""
+        return [
+            {
+                "name": name,
+                "strength": self.strengths[name],
+                "parameters": {key: value.tolist() for key, value in parameters.items()},
+            }
+            for name, parameters in self.effects.items()
+        ]
 
     def model_dict(self, *, plane: bool) -> dict[str, float]:
         """The fitted parameters by the names of ``calibration.toml``."""
@@ -118,6 +140,20 @@ class Truth:
             "elasticity_pa_per_m": self.elasticity_pa_per_m,
             "scale_per_n": self.scale_per_n,
         }
+
+
+def _effects(
+    rng: np.random.Generator, description: HandDescription, strengths: Mapping[str, float]
+) -> dict[str, Mapping[str, FloatArray]]:
+    """Parameters of effects; each is drawn for itself, whatever others there are."""
+    root = int(rng.integers(2**63))
+    layout = layout_of(description.meta.sensor, None)
+    return {
+        name: effect(name).at_strength(
+            strength, np.random.default_rng([root, zlib.crc32(name.encode())]), layout
+        )
+        for name, strength in strengths.items()
+    }
 
 
 def _pose(rng: np.random.Generator, description: HandDescription, share: float) -> SensorPose:

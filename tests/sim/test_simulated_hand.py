@@ -146,9 +146,9 @@ def test_the_image_shows_the_contact() -> None:
         press(hand, 0.015)
         assert hand.reading().taxels.max() > 30
         logged = hand.truth_log[-1]
-        image = hand._skin.values(logged)
+        image = hand._skin.base_values(logged)
         assert np.abs(image - hand.reading().taxels).max() < 6
-        assert image.sum() == pytest.approx(hand._skin.values(hand.truth_log[-2]).sum(), rel=0.05)
+        assert image.sum() == pytest.approx(hand._skin.base_values(hand.truth_log[-2]).sum(), rel=0.05)
 
 
 def test_counts_are_whole_and_within_the_converters_range() -> None:
@@ -166,7 +166,7 @@ def test_another_hand(tmp_path: Path, plane: bool) -> None:
     """Seven joints in another order, other links and sensor, angles measured on the links."""
     description = read_hand(other_hand(tmp_path / "hand", plane=plane))
     y_m = 0.015
-    with session(3, description=description, perfect=True, options=SimOptions(friction=0.0)) as hand:
+    with session(3, description=description, perfect=True) as hand:
         move(hand, pressed(description, -0.002, y_m), 0.8)
         move(hand, pressed(description, 0.003, y_m), 0.6)
         hand.advance(500)
@@ -174,7 +174,7 @@ def test_another_hand(tmp_path: Path, plane: bool) -> None:
         assert reading.taxels.shape == (15,)
         found = contact_from_joints(Kinematics(description), reading.q_rad, reading.tau_nm)
         assert true.force_n > 0.3
-        assert found.force_n[0] == pytest.approx(true.force_n, rel=0.02)
+        assert found.force_n[0] == pytest.approx(true.force_n, rel=0.05)
         assert found.gap_m[0] == pytest.approx(true.gap_m, abs=1e-6)
         np.testing.assert_allclose(found.points_m[0], true.point_m, atol=1e-6)
 

@@ -1,0 +1,93 @@
+"""What a skin's effects need to know of a session besides the contact: told from the true contacts, as they come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.robot import Kinematics
+from skincal.sim.touch import TrueContact
+
+FloatArray = NDArray[np.float64]
+
+SITE_M = 1e-3
+"""Touches nearer than this are of the same site [m]."""
+POSE_RAD = 0.06
+"""Angles of the finger with the skin that differ by more are another hand pose [rad]."""
+APART_S = 0.2
+"""A press that lost contact for less goes on [s]."""
+STEADY_N_PER_S = 0.4
+"""Forces that change slower are held [N/s]."""
+
+
+@dataclass(frozen=True)
+class Covariates:
+    """What is known of one sample besides the contact; see :class:`skincal.effects.Samples`."""
+
+    press: int
+    phase: int
+    speed_m_per_s: float
+    cycle: float
+    pose: int
+
+
+class PressTracker:
+    """Numbers presses, counts earlier touches of a site, tells poses apart and loading from holding.
+
+    Args:
+        kinematics: the hand.
+    """
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        self._skin_joints = kinematics.skin.columns
+        self._sites: list[FloatArray] = []
+        self._poses: list[FloatArray] = []
+        self._press = -1
+        self._pose, self._cycle, self._speed = -1, 0, float("nan")
+        self._last: TrueContact | None = None
+        self._closing_m_per_s = 0.0
+        self._touched_s = -np.inf
+
+    def next(self, contact: TrueContact) -> Covariates:
+        """The covariates of the next sample."""
+        if contact.touching and contact.time_s - self._touched_s > APART_S:
+            self._begin(contact)
+        phase = self._phase(contact)
+        self._closing_m_per_s = self._change(contact, "gap_m", sign=-1.0)
+        self._last = contact
+        if not contact.touching:
+            return Covariates(-1, IDLE, float("nan"), float("nan"), self._pose)
+        self._touched_s = contact.time_s
+        return Covariates(self._press, phase, self._speed, float(self._cycle), self._pose)
+
+    def _begin(self, contact: TrueContact) -> None:
+        """A press begins: where, how often there before, in which pose, and how fast."""
+        self._press += 1
+        near = [np.linalg.norm(site - contact.point_m) < SITE_M for site in self._sites]
+        self._cycle = int(np.sum(near))
+        self._sites.append(contact.point_m)
+        angles = contact.q_rad[self._skin_joints]
+        same = [i for i, pose in enumerate(self._poses) if np.abs(pose - angles).max() < POSE_RAD]
+        if not same:
+            self._poses.append(angles)
+        self._pose = same[0] if same else len(self._poses) - 1
+        # The speed before the touch: after it, the skin slows the indenter down.
+        self._speed = max(self._closing_m_per_s, 0.0)
+
+    def _phase(self, contact: TrueContact) -> int:
+        if not contact.touching:
+            return IDLE
+        change = self._change(contact, "force_n", sign=1.0)
+        if abs(change) < STEADY_N_PER_S:
+            return HOLD
+        return LOAD if change > 0 else UNLOAD
+
+    def _change(self, contact: TrueContact, name: str, sign: float) -> float:
+        """How fast something changes since the last sample; 0 at the first."""
+        last = self._last
+        if last is None or contact.time_s <= last.time_s:
+            return 0.0
+        return sign * float(getattr(contact, name) - getattr(last, name)) / (contact.time_s - last.time_s)

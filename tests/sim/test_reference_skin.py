@@ -1,0 +1,119 @@
+"""The reference skin: the base model, effects beside it, and what it tells of a session."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sessions import exact
+
+from skincal.effects import EFFECTS
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.robot import Kinematics, bundled_hand
+from skincal.sim import ReferenceSkin, TrueContact, Truth
+from skincal.sim.presses import PressTracker
+
+KINEMATICS = Kinematics(bundled_hand())
+
+
+def contact(time_s: float, force_n: float, *, y_m: float = 0.0235, pose: float = 0.0) -> TrueContact:
+    """A press of 2 mm/s and back, at beta = 0."""
+    q = KINEMATICS.description.home_rad + pose
+    gap = -force_n / 5e3
+    return TrueContact(
+        time_s, np.array([0, y_m, 0.0115]), np.array([0, 0, 1.0]), max(force_n, 0.0), 0.1, 0.2, gap, q
+    )
+
+
+def ramp(start_s: float = 0.0, y_m: float = 0.0235) -> list[TrueContact]:
+    """Idle, load, hold and unload at 25 Hz."""
+    forces = np.concatenate(
+        [[-1.0] * 10, np.linspace(0, 4, 20), [4.0] * 20, np.linspace(4, 0, 20), [-1.0] * 10]
+    )
+    return [contact(start_s + 0.04 * i, float(f), y_m=y_m) for i, f in enumerate(forces)]
+
+
+def skin(**strengths: float) -> ReferenceSkin:
+    truth = exact(Truth.draw(np.random.default_rng(3), bundled_hand(), effects=strengths))
+    return ReferenceSkin(KINEMATICS, replace(truth, noise_counts=0.0), np.random.default_rng(1))
+
+
+def images(reference: ReferenceSkin, contacts: list[TrueContact]) -> np.ndarray:
+    return np.array([reference.image(c) for c in contacts])
+
+
+def test_without_effects_it_is_the_base_model_rounded() -> None:
+    reference = skin()
+    for c in ramp():
+        values = reference.base_values(c)
+        np.testing.assert_array_equal(reference.image(c), np.clip(np.rint(values), 0, 255))
+
+
+def test_neutral_effects_are_none() -> None:
+    neutral = skin(**dict.fromkeys(EFFECTS, 0.0))
+    np.testing.assert_array_equal(images(neutral, ramp()), images(skin(), ramp()))
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_effect_can_be_carried_and_shows(name: str) -> None:
+    session = [*ramp(), *ramp(4.0), *ramp(8.0, y_m=0.0255)][::2]
+    if name in ("baseline_drift", "gain_drift"):
+        session = [replace(c, time_s=200 * c.time_s) for c in session]
+    if name in ("force_bias", "contact_offset"):
+        # Poses make them visible; the second half is in another one.
+        session = [replace(c, q_rad=c.q_rad + 0.2 * (i >= len(session) // 2)) for i, c in enumerate(session)]
+    with_effect = images(skin(**{name: 1.0}), session)
+    assert np.isfinite(with_effect).all() or name == "dead_taxel"
+    difference = np.abs(np.nan_to_num(with_effect) - images(skin(), session))
+    assert difference.max() >= 1
+
+
+def test_hysteresis_makes_unloading_another_curve() -> None:
+    session = ramp()
+    plain, looped = images(skin(), session).sum(axis=1), images(skin(hysteresis=1.0), session).sum(axis=1)
+    up, down = 10 + 10, 50 + 9
+    assert plain[up] == pytest.approx(plain[down], abs=20)
+    assert abs(looped[down] - looped[up]) > 3 * abs(plain[down] - plain[up])
+
+
+def test_noise_is_that_of_the_truth() -> None:
+    truth = Truth.draw(np.random.default_rng(3), bundled_hand())
+    truth = replace(truth, rest_counts=20.0, noise_counts=2.0)
+    reference = ReferenceSkin(KINEMATICS, truth, np.random.default_rng(1))
+    rest = np.array([reference.image(contact(0.04 * i, -1.0)) for i in range(500)])
+    assert rest.mean() == pytest.approx(20.0, abs=0.1)
+    assert rest.std() == pytest.approx(2.0, rel=0.05)
+
+
+def test_presses_sites_and_poses_are_counted() -> None:
+    tracker = PressTracker(KINEMATICS)
+    session = [*ramp(), *ramp(4.0), *ramp(8.0, y_m=0.0265), *ramp(12.0)]
+    session = [replace(c, q_rad=c.q_rad + (0.2 if c.time_s >= 8 else 0.0)) for c in session]
+    found = [tracker.next(c) for c in session]
+    holds = [found[80 * i + 40] for i in range(4)]
+    assert [c.press for c in holds] == [0, 1, 2, 3]
+    assert [c.cycle for c in holds] == [0, 1, 0, 2]
+    assert [c.pose for c in holds] == [0, 0, 1, 1]
+    assert {c.phase for c in holds} == {HOLD}
+    assert found[25].phase == LOAD
+    assert found[60].phase == UNLOAD
+    assert found[2].phase == IDLE
+    assert found[2].press == -1
+
+
+def test_the_speed_is_that_before_the_touch() -> None:
+    tracker = PressTracker(KINEMATICS)
+    gaps = [1e-3, 8e-4, 6e-4, 4e-4, 2e-4]
+    for i, gap in enumerate(gaps):
+        tracker.next(replace(contact(0.04 * i, -1.0), gap_m=gap))
+    found = tracker.next(replace(contact(0.2, 0.5), gap_m=-1e-4))
+    assert found.speed_m_per_s == pytest.approx(2e-4 / 0.04)
+
+
+def test_a_contact_lost_for_a_moment_is_the_same_press() -> None:
+    tracker = PressTracker(KINEMATICS)
+    times = [0.0, 0.04, 0.08, 0.12, 0.16]
+    forces = [1.0, 1.0, -1.0, 1.0, 1.0]
+    presses = [tracker.next(contact(t, f)).press for t, f in zip(times, forces, strict=True)]
+    assert presses == [0, 0, -1, 0, 0]
