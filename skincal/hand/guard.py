@@ -115,9 +115,8 @@ class GuardedHand:
         violation = self._check_state(state, time.monotonic()) or self._check_force(state)
         if violation is not None:
             self._violated(violation)
-        if self._sent is None:
-            self._sent = state.q_desired_rad
-        self._before = self._sent
+        # Before the first command, the hand holds to what it says.
+        self._before = state.q_desired_rad if self._sent is None else self._sent
         return state
 
     def act(self, command: HandCommand) -> None:
