@@ -28,6 +28,10 @@ APART_M = 1e-3
 """An indenter that is nearer to the skin than this is lifted before anything else [m]."""
 
 
+FEWEST_FOUND = 3
+"""After this many presses in a pose it is known where the skin begins."""
+
+
 class Owner(Protocol):
     """What a connection needs of its session."""
 
@@ -64,6 +68,7 @@ class Connection:
         self._offset: FloatArray = np.zeros(len(session.fingers.kinematics.description.joints))
         self._links: FloatArray = session.fingers.kinematics.description.home_rad
         self._place: Place | None = None
+        self._found: dict[str, list[float]] = {}
 
     def run(self) -> None:
         """Makes the presses, and brings the hand home."""
@@ -116,9 +121,11 @@ class Connection:
         posture = self._posture(planned)
         loop.doing = "travel"
         self._go(planned, posture)
-        press = Press(loop, posture, planned, self._options, self._offset)
+        press = Press(loop, posture, planned, self._options, self._near(planned.pose))
         moments = press.run()
-        self._offset = press.trim_rad
+        self._offset = press.offset_rad
+        if np.isfinite(press.found_m):
+            self._found.setdefault(planned.pose, []).append(press.found_m)
         session.keep(
             number,
             press_arrays(
@@ -134,6 +141,13 @@ class Connection:
                 self._options,
             ),
         )
+
+    def _near(self, pose: str) -> float:
+        """Height below which the skin may begin [m]: the joints' errors differ from pose to pose, less within one."""
+        found = self._found.get(pose, [])
+        if len(found) < FEWEST_FOUND:
+            return self._options.near_m
+        return max(found) + self._options.before_contact_m
 
     def _posture(self, planned: PlannedPress) -> Posture:
         skin = np.array(self._session.plan.poses[planned.pose])

@@ -20,11 +20,16 @@ class CollectOptions:
         trim_per_s: how fast the commanded angles are corrected until the measured ones are right, while nothing
             touches [1/s].
         approach_m_per_s: speed of the approach [m/s].
+        touch_n_per_s: how fast the force may grow when the skin is found; stiff fingers approach more slowly [N/s].
         search_m: how far below the skin's nominal surface the approach goes before it is given up [m].
         filter_s: time constant of the low-pass on the measured force [s].
         contact_n: force that counts as contact [N].
         contact_s: how long the force must be above `contact_n` [s].
-        regulate_per_s: how fast an error of the force is taken out of the command while the force is held [1/s].
+        near_m: height within which the skin is looked for slowly, while nothing is known of where it begins [m].
+        before_contact_m: the same above the height at which earlier presses of a pose found it [m].
+        regulate_share: how much of an error of the force is added to the command at once.
+        regulate_per_s: how fast an error of the force is taken out of the command [1/s].
+        ease_s: time constant with which a ramp of the force comes to its end [s].
         reach_s: how long after the ramp the force may take to come within the tolerance before the hold begins [s].
         settle_s: first part of the hold that is left out of a press's means [s].
         tolerance_n: a press whose mean force is off by more has missed its target, if it is also off by more than
@@ -39,17 +44,22 @@ class CollectOptions:
     """
 
     frame_rate_hz: float = 25.0
-    clearance_m: float = 0.005
-    travel_m_per_s: float = 0.06
-    travel_rad_per_s: float = 1.0
-    still_s: float = 0.15
-    trim_per_s: float = 8.0
-    approach_m_per_s: float = 0.01
+    clearance_m: float = 0.004
+    travel_m_per_s: float = 0.1
+    travel_rad_per_s: float = 1.5
+    still_s: float = 0.1
+    trim_per_s: float = 10.0
+    approach_m_per_s: float = 0.006
+    touch_n_per_s: float = 1.5
     search_m: float = 0.004
     filter_s: float = 0.015
-    contact_n: float = 0.12
+    contact_n: float = 0.1
     contact_s: float = 0.02
-    regulate_per_s: float = 8.0
+    near_m: float = 0.002
+    before_contact_m: float = 0.0008
+    regulate_share: float = 1.0
+    regulate_per_s: float = 15.0
+    ease_s: float = 0.06
     reach_s: float = 0.4
     settle_s: float = 0.15
     tolerance_n: float = 0.05
@@ -57,7 +67,7 @@ class CollectOptions:
     slip_m: float = 0.001
     lost_share: float = 0.25
     before_s: float = 0.08
-    idle_s: float = 0.2
+    idle_s: float = 0.16
     rest_s: float = 1.0
     reserve: float = 0.9
 

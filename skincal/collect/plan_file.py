@@ -116,11 +116,10 @@ def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
     top.choice("format", (FORMAT,))
     name = top.text("name", "a name", default=path.stem)
     rows: Rows = []
-    presses = top.raw("press")
-    if not isinstance(presses, list):
-        top.error("press", "a table [[press]] for each press", "nothing" if presses is None else presses)
-        presses = []
-    for i, row in enumerate(cast("list[Any]", presses)):
+    given: object = top.raw("press")
+    if not isinstance(given, list):
+        top.error("press", "a table [[press]] for each press", "nothing" if given is None else str(cast("object", given)))
+    for i, row in enumerate(cast("list[Any]", given) if isinstance(given, list) else []):
         if isinstance(row, dict):
             rows.append((f"press {i}", cast("Mapping[str, Any]", row)))
         else:

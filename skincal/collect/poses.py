@@ -16,7 +16,7 @@ from skincal.errors import InputError, Problem, WorkError
 
 FloatArray = NDArray[np.float64]
 
-STEPS = 7
+STEPS = 5
 """Angles of each joint that are tried, over its range."""
 
 MARGIN_RAD = 0.12
@@ -78,7 +78,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
     low, high = hand.limits.lower_rad[columns], hand.limits.upper_rad[columns]
     sites = _corners(plan.sites_m())
     tried: list[tuple[float, FloatArray]] = []
-    shares = np.linspace(0.1, 0.9, STEPS)
+    shares = np.linspace(0.15, 0.85, STEPS)
     for share in itertools.product(shares, repeat=len(columns)):
         skin = low + np.array(share) * (high - low)
         reach = _reach(fingers, sites, skin, plan, options)
@@ -157,7 +157,7 @@ def radius_of(fingers: Fingers) -> float:
 def reach_of(fingers: Fingers, posture: Posture, force_n: float) -> Reach:
     """Room of a posture for a force."""
     limits = fingers.kinematics.description.limits
-    pressed = posture.links_rad[:-1] + force_n * posture.give_rad
+    pressed = posture.links_rad[:-1] + force_n * posture.give_rad[:, 0]
     commands = np.concatenate([posture.links_rad, pressed])
     room = np.minimum(commands - limits.lower_rad, limits.upper_rad - commands)
     return Reach(float(room.min()), float(np.max(np.abs(force_n * posture.torque_m) / limits.torque_nm)))

@@ -24,7 +24,8 @@ class Posture:
         heights_m: growing heights of the indenter above the skin's nominal surface (H,) [m].
         links_rad: angles of the links at these heights (H, n) [rad].
         torque_m: torques of the joints per newton of normal force (n,) [N m/N].
-        give_rad: what the commanded angles must lead the links by, per newton (n,) [rad/N].
+        give_rad: what the commanded angles must lead the links by, per newton of normal force, of shear along u and
+            of shear along v (n, 3) [rad/N].
         stiffness_n_per_m: of both fingers together along the normal, from commanded angles to the skin [N/m].
         point_m: the site, fingertip frame (3,) [m].
         normal: outward normal there (3,).
@@ -47,9 +48,17 @@ class Posture:
         share = place - i
         return (1 - share) * self.links_rad[i] + share * self.links_rad[i + 1]
 
-    def command(self, height_m: float, force_n: float) -> FloatArray:
-        """Commanded angles (n,) [rad] at which a hand without friction stands at the height and presses so hard."""
-        return self.links_at(height_m) + force_n * self.give_rad
+    def command(self, height_m: float, force_n: FloatArray) -> FloatArray:
+        """Commanded angles at which a hand without friction stands at a height and presses.
+
+        Args:
+            height_m: of the indenter above the skin [m].
+            force_n: normal force and shears along u and v (3,) [N].
+
+        Returns:
+            Angles (n,) [rad].
+        """
+        return self.links_at(height_m) + self.give_rad @ force_n
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,20 +106,31 @@ class Fingers:
             q = place_indenter(kinematics, points[0] + (indenter_radius_m + heights[i]) * normals[0], q)
             links[i] = q
         touching = int(np.argmin(np.abs(heights)))
-        torque = self.unit_torques(links[touching], points[0], normals[0])
+        torques = self.unit_torques(links[touching], points[0], normals[0])
         soft = 1 / hand.gains.stiffness_nm_per_rad
         if hand.compliance_rad_per_nm is not None:
             soft = soft + hand.compliance_rad_per_nm
-        give = torque * soft
-        return Posture(heights, links, torque, give, float(1 / (torque @ give)), points[0], normals[0])
+        give = np.reshape(soft, (-1, 1)) * torques
+        stiffness = 1 / float(torques[:, 0] @ give[:, 0])
+        return Posture(heights, links, torques[:, 0], give, stiffness, points[0], normals[0])
 
     def unit_torques(self, links_rad: FloatArray, point_m: FloatArray, normal: FloatArray) -> FloatArray:
-        """Torques of all joints that press with 1 N on a point along its normal, at rest (n,) [N m/N]."""
+        """Torques of all joints at rest, for a force on the skin of 1 N at a point.
+
+        Args:
+            links_rad: angles of the links (n,) [rad].
+            point_m: where the force acts, fingertip frame (3,) [m].
+            normal: outward normal there (3,).
+
+        Returns:
+            (n, 3) [N m/N], for forces against the normal, along u (round the finger) and along v (+y).
+        """
         kinematics = self.kinematics
         skin, indenter = kinematics.skin_frames(links_rad), kinematics.indenter_frames(links_rad)
         at = skin.to_root(point_m[None])
-        push = -skin.rotations[0] @ normal
-        torque = np.zeros(len(links_rad))
-        torque[kinematics.indenter.columns] = kinematics.indenter.jacobian(indenter, at)[0].T @ push
-        torque[kinematics.skin.columns] = -kinematics.skin.jacobian(skin, at)[0].T @ push
-        return torque
+        across = np.array([normal[2], 0.0, -normal[0]])
+        forces = skin.rotations[0] @ np.stack([-normal, across, [0.0, 1.0, 0.0]], axis=1)
+        torques = np.zeros((len(links_rad), 3))
+        torques[kinematics.indenter.columns] = kinematics.indenter.jacobian(indenter, at)[0].T @ forces
+        torques[kinematics.skin.columns] = -kinematics.skin.jacobian(skin, at)[0].T @ forces
+        return torques

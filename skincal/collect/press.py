@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,23 +12,27 @@ from skincal.collect.loop import Loop
 from skincal.collect.options import CollectOptions
 from skincal.collect.plan import PlannedPress
 from skincal.collect.posture import Posture
+from skincal.collect.regulator import Regulator
 from skincal.collect.samples import Sample
 
 FloatArray = NDArray[np.float64]
 
 Status = Literal["ok", "missed_target", "slipped", "lost_contact", "no_contact"]
 
-NEAR_M = 0.0025
-"""Below this height the approach is slow [m]: the skin may begin anywhere from here, as joints are off."""
-
 FAST = 5.0
-"""How many times as fast the approach is above, and the lift after the skin is left."""
+"""How many times as fast the approach is far from the skin, and the lift after it is left."""
 
-TRIM_BOUND_RAD = 0.05
+TRIM_BOUND_RAD = 0.08
 """Largest correction of a commanded angle for what a joint is off in free motion [rad]."""
 
-FORCE_BOUND = 1.5
-"""The commanded force stays below this times the target, and 1 N: beyond it regulation does more harm than good."""
+STILL_RAD = 2e-3
+"""Joints rest when their mean angles are within this of where they should be [rad]."""
+
+NEARLY_N = 0.02
+"""A ramp ends so near to its end [N]."""
+
+SPARE_N = 4.0
+"""How far the commanded force may pass that of the press: what sticking joints may take [N]."""
 
 
 @dataclass
@@ -41,15 +45,6 @@ class Moments:
     end_s: float = float("nan")
 
 
-@dataclass
-class _Force:
-    """The regulated force, and its measured value through a low-pass."""
-
-    measured_n: float = 0.0
-    command_n: float = 0.0
-    sum_n: float = field(default=0.0)
-
-
 class Press:
     """Makes one press; the hand stands above the site at the posture's greatest height.
 
@@ -58,28 +53,27 @@ class Press:
         posture: over the site.
         planned: what is to be done.
         options: how.
-        trim_rad: correction of the commanded angles that the hand now has (n,) [rad].
+        near_m: below this height the approach is slow, as the skin may begin there [m].
     """
 
     def __init__(
-        self,
-        loop: Loop,
-        posture: Posture,
-        planned: PlannedPress,
-        options: CollectOptions,
-        trim_rad: FloatArray,
+        self, loop: Loop, posture: Posture, planned: PlannedPress, options: CollectOptions, near_m: float
     ) -> None:
         self._loop, self._posture, self._planned, self._options = loop, posture, planned, options
-        self._trim = trim_rad.copy()
+        self._near_m = near_m
+        self._trim = np.zeros_like(posture.torque_m)
         self._height_m = float(posture.heights_m[-1])
-        self._force = _Force()
-        self._share = loop.period_s / (options.filter_s + loop.period_s)
+        self._regulator = Regulator(
+            loop.period_s, options.filter_s, options.regulate_share, options.regulate_per_s
+        )
+        self._bound_n = planned.force_n + SPARE_N
         self.moments = Moments()
+        self.found_m = float("nan")
         self.lost = False
 
     @property
-    def trim_rad(self) -> FloatArray:
-        """What the commanded angles now are off from those of the posture at its greatest height (n,) [rad]."""
+    def offset_rad(self) -> FloatArray:
+        """What the commanded angles now are off from those of the posture at its present height (n,) [rad]."""
         return self._command() - self._posture.links_at(self._height_m)
 
     def run(self) -> Moments:
@@ -98,22 +92,25 @@ class Press:
 
     def _step(self) -> Sample:
         sample = self._loop.step(self._command())
-        self._force.measured_n += self._share * (sample.force_n - self._force.measured_n)
+        self._regulator.see(sample)
         return sample
 
     def _command(self) -> FloatArray:
-        return self._posture.command(self._height_m, self._force.command_n) + self._trim
+        return self._posture.command(self._height_m, self._regulator.command_n) + self._trim
 
     def _still(self) -> None:
         """Waits above the site until the fingers rest there, and takes the torques at rest."""
         self._loop.doing = "idle"
         steps = self._loop.steps(self._options.still_s)
         seen: list[Sample] = []
-        for _ in range(2 * steps):
+        off = np.inf
+        while len(seen) < steps or (off > STILL_RAD and len(seen) < 4 * steps):
             seen.append(self._step())
             self._correct(seen[-1])
-        self._loop.senses.take_tare(seen[steps:])
-        self._force.measured_n = 0.0
+            links = np.mean([sample.links_rad for sample in seen[-steps:]], axis=0)
+            off = float(np.abs(self._posture.links_at(self._height_m) - links).max())
+        self._loop.senses.take_tare(seen[-steps:])
+        self._regulator.measured_n = np.zeros(3)
 
     def _correct(self, sample: Sample) -> None:
         """Moves the commanded angles on until the measured ones are right; nothing touches yet."""
@@ -126,83 +123,75 @@ class Press:
         options, period = self._options, self._loop.period_s
         felt = 0
         self._loop.doing = "approach"
+        slow = min(options.approach_m_per_s, options.touch_n_per_s / self._posture.stiffness_n_per_m)
         while self._height_m > self._posture.heights_m[0]:
-            speed = options.approach_m_per_s * (FAST if self._height_m > NEAR_M else 1.0)
-            self._height_m -= speed * period
+            far = self._height_m > self._near_m
+            self._height_m -= (FAST * options.approach_m_per_s if far else slow) * period
             sample = self._step()
-            felt = felt + 1 if self._force.measured_n > options.contact_n else 0
+            felt = felt + 1 if self._regulator.normal_n > options.contact_n else 0
+            if felt == 0:
+                self._correct(sample)
             if felt >= self._loop.steps(options.contact_s):
                 self.moments.start_s = sample.time_s - options.before_s
+                self.found_m = self._height_m
                 return True
         return False
 
     def _load(self) -> None:
         """Raises the force to the target at the planned speed of the commanded indenter."""
         self._loop.doing = "load"
-        target, force = self._planned.force_n, self._force
-        rate = self._posture.stiffness_n_per_m * self._planned.speed_m_per_s
-        reference, first = force.measured_n, force.measured_n
-        while abs(reference - target) > 1e-9:
-            step = rate * self._loop.period_s
-            reference = float(np.clip(target, reference - step, reference + step))
-            self._regulate(reference, reference - first)
-            if self._step() and self._slack(target):
-                break
-        self._feed = target - first
+        target, regulator = self._planned.force_n, self._regulator
+        regulator.begin()
+        self._ramp(regulator.normal_n, target)
         near = max(self._options.tolerance_n, self._options.tolerance_share * target)
         for _ in range(self._loop.steps(self._options.reach_s)):
-            if abs(force.measured_n - target) < near / 2:
+            if abs(regulator.normal_n - target) < near / 2:
                 break
-            self._regulate(target, self._feed)
-            self._step()
+            self._regulated(target)
 
-    def _slack(self, target: float) -> bool:
-        """Whether the ramp has ended though the force is far away: then the rest is for the regulation."""
-        return self._force.command_n >= FORCE_BOUND * target + 1.0
+    def _ramp(self, begin_n: float, end_n: float) -> None:
+        """Leads the force from one value to another, gently at the end: joints that stick hold what overshoots."""
+        rate = self._posture.stiffness_n_per_m * self._planned.speed_m_per_s
+        period, force = self._loop.period_s, begin_n
+        while abs(end_n - force) > NEARLY_N:
+            gentle = abs(end_n - force) / self._options.ease_s
+            step = min(rate, max(gentle, NEARLY_N / self._options.ease_s)) * period
+            force += float(np.clip(end_n - force, -step, step))
+            self._regulated(force)
 
-    def _regulate(self, reference_n: float, feed_n: float) -> None:
-        """Commands the force that the fingers should give, and what experience adds to it."""
-        force = self._force
-        error = reference_n - force.measured_n
-        force.sum_n += self._options.regulate_per_s * self._loop.period_s * error
-        bound = FORCE_BOUND * self._planned.force_n + 1.0
-        force.sum_n = float(np.clip(force.sum_n, -bound - feed_n, bound - feed_n))
-        force.command_n = feed_n + force.sum_n
+    def _regulated(self, force_n: float) -> None:
+        self._regulator.regulate(force_n, self._bound_n)
+        self._step()
 
     def _hold(self) -> None:
         self._loop.doing = "hold"
         self.moments.hold_s = self._loop.now.time_s
         lost_below = self._options.lost_share * self._planned.force_n
         for _ in range(self._loop.steps(self._planned.hold_s)):
-            self._regulate(self._planned.force_n, self._feed)
-            self._step()
-            if self._force.measured_n < lost_below:
+            self._regulated(self._planned.force_n)
+            if self._regulator.normal_n < lost_below:
                 self.lost = True
                 break
         self.moments.release_s = self._loop.now.time_s
 
     def _unload(self) -> None:
-        """Takes the force away at the planned speed, until the indenter leaves the skin."""
+        """Takes the force away at the planned speed."""
         self._loop.doing = "unload"
-        force = self._force
-        step = self._posture.stiffness_n_per_m * self._planned.speed_m_per_s * self._loop.period_s
-        lowest = force.command_n - force.measured_n - self._posture.stiffness_n_per_m * NEAR_M
-        while force.measured_n > self._options.contact_n / 2 and force.command_n > lowest:
-            force.command_n -= step
-            self._step()
-        self.moments.end_s = self._loop.now.time_s + self._options.before_s
+        self._ramp(self._regulator.normal_n, 0.0)
 
     def _lift(self) -> None:
         """Raises the indenter to the height at which it travels, and waits there."""
+        options = self._options
         top = float(self._posture.heights_m[-1])
-        fast = FAST * self._options.approach_m_per_s * self._loop.period_s
-        if np.isnan(self.moments.end_s):
-            self._loop.doing = "idle"
+        fast = FAST * options.approach_m_per_s * self._loop.period_s
+        pressed = self._loop.doing == "unload"
         while self._height_m < top:
             self._height_m = min(self._height_m + fast, top)
             sample = self._step()
-            if sample.time_s > self.moments.end_s:
-                self._loop.doing = "idle"
+            if pressed and self._regulator.normal_n < options.contact_n / 2:
+                self.moments.end_s, pressed = sample.time_s + options.before_s, False
+        if pressed:
+            self.moments.end_s = self._loop.now.time_s
         self._loop.doing = "idle"
-        for _ in range(self._loop.steps(self._options.idle_s)):
+        for _ in range(self._loop.steps(options.idle_s)):
             self._step()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ class FullProtocol:
     repeats: int = 20
     revisits: int = 16
     forces_n: tuple[float, float] = (0.3, 6.0)
-    speeds_m_per_s: tuple[float, float] = (0.01, 0.04)
+    speeds_m_per_s: tuple[float, float] = (0.012, 0.04)
     holds_s: tuple[float, float] = (0.5, 1.0)
     poses: tuple[str, ...] = ("A", "B")
     anchor_force_n: float = 3.0
@@ -179,10 +179,9 @@ def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol)
     """One press a site: forces even over their range, and every pace and pose equally often, independent of them."""
     count = len(sites)
     forces = _even_forces(rng, count, options.forces_n)
-    speed, hold, pose = (
-        _balanced(rng, count, n)
-        for n in (len(options.speeds_m_per_s), len(options.holds_s), len(options.poses))
-    )
+    speed = _balanced(rng, count, len(options.speeds_m_per_s))
+    hold = _balanced(rng, count, len(options.holds_s))
+    pose = _balanced(rng, count, len(options.poses))
     return [
         PlannedPress(
             *site,
@@ -202,14 +201,18 @@ def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, flo
     return (low + (high - low) * share) ** 2
 
 
-def _balanced(rng: np.random.Generator, count: int, choices: int) -> NDArray[np.int64]:
+def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
     """Choices (count,), each as often as the others, in random order."""
-    return rng.permutation(np.arange(count) % choices)
+    return _ints(rng.permutation(np.arange(count) % choices))
+
+
+def _ints(values: NDArray[Any]) -> list[int]:
+    return [int(value) for value in values]
 
 
 def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[PlannedPress]:
     chosen = rng.choice(len(regular), min(count, len(regular)), replace=False)
-    return [replace(regular[i], kind="repeat") for i in chosen]
+    return [replace(regular[i], kind="repeat") for i in _ints(chosen)]
 
 
 def _revisits(
@@ -218,7 +221,7 @@ def _revisits(
     """Sites of regular presses with another force, pace and pose."""
     count = min(options.revisits, len(regular))
     chosen = rng.choice(len(regular), count, replace=False)
-    others = _regular(rng, [regular[i].site for i in chosen], options)
+    others = _regular(rng, [regular[i].site for i in _ints(chosen)], options)
     return [replace(press, kind="revisit") for press in others]
 
 
@@ -229,9 +232,9 @@ def _in_blocks(
     length = ANCHOR_EVERY - 1
     blocks: list[list[list[PlannedPress]]] = []
     for pose in options.poses:
-        of_pose = [pool[i] for i in rng.permutation(len(pool)) if pool[i].pose == pose]
+        of_pose = [pool[i] for i in _ints(rng.permutation(len(pool))) if pool[i].pose == pose]
         blocks.append([of_pose[i : i + length] for i in range(0, len(of_pose), length)])
-    first = rng.permutation(len(blocks))
+    first = _ints(rng.permutation(len(blocks)))
     turns = max((len(b) for b in blocks), default=0)
     return [press for t in range(turns) for i in first if t < len(blocks[i]) for press in blocks[i][t]]
 
@@ -255,7 +258,7 @@ def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
 
 def _anchor(layout: TaxelLayout, options: FullProtocol) -> PlannedPress:
     """The press that comes back: at the middle of the patch, at a middle force, slowly."""
-    middle = np.round(layout.bounds_m.mean(axis=0), 9)
+    middle = cast("Floats", layout.bounds_m.mean(axis=0)).round(9)
     pace = (options.speeds_m_per_s[-1], options.holds_s[0])
     return PlannedPress(*_site(middle), options.anchor_force_n, *pace, options.poses[0], "anchor")
 

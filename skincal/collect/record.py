@@ -18,6 +18,9 @@ from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
 FloatArray = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
+SLIP_PARTS = 5
+"""Into so many parts of even length a hold is divided to see whether the contact moves."""
+
 SHORTEST_S = 0.05
 """Where there is no steady part, a press's means are over at least this time before its end [s]."""
 
@@ -218,8 +221,10 @@ def _slip(series: Series, moments: Moments) -> float:
     if not held.any():
         return float("nan")
     points = np.stack([series.values[name][held] for name in ("x_m", "y_m", "z_m")], axis=1)
-    first = points[: max(1, len(points) // 10)].mean(axis=0)
-    return float(np.linalg.norm(points - first, axis=1).max())
+    # Means over a while: the noise of the angles alone is some tenths of a millimetre.
+    count = max(1, len(points) // SLIP_PARTS)
+    parts = np.array([part.mean(axis=0) for part in np.array_split(points, max(len(points) // count, 1))])
+    return float(np.linalg.norm(parts - parts[0], axis=1).max())
 
 
 def _mean_image(frames: Arrays, times_s: FloatArray) -> FloatArray:

@@ -71,5 +71,5 @@ class Mount:
             return float("nan"), float("nan")
         there = SensorPose(y_m, 0.0, x_m=across) if self.pose_is_plane else SensorPose(y_m, 0.0, across)
         point, _ = self.surface.wrap(there, np.zeros((1, 2)))
-        found = np.round(patch_coordinates(self.surface, self.pose, point)[0], 9)
-        return float(found[0]), float(found[1])
+        u, v = patch_coordinates(self.surface, self.pose, point)[0].tolist()
+        return round(u, 9), round(v, 9)

@@ -1,0 +1,61 @@
+"""Regulates the force on the skin: normal force to a reference, shear to nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.collect.samples import Sample
+
+FloatArray = NDArray[np.float64]
+
+
+class Regulator:
+    """A proportional-integral controller of the force, for fingers whose joints stick.
+
+    The command is the force that the fingers would give by their stiffness alone. Stick friction takes some of it, more
+    when the motion turns round, and lets shear grow; both show in the measured torques and are regulated away.
+
+    Args:
+        period_s: time between two steps [s].
+        filter_s: time constant of the low-pass on the measured force [s].
+        share: proportional gain.
+        per_s: integral gain [1/s].
+    """
+
+    def __init__(self, period_s: float, filter_s: float, share: float, per_s: float) -> None:
+        self._smooth = period_s / (filter_s + period_s)
+        self._share, self._gain = share, per_s * period_s
+        self._sum: FloatArray = np.zeros(3)
+        self._start: FloatArray = np.zeros(3)
+        self.measured_n: FloatArray = np.zeros(3)
+        self.command_n: FloatArray = np.zeros(3)
+
+    @property
+    def normal_n(self) -> float:
+        """The smoothed normal force [N]."""
+        return float(self.measured_n[0])
+
+    def see(self, sample: Sample) -> None:
+        """Takes a measurement."""
+        force = (sample.force_n, sample.shear_u_n, sample.shear_v_n)
+        self.measured_n = self.measured_n + self._smooth * (np.array(force) - self.measured_n)
+
+    def begin(self) -> None:
+        """Begins at the present force: it is what the present command gives."""
+        self._start = self.measured_n.copy()
+        self._start[1:] = 0.0
+        self._sum = np.zeros(3)
+
+    def regulate(self, normal_n: float, bound_n: float) -> None:
+        """Makes the next command.
+
+        Args:
+            normal_n: the normal force that there shall be [N].
+            bound_n: no part of the command goes beyond this, of either sign [N].
+        """
+        reference = np.array([normal_n, 0.0, 0.0])
+        error = reference - self.measured_n
+        self._sum = np.clip(self._sum + self._gain * error, -bound_n, bound_n)
+        command = reference - self._start + self._share * error + self._sum
+        self.command_n = np.clip(command, -bound_n, bound_n)
