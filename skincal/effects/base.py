@@ -167,7 +167,7 @@ class MemoryEffect(Effect):
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """Loads (K, J) [N] as they show, and what to remember. Before the first sample nothing touched.
+        """Loads (K, J) [N] as they show, and what to remember.
 
         Args:
             loads_n: (K, J) finite loads [N].

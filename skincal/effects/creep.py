@@ -5,7 +5,7 @@
 A Prony series of three Kelvin-Voigt elements: at constant load the signal tends to (1 + a) x; a < 0 is a signal that
 falls. With the breadth b = 0 it is a single exponential; with b of two or three decades it goes with the logarithm of
 time over that range, as elastomers and piezoresistive foams do. Between samples the load is taken to go in a
-straight line, for which the recursion is exact.
+straight line, for which the recursion is exact. A session begins with a skin at rest, all q_k = 0.
 """
 
 from __future__ import annotations

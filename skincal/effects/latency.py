@@ -3,7 +3,8 @@
     y(t) = x(t - tau)
 
 with straight lines between samples: a pure delay, as from the taxels' read-out, a filter in the hand's electronics or
-clocks that do not agree. It shows where the force changes, in proportion to dF/dt.
+clocks that do not agree. It shows where the force changes, in proportion to dF/dt. Before the first sample of a session
+the load is taken to have been as in the first.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ class Latency(MemoryEffect):
 
 
 def _between(time: FloatArray, x: FloatArray, asked: FloatArray) -> FloatArray:
-    """Values (M, J) at times asked (M,), from values (K, J) at times (K,); nothing before the first."""
+    """Values (M, J) at times asked (M,), from values (K, J) at times (K,); before the first it was as then."""
     left = np.searchsorted(time, asked, side="right") - 1
-    there = left >= 0
     left = np.maximum(left, 0)
     right = np.minimum(left + 1, len(time) - 1)
     gap = time[right] - time[left]
-    part = np.divide(asked - time[left], gap, out=np.zeros_like(asked), where=gap > 0)[:, None]
-    return np.where(there[:, None], x[left] + part * (x[right] - x[left]), 0.0)
+    since = np.maximum(asked - time[left], 0.0)
+    part = np.divide(since, gap, out=np.zeros_like(asked), where=gap > 0)[:, None]
+    return x[left] + part * (x[right] - x[left])

@@ -43,12 +43,13 @@ class Spread(SpreadEffect):
         width = values.number("width_m") * np.sqrt(2)
         low = patch.layout.centres_m - patch.layout.sizes_m / 2
         high = patch.layout.centres_m + patch.layout.sizes_m / 2
-        parts = [
-            (
-                erf((high[:, k] - patch.uv_m[:, k, None]) / width)
-                - erf((low[:, k] - patch.uv_m[:, k, None]) / width)
-            )
-            / 2
-            for k in range(2)
-        ]
-        return parts[0] * parts[1]
+        return _part(patch.uv_m, low, high, width, 0) * _part(patch.uv_m, low, high, width, 1)
+
+
+def _part(uv: FloatArray, low: FloatArray, high: FloatArray, width: float, axis: int) -> FloatArray:
+    """How much of a Gaussian about each point (N, 2) lies between each pair of edges (J, 2), along one axis: (N, J)."""
+    place = uv[:, axis, None]
+    upper, lower = (
+        np.asarray(erf((edge[:, axis] - place) / width), dtype=np.float64) for edge in (high, low)
+    )
+    return (upper - lower) / 2

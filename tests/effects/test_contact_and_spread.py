@@ -1,0 +1,96 @@
+"""Laws of the effects at the contact and between the contact and the taxels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_sessions import BASE, FINGER, PATCH, SESSION, SKIN, VALUES, contacts_at, rms, skin_with
+
+from skincal.effects import EffectSkin, Samples
+from skincal.effects.spread import Spread
+from skincal.errors import InputError
+from skincal.model import Patch, Plane, SensorPose, Skin, SkinParameters, Sphere, StressLaw, TaxelLayout
+
+BALL = Sphere(0.006)
+
+
+def test_stiffening_is_the_skin_with_that_law():
+    samples = Samples.of(contacts_at(1e-3, 0.0, [0.5, 3.0]), BALL)
+    skin = replace(SKIN, law=StressLaw(1.8, 4e-4))
+    values = skin_with("stiffening", exponent=1.8, reference_m=4e-4).values(samples)
+    assert np.array_equal(values, skin.values(BALL, samples.contacts))
+
+
+def test_stiffening_carries_the_same_force():
+    layout = TaxelLayout.grid(1, 1, taxel_size_m=0.02, pitch_m=0.02)
+    skin = Skin(Patch.build(Plane(), layout, SensorPose(0.0, 0.0), 0.5e-3, 0.0), SkinParameters(4e8, 1.0))
+    place = contacts_at(0.0, 0.0, 2.0)
+    flat = replace(place, points_m=np.zeros((1, 3)), normals=np.array([[0.0, 0.0, 1.0]]))
+    samples = Samples.of(flat, Sphere(0.05))
+    for exponent in (0.6, 1.5, 3.0):
+        stiff = EffectSkin.of(skin, Plane(), {"stiffening": {"exponent": exponent}})
+        # All points face the indenter nearly: the taxel feels nearly all of the force.
+        assert stiff.values(samples)[0, 0] == pytest.approx(2.0, rel=0.01)
+
+
+def test_spread_keeps_the_force_but_for_what_leaves_the_patch():
+    weights = Spread().weights(Spread().checked({"width_m": 1e-3}, 16), PATCH)
+    assert weights.min() >= 0
+    assert weights.sum(axis=1).max() <= 1 + 1e-12
+    layout = TaxelLayout.grid(3, 3, taxel_size_m=0.004, pitch_m=0.004)
+    patch = Patch.build(FINGER, layout, SensorPose(0.0235, 0.0), 0.5e-3)
+    whole = Spread().weights(Spread().checked({"width_m": 0.5e-3}, 9), patch)
+    inside = np.abs(patch.uv_m).max(axis=1) < 6e-3 - 5 * 0.5e-3
+    np.testing.assert_allclose(whole[inside].sum(axis=1), 1.0, atol=1e-6)
+
+
+def test_spread_is_the_convolution_with_a_gaussian():
+    """A point's weight on a taxel by adding up the Gaussian on a fine grid."""
+    width, taxel, point = 0.8e-3, 5, np.argmin(np.linalg.norm(PATCH.uv_m - [-1e-3, -3.2e-3], axis=1))
+    weights = Spread().weights(Spread().checked({"width_m": width}, 16), PATCH)
+    cells = (np.arange(200) + 0.5) / 200 - 0.5
+    centre, size = PATCH.layout.centres_m[taxel], PATCH.layout.sizes_m[taxel]
+    u, v = (centre[k] + cells * size[k] - PATCH.uv_m[point, k] for k in range(2))
+    gauss = [
+        size[k] * np.exp(-(x**2) / (2 * width**2)).mean() / (width * np.sqrt(2 * np.pi))
+        for k, x in enumerate((u, v))
+    ]
+    assert weights[point, taxel] == pytest.approx(gauss[0] * gauss[1], rel=1e-4)
+    assert weights[point, taxel] > 0.01
+
+
+def test_a_narrow_spread_is_none():
+    values = skin_with("spread", width_m=1e-6).values(SESSION)
+    np.testing.assert_allclose(values, VALUES, atol=1e-9)
+
+
+def test_spread_lights_more_taxels_less():
+    press = Samples.of(contacts_at(0.0, 2e-3, 2.0), BALL)
+    peaks, lit = [], []
+    for width in (1e-6, 1e-3, 2e-3, 4e-3):
+        values = skin_with("spread", width_m=width).values(press)[0]
+        peaks.append(values.max())
+        lit.append((values > 0.5).sum())
+    assert peaks == sorted(peaks, reverse=True)
+    assert lit == sorted(lit) and lit[0] < lit[-1]
+
+
+def test_spread_needs_a_patch_that_was_cut():
+    by_hand = replace(SKIN, patch=replace(PATCH, uv_m=None))
+    with pytest.raises(InputError, match="uv_m"):
+        EffectSkin.of(by_hand, FINGER, {"spread": {"width_m": 1e-3}}).values(SESSION)
+
+
+def test_spread_of_a_contact_without_points_is_refused():
+    contacted = BASE.contact(SESSION)
+    with pytest.raises(ValueError, match="points=True"):
+        skin_with("spread").finish(contacted)
+
+
+def test_stiffening_and_spread_together():
+    both = BASE.with_effects({"spread": {"width_m": 1e-3}, "stiffening": {"exponent": 1.5}})
+    kept = skin_with("stiffening", exponent=1.5).contact(SESSION, points=True)
+    assert np.array_equal(both.finish(kept), both.values(SESSION))
+    assert rms(both.values(SESSION) - skin_with("spread", width_m=1e-3).values(SESSION)) > 0.05

@@ -1,0 +1,189 @@
+"""Laws of the effects that remember."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_sessions import BASE, SHORT, contacts_at, skin_with
+
+from skincal.effects import Samples
+from skincal.effects.recursion import recursion, relaxed
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNKNOWN, UNLOAD
+from skincal.model import Sphere
+
+BALL = Sphere(0.006)
+
+
+def course(force_n: object, time_s: object | None = None, **covariates: object) -> Samples:
+    """One press at the middle of the patch."""
+    force = np.asarray(force_n, dtype=float)
+    time = 0.04 * np.arange(len(force)) if time_s is None else time_s
+    return Samples.of(contacts_at(0.0, 1e-3, force), BALL, time_s=time, **covariates)
+
+
+def total(name: str, samples: Samples, **parameters: object) -> np.ndarray:
+    return skin_with(name, **parameters).values(samples).sum(axis=1)
+
+
+UP_AND_DOWN = np.concatenate([np.linspace(0.0, 3.0, 31), np.linspace(2.9, 0.0, 30)])
+
+
+def test_hysteresis_loads_as_the_base_and_unloads_above_it():
+    base, shown = BASE.values(course(UP_AND_DOWN)), skin_with("hysteresis").values(course(UP_AND_DOWN))
+    np.testing.assert_allclose(shown[:31], base[:31], atol=1e-12)
+    lit = base[35:55] > 0
+    assert (shown[35:55][lit] > base[35:55][lit]).all()
+    assert not shown[-1].any()
+
+
+def test_hysteresis_loop_closes_and_repeats():
+    twice = course(np.concatenate([UP_AND_DOWN, UP_AND_DOWN[1:]]))
+    shown = skin_with("hysteresis").values(twice)
+    np.testing.assert_allclose(shown[:61], shown[60:], atol=1e-12)
+
+
+def test_hysteresis_does_not_depend_on_speed():
+    slow, fast = course(UP_AND_DOWN), course(np.repeat(UP_AND_DOWN, 3), np.arange(183) * 1e-3)
+    shown = skin_with("hysteresis")
+    np.testing.assert_allclose(shown.values(slow), shown.values(fast)[::3], atol=1e-12)
+
+
+def test_hysteresis_grows_in_proportion_to_the_load():
+    from skincal.effects.hysteresis import Hysteresis
+
+    effect, load = Hysteresis(), UP_AND_DOWN[:, None]
+    values = effect.checked({"height": 0.5}, 1)
+    one, _ = effect.run(load, course(UP_AND_DOWN), values, None)
+    ten, _ = effect.run(10 * load, course(UP_AND_DOWN), values, None)
+    np.testing.assert_allclose(ten, 10 * one, rtol=1e-12)
+
+
+def test_hysteresis_of_an_inner_loop_stays_within_the_outer_one():
+    inner = np.concatenate([np.linspace(0, 3, 31), np.linspace(2.9, 1.5, 15), np.linspace(1.6, 3.0, 15)])
+    base, shown = (
+        total("hysteresis", course(inner), height=0.0),
+        total("hysteresis", course(inner), height=0.5),
+    )
+    outer = total("hysteresis", course(UP_AND_DOWN), height=0.5)
+    assert (shown[31:] >= base[31:] - 1e-9).all()
+    np.testing.assert_allclose(shown[31:46], outer[31:46], atol=1e-9)
+    assert shown[-1] == pytest.approx(base[-1], rel=1e-9)
+
+
+def test_hysteresis_side_by_side_is_one_after_the_other():
+    """Presses with rest between them against a plain loop over time."""
+    from skincal.effects.hysteresis import Hysteresis
+
+    loads = BASE.contact(SHORT).loads_n
+    values = Hysteresis().checked({"height": 0.7, "width": 2.0}, 16)
+    shown, _ = Hysteresis().run(loads, SHORT, values, None)
+    widths, z, plain = 2.0 * np.arange(1, 7)[:, None] / 6, np.zeros((6, 16)), []
+    for x in loads:
+        z = np.clip(z, x, (1 + widths) * x)
+        plain.append(x + 0.7 * (z.mean(axis=0) - x))
+    np.testing.assert_allclose(shown, plain, atol=1e-14)
+
+
+def test_creep_reaches_its_limit_as_an_exponential():
+    time = np.concatenate([[0.0, 1e-6], np.linspace(0.5, 40.0, 80)])
+    held = course(np.r_[0.0, np.full(81, 2.0)], time)
+    base, shown = (
+        total("creep", held, amplitude=0.0),
+        total("creep", held, amplitude=0.3, time_constant_s=2.0),
+    )
+    np.testing.assert_allclose(shown[1:] / base[1:], 1 + 0.3 * (1 - np.exp(-time[1:] / 2.0)), atol=1e-6)
+
+
+def test_creep_does_not_depend_on_how_often_it_is_sampled():
+    """A load that goes in straight lines has the same answer on any grid through its corners."""
+    coarse = np.array([0.0, 1.0, 3.0, 3.5])
+    fine = np.linspace(0.0, 3.5, 71)
+    x = np.interp(fine, coarse, [0.0, 2.0, 2.0, 0.0])[:, None]
+    for tau in (0.01, 0.7, 50.0):
+        q, _ = relaxed(x, fine, tau, None)
+        few, _ = relaxed(np.array([[0.0], [2.0], [2.0], [0.0]]), coarse, tau, None)
+        np.testing.assert_allclose(q[[0, 20, 60, 70]], few, atol=1e-12)
+
+
+def test_broad_creep_goes_with_the_logarithm_of_time():
+    time = np.concatenate([[0.0, 1e-6], np.geomspace(0.2, 12.0, 40)])
+    held = course(np.r_[0.0, np.full(41, 2.0)], time)
+    shown = {b: total("creep", held, amplitude=0.3, time_constant_s=1.5, breadth=b)[2:] for b in (0.0, 2.0)}
+    off = {}
+    for breadth, values in shown.items():
+        line = np.polynomial.Polynomial.fit(np.log(time[2:]), values, 1)
+        off[breadth] = np.std(values - line(np.log(time[2:]))) / np.ptp(values)
+    assert off[2.0] < 0.04 < off[0.0]
+
+
+def test_creep_recovers_after_the_press():
+    time = np.concatenate([[0.0, 0.1], [5.0, 5.1], np.linspace(5.2, 30.0, 30)])
+    shown = total(
+        "creep", course(np.r_[0.0, 2.0, 2.0, 0.0, np.zeros(30)], time), time_constant_s=1.0, amplitude=0.3
+    )
+    assert shown[3] > 0
+    assert (np.diff(shown[3:]) < 0).all()
+    assert shown[-1] < 1e-6
+
+
+def test_recursion_is_the_loop():
+    rng = np.random.default_rng(0)
+    keep, add, start = rng.uniform(0, 1, (37, 1)), rng.normal(size=(37, 3)), rng.normal(size=3)
+    y, plain = start, []
+    for k, a in zip(keep, add, strict=True):
+        y = k * y + a
+        plain.append(y)
+    np.testing.assert_allclose(recursion(keep, add, start), plain, atol=1e-13)
+
+
+def test_samples_at_one_moment_are_no_trouble():
+    samples = course([0.0, 1.0, 1.5, 2.0, 2.0], [0.0, 0.1, 0.1, 0.1, 0.5])
+    for name in ("creep", "latency"):
+        assert np.isfinite(skin_with(name).values(samples)).all()
+
+
+def test_latency_shifts():
+    samples = course(UP_AND_DOWN)
+    base = BASE.values(samples)
+    shown = skin_with("latency", delay_s=0.08).values(samples)
+    np.testing.assert_allclose(shown[2:], base[:-2], atol=1e-9)
+    half = skin_with("latency", delay_s=0.06).values(samples)
+    np.testing.assert_allclose(half[2:], (base[:-2] + base[1:-1]) / 2, atol=1e-9)
+
+
+def test_latency_takes_the_load_to_have_been_the_same_before_the_session():
+    samples = course([2.0, 3.0, 3.0])
+    shown, base = total("latency", samples, delay_s=0.06), BASE.values(samples).sum(axis=1)
+    np.testing.assert_allclose(shown, [base[0], base[0], (base[0] + base[1]) / 2], rtol=1e-12)
+
+
+def phases(count: int = 5) -> list[int]:
+    return [LOAD] * count + [HOLD] * count + [UNLOAD] * count + [IDLE]
+
+
+def rated(speed: float, phase: list[int] | int, **parameters: object) -> np.ndarray:
+    force = np.r_[np.full(15, 2.0), 0.0]
+    samples = course(force, phase=phase, press=np.r_[np.zeros(15, dtype=int), -1], speed_m_per_s=speed)
+    base = BASE.values(samples).sum(axis=1)[:15]
+    return skin_with("rate", **parameters).values(samples).sum(axis=1)[:15] / base
+
+
+def test_rate_is_a_power_of_the_speed():
+    for speed in (1e-4, 1e-3, 1e-2):
+        expected = (speed / 1e-3) ** 0.1
+        np.testing.assert_allclose(rated(speed, phases(), exponent=0.1, fade_s=1000.0), expected, rtol=1e-3)
+        np.testing.assert_allclose(rated(speed, UNKNOWN, exponent=0.1, fade_s=0.1), expected, rtol=1e-12)
+
+
+def test_rate_fades_after_loading():
+    shown = np.log(rated(1e-2, phases(), exponent=0.1, fade_s=0.2))
+    age = np.r_[np.zeros(5), 0.04 * np.arange(1, 11)]
+    np.testing.assert_allclose(shown, 0.1 * np.log(10) * np.exp(-age / 0.2), rtol=1e-9)
+
+
+def test_rate_begins_anew_with_every_press():
+    force, phase = np.full(8, 2.0), [LOAD, HOLD, HOLD, HOLD, HOLD, HOLD, HOLD, HOLD]
+    samples = course(force, phase=phase, press=[0, 0, 0, 0, 1, 1, 1, 1], speed_m_per_s=1e-2)
+    shown = total("rate", samples, exponent=0.1, fade_s=0.1)
+    np.testing.assert_allclose(shown[:4], shown[4:], rtol=1e-9)
+    assert shown[3] < shown[4]
