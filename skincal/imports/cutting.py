@@ -3,9 +3,9 @@
 The rule: a contact is a stretch with a force above ``off_n`` that rises above ``on_n`` somewhere. Its level is the
 force that it keeps longest: the middle of the band of width ``2 * band * level`` that holds most of the time, among
 forces above half of the largest (a single spike therefore decides nothing). The hold is the longest stretch inside that
-band; one or two samples outside do not end it, and its ends are trimmed to where the force is no lower than a quarter
-of the band below the level, so that little of the ramps is in it. What comes before is loading, what comes after is
-unloading.
+band; one or two samples outside do not end it. Each end is trimmed to where the force is no lower than a quarter of
+the band below the median of its half, so that little of the ramps is in it. What comes before is loading, what comes
+after is unloading.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BRIDGED = 2
 TRIM = 0.25
 """A hold begins and ends no lower below its level than this share of the band."""
 
-HIGH_SHARE = 0.98
+HIGH_SHARE = 0.9
 """The share of a contact's samples below the force that counts as its largest: spikes lie above."""
 
 
@@ -62,13 +62,21 @@ def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[i
     stretch = longest(runs(_bridged(inside)), time_s)
     assert stretch is not None
     start, stop = stretch
-    high = np.flatnonzero(force_n[start:stop] >= level * (1 - TRIM * rules.band))
-    start, stop = start + int(high[0]), start + int(high[-1]) + 1
+    start, stop = _trimmed(force_n, start, stop, rules.band)
     start = int(np.count_nonzero(time_s[:stop] < time_s[start] + rules.settle_s))
     lasts = float(time_s[stop - 1] - time_s[start]) if start < stop else 0.0
     if start >= stop or lasts < rules.min_hold_s:
         return f"no hold of {rules.min_hold_s:g} s (min_hold_s)"
     return start, stop
+
+
+def _trimmed(force_n: FloatArray, start: int, stop: int, band: float) -> tuple[int, int]:
+    """A stretch without the ramps at its ends; each end is held against its own half, as a force may relax."""
+    middle, share = (start + stop + 1) // 2, 1 - TRIM * band
+    early, late = force_n[start:middle], force_n[middle - 1 : stop]
+    first = np.flatnonzero(early >= share * float(np.median(early)))
+    last = np.flatnonzero(late >= share * float(np.median(late)))
+    return start + int(first[0]), middle + int(last[-1])
 
 
 def kept_level(time_s: FloatArray, force_n: FloatArray, band: float) -> float:
@@ -81,14 +89,22 @@ def kept_level(time_s: FloatArray, force_n: FloatArray, band: float) -> float:
     """
     high = float(np.quantile(force_n, HIGH_SHARE, method="lower"))
     weight = np.gradient(time_s) if len(time_s) > 1 else np.ones(1)
-    chosen = (force_n >= high / 2) & (force_n <= high * (1 + band))
+    chosen = force_n >= high / 2
     order = np.argsort(force_n[chosen], kind="stable")
     force, mass = force_n[chosen][order], weight[chosen][order]
-    upper = np.searchsorted(force, force * (1 + band) / (1 - band), side="right")
+    # The second, narrower search keeps slow ramps that end in the band from pulling the level down.
+    for width in (band, TRIM * band):
+        kept = _densest(force, mass, width)
+        force, mass = force[kept], mass[kept]
+    return float(np.median(force))
+
+
+def _densest(force_n: FloatArray, mass: FloatArray, band: float) -> slice:
+    """Where, in ascending forces, the band of relative half width ``band`` with the greatest mass lies."""
+    upper = np.searchsorted(force_n, force_n * (1 + band) / (1 - band), side="right")
     total = np.concatenate([[0.0], np.cumsum(mass)])
-    best = int(np.argmax(total[upper] - total[: len(force)]))
-    # The median inside the best band: its edges move with the noise, its middle does not.
-    return float(np.median(force[best : int(upper[best])]))
+    best = int(np.argmax(total[upper] - total[: len(force_n)]))
+    return slice(best, int(upper[best]))
 
 
 def _bridged(mask: BoolArray) -> BoolArray:
