@@ -118,7 +118,11 @@ def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
     rows: Rows = []
     given: object = top.raw("press")
     if not isinstance(given, list):
-        top.error("press", "a table [[press]] for each press", "nothing" if given is None else str(cast("object", given)))
+        top.error(
+            "press",
+            "a table [[press]] for each press",
+            "nothing" if given is None else str(cast("object", given)),
+        )
     for i, row in enumerate(cast("list[Any]", given) if isinstance(given, list) else []):
         if isinstance(row, dict):
             rows.append((f"press {i}", cast("Mapping[str, Any]", row)))

@@ -62,7 +62,10 @@ class Press:
         self._loop, self._posture, self._planned, self._options = loop, posture, planned, options
         self._near_m = near_m
         self._trim = np.zeros_like(posture.torque_m)
-        self._height_m = float(posture.heights_m[-1])
+        self._height_m = self._reached_m = float(posture.heights_m[-1])
+        gains = loop.hand.description.gains
+        lag_s = float(np.mean(gains.damping_nms_per_rad / gains.stiffness_nm_per_rad))
+        self._lag_s = lag_s + 1 / (2 * np.pi * gains.low_pass_hz)
         self._regulator = Regulator(
             loop.period_s, options.filter_s, options.regulate_share, options.regulate_per_s
         )
@@ -113,8 +116,13 @@ class Press:
         self._regulator.measured_n = np.zeros(3)
 
     def _correct(self, sample: Sample) -> None:
-        """Moves the commanded angles on until the measured ones are right; nothing touches yet."""
-        off = self._posture.links_at(self._height_m) - sample.links_rad
+        """Moves the commanded angles on until the measured ones are right; nothing touches yet.
+
+        Right is where a hand without friction would be by now, which follows its commands with a lag.
+        """
+        share = self._loop.period_s / (self._lag_s + self._loop.period_s)
+        self._reached_m += share * (self._height_m - self._reached_m)
+        off = self._posture.links_at(self._reached_m) - sample.links_rad
         step = self._options.trim_per_s * self._loop.period_s
         self._trim = np.clip(self._trim + step * off, -TRIM_BOUND_RAD, TRIM_BOUND_RAD)
 
@@ -123,10 +131,10 @@ class Press:
         options, period = self._options, self._loop.period_s
         felt = 0
         self._loop.doing = "approach"
+        fast = FAST * options.approach_m_per_s
         slow = min(options.approach_m_per_s, options.touch_n_per_s / self._posture.stiffness_n_per_m)
         while self._height_m > self._posture.heights_m[0]:
-            far = self._height_m > self._near_m
-            self._height_m -= (FAST * options.approach_m_per_s if far else slow) * period
+            self._height_m -= (fast if self._height_m > self._near_m else slow) * period
             sample = self._step()
             felt = felt + 1 if self._regulator.normal_n > options.contact_n else 0
             if felt == 0:
@@ -150,12 +158,12 @@ class Press:
             self._regulated(target)
 
     def _ramp(self, begin_n: float, end_n: float) -> None:
-        """Leads the force from one value to another, gently at the end: joints that stick hold what overshoots."""
+        """Leads the force from one value to another, up gently at the end: joints that stick keep what overshoots."""
         rate = self._posture.stiffness_n_per_m * self._planned.speed_m_per_s
         period, force = self._loop.period_s, begin_n
         while abs(end_n - force) > NEARLY_N:
-            gentle = abs(end_n - force) / self._options.ease_s
-            step = min(rate, max(gentle, NEARLY_N / self._options.ease_s)) * period
+            gentle = max(abs(end_n - force), NEARLY_N) / self._options.ease_s
+            step = (min(rate, gentle) if end_n > 0 else rate) * period
             force += float(np.clip(end_n - force, -step, step))
             self._regulated(force)
 

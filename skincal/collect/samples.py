@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,8 +71,9 @@ class Senses:
         return self._shift_s
 
     def contact_force(self, state: HandState) -> float:
-        """The contact force of a state [N], for the guard."""
-        return self.sample(state).force_n
+        """The size of the contact force of a state [N], with its shear: for the guard."""
+        sample = self.sample(state)
+        return math.hypot(sample.force_n, sample.shear_u_n, sample.shear_v_n)
 
     def sample(self, state: HandState) -> Sample:
         """The sample of a state; computed once."""
