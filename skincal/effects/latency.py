@@ -38,7 +38,7 @@ class Latency(MemoryEffect):
             time, x = np.concatenate([state[0], time]), np.vstack([state[1], x])
         asked = samples.time_s - values.number("delay_s")
         # All that a later sample may ask for, and one sample before.
-        first = max(int(np.searchsorted(time, asked[-1], side="right")) - 1, 0)
+        first = max(int(np.count_nonzero(time <= asked.max())) - 1, 0)
         return _between(time, x, asked), (time[first:], x[first:])
 
 

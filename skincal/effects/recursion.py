@@ -18,8 +18,8 @@ class Relaxing:
 
     Attributes:
         time_s: at that moment [s].
-        input_now: (J,) the input then.
-        lagging: (J,) what lags behind it.
+        input_now: (1, J) the input then.
+        lagging: (1, J) what lags behind it.
     """
 
     time_s: float
@@ -44,14 +44,14 @@ def relaxed(
     if not len(x):
         return x.copy(), before
     if before is None:
-        before = Relaxing(float(time_s[0]), x[0], np.zeros(x.shape[1]))
+        before = Relaxing(float(time_s[0]), x[:1], np.zeros((1, x.shape[1])))
     h = np.diff(time_s, prepend=before.time_s)[:, None] / time_constant_s
     keep = np.exp(-h)
     # Mean of exp(-s) over the step, and what it leaves to the older end of the line.
     mean = np.where(h < _SMALL, 1 - h / 2 + h**2 / 6, -np.expm1(-h) / np.where(h > 0, h, 1.0))
     older = np.vstack([before.input_now, x[:-1]])
     q = recursion(keep, x * (1 - mean) + older * (mean - keep), before.lagging)
-    return q, Relaxing(float(time_s[-1]), x[-1], q[-1])
+    return q, Relaxing(float(time_s[-1]), x[-1:], q[-1:])
 
 
 def recursion(keep: FloatArray, add: FloatArray, start: FloatArray) -> FloatArray:
@@ -60,10 +60,10 @@ def recursion(keep: FloatArray, add: FloatArray, start: FloatArray) -> FloatArra
     Args:
         keep: (K, 1).
         add: (K, J).
-        start: (J,) y before the first.
+        start: (1, J) y before the first.
     """
     y, factor = add.copy(), keep.copy()
-    y[0] += keep[0] * start
+    y[:1] += keep[:1] * start
     reach = 1
     while reach < len(y):
         # Both sides at once: the right side must not see what the left side has already changed.

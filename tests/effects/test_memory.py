@@ -128,12 +128,12 @@ def test_creep_recovers_after_the_press():
 
 def test_recursion_is_the_loop():
     rng = np.random.default_rng(0)
-    keep, add, start = rng.uniform(0, 1, (37, 1)), rng.normal(size=(37, 3)), rng.normal(size=3)
+    keep, add, start = rng.uniform(0, 1, (37, 1)), rng.normal(size=(37, 3)), rng.normal(size=(1, 3))
     y, plain = start, []
     for k, a in zip(keep, add, strict=True):
         y = k * y + a
         plain.append(y)
-    np.testing.assert_allclose(recursion(keep, add, start), plain, atol=1e-13)
+    np.testing.assert_allclose(recursion(keep, add, start), np.vstack(plain), atol=1e-13)
 
 
 def test_samples_at_one_moment_are_no_trouble():
