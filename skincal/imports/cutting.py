@@ -62,7 +62,7 @@ def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[i
     stretch = longest(runs(_bridged(inside)), time_s)
     assert stretch is not None
     start, stop = stretch
-    start, stop = _trimmed(force_n, start, stop, rules.band)
+    start, stop = _trimmed(np.where(inside, force_n, 0.0), start, stop, rules.band)
     start = int(np.count_nonzero(time_s[:stop] < time_s[start] + rules.settle_s))
     lasts = float(time_s[stop - 1] - time_s[start]) if start < stop else 0.0
     if start >= stop or lasts < rules.min_hold_s:
@@ -71,7 +71,10 @@ def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[i
 
 
 def _trimmed(force_n: FloatArray, start: int, stop: int, band: float) -> tuple[int, int]:
-    """A stretch without the ramps at its ends; each end is held against its own half, as a force may relax."""
+    """A stretch without the ramps at its ends; each end is held against its own half, as a force may relax.
+
+    Bridged samples outside the band come as 0: a spike on a ramp does not make it part of the hold.
+    """
     middle, share = (start + stop + 1) // 2, 1 - TRIM * band
     early, late = force_n[start:middle], force_n[middle - 1 : stop]
     first = np.flatnonzero(early >= share * float(np.median(early)))

@@ -72,9 +72,6 @@ class Collector:
     def take(self, topic: str, receive_ns: int, message: Any) -> None:
         """Adds one message."""
         stream = self.streams[topic]
-        stamp = self._stamp(stream, receive_ns, message)
-        if stamp is None:
-            return
         sample: dict[str, Any] = {}
         try:
             for path, place, steps, kind in self._readers.get(topic, []):
@@ -82,6 +79,9 @@ class Collector:
             if topic == self._form.joints_topic:
                 sample |= self._joint_values(message)
         except NotHereError:
+            return
+        stamp = self._stamp(stream, receive_ns, message)
+        if stamp is None:
             return
         stream.stamps_ns.append(stamp)
         for path, value in sample.items():

@@ -1,0 +1,281 @@
+"""ROS 1 and ROS 2 bags: topics, clocks, types of one's own, damage."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skincal.dataset import Dataset, read_dataset
+from skincal.errors import InputError, WorkError
+from skincal.imports import Imported, bag_topics, import_rosbag, template
+from tests.imports.foreign import Recorded, mapping, recorded, write_mapping
+from tests.imports.ros import BAG, SKIN_MSG, BagMaker, ns, write_bag
+
+Session = Callable[..., Dataset]
+
+
+@pytest.fixture
+def recording(session: Session) -> Recorded:
+    return recorded(session(3, frames_per_press=0))
+
+
+def bring(folder: Path, bags: list[Path], **changes: Any) -> tuple[Dataset, Imported]:
+    done = import_rosbag(write_mapping(folder, mapping(BAG, **changes)), folder / "out", bags)
+    return read_dataset(folder / "out"), done
+
+
+def refused(folder: Path, bags: list[Path], **changes: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        bring(folder, bags, **changes)
+    assert not (folder / "out").exists()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "storage", "skin"),
+    [("s.bag", "", "Float32"), ("s.bag", "", "Int16"), ("s", "sqlite3", "Float32"), ("s", "mcap", "Int16")],
+)
+def test_presses_come_out_of_a_bag(tmp_path: Path, recording: Recorded, name: str, storage: str, skin: str):
+    back, done = bring(tmp_path, [write_bag(tmp_path / name, recording, storage, skin)])
+    presses, frames = back.presses, back.frames
+    np.testing.assert_allclose(presses.force_n, recording.level_n, rtol=0.01)
+    np.testing.assert_allclose(presses.counts, recording.image, atol=2.0, rtol=0.01)
+    np.testing.assert_allclose(
+        presses.position_m,
+        recording.position_m[recording.press.searchsorted(0) + 180 * np.arange(3)],
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(presses.columns["t_hold_s"], recording.hold_s[:, 0], atol=0.03)
+    np.testing.assert_allclose(presses.columns["q_0"], 0.1, rtol=1e-12)
+    np.testing.assert_allclose(presses.columns["q_1"], 0.2, rtol=1e-12)
+    np.testing.assert_allclose(presses.columns["tau_0"], 0.01, rtol=1e-12)
+    assert "q_2" not in presses.columns
+    assert frames is not None
+    # The clock of the taxels, with their lag taken off; stamps are nanoseconds.
+    np.testing.assert_allclose(frames.time_s, recording.time_s[: len(frames)] - 100, atol=1e-8)
+    np.testing.assert_array_equal(frames.counts, recording.counts[: len(frames)])
+    np.testing.assert_allclose(frames.force_n, recording.force_n[: len(frames)], atol=0.02)
+    assert done.read[0].rows == len(recording.time_s)
+
+
+def test_lag_moves_the_taxels_against_the_force(tmp_path: Path, recording: Recorded):
+    bag = write_bag(tmp_path / "s.bag", recording)
+    with_lag, _ = bring(tmp_path, [bag])
+    done = import_rosbag(
+        write_mapping(tmp_path, mapping(BAG, topics={"/skin": {"lag_s": 0.0}})), tmp_path / "late", [bag]
+    )
+    late = read_dataset(done.folder)
+    assert with_lag.frames is not None and late.frames is not None
+    right = np.corrcoef(with_lag.frames.force_n, with_lag.frames.counts.sum(axis=1))[0, 1]
+    wrong = np.corrcoef(late.frames.force_n, late.frames.counts.sum(axis=1))[0, 1]
+    assert right > wrong
+
+
+def test_template_works(tmp_path: Path, recording: Recorded):
+    bag = write_bag(tmp_path / "s", recording, "mcap")
+    (tmp_path / "m.toml").write_text(template("rosbag"), encoding="utf-8")
+    done = import_rosbag(tmp_path / "m.toml", tmp_path / "out", [bag])
+    assert done.presses == 3
+
+
+def test_topics_are_listed(tmp_path: Path, recording: Recorded):
+    topics = bag_topics(write_bag(tmp_path / "s.bag", recording))
+    assert topics["/skin"] == ("std_msgs/msg/Float32MultiArray", len(recording.time_s))
+    assert list(topics) == ["/force", "/joints", "/skin", "/tip"]
+
+
+@pytest.mark.parametrize("name", ["s.bag", "s"])
+def test_types_of_ones_own_poses_and_transforms(tmp_path: Path, recording: Recorded, name: str):
+    """The skin is an array of rows in a message of its own, the tip one of several transforms."""
+    with BagMaker(tmp_path / name) as bag:
+        _write_own(bag, recording)
+    rows = "rows[0].values"
+    changes: dict[str, Any] = {
+        "topics": None,
+        "joints": None,
+        "taxels": {"field": rows, "elements": [3, 2, 1, 0]},
+        "sensor": {"rows": 1},
+        "bag": {"resample": "previous"},
+        "columns": {
+            "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"},
+            "temperature_c": {"topic": "/force", "field": "wrench.torque.x", "unit": "K"},
+            "pose": {"topic": "/tf", "field": "transforms[child_frame_id=tip].header.frame_id"},
+        },
+    }
+    back, _ = bring(tmp_path, [tmp_path / name], **changes)
+    np.testing.assert_allclose(back.presses.force_n, recording.level_n, rtol=0.01)
+    np.testing.assert_allclose(back.presses.counts, recording.image[:, 3::-1], atol=2.0, rtol=0.01)
+    np.testing.assert_allclose(back.presses.columns["temperature_c"], 25.0)
+    assert set(back.presses.columns["pose"]) == {"palm"}
+
+
+def _write_own(bag: BagMaker, recording: Recorded) -> None:
+    bag.register(SKIN_MSG, "my_msgs/msg/Skin")
+    if bag.ros1:
+        bag.register("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
+    for i, time in enumerate(recording.time_s):
+        header = bag.header(ns(time))
+        rows = [
+            bag.make("my_msgs/msg/TaxelRow", recording.counts[i, 4 * r : 4 * r + 4].astype(np.uint16))
+            for r in range(4)
+        ]
+        bag.write("/skin", ns(time), bag.make("my_msgs/msg/Skin", header, 3, rows))
+        vectors = (np.array([0, 0, -recording.force_n[i]]), np.array([298.15, 0, 0]))
+        wrench = bag.make("geometry_msgs/msg/Wrench", *(bag.vector(v) for v in vectors))
+        bag.write("/force", ns(time), bag.make("geometry_msgs/msg/WrenchStamped", header, wrench))
+        turn = bag.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+        transforms = [
+            bag.make(
+                "geometry_msgs/msg/TransformStamped",
+                bag.header(ns(time), "palm"),
+                child,
+                bag.make("geometry_msgs/msg/Transform", bag.vector(point), turn),
+            )
+            for child, point in (("elbow", np.ones(3)), ("tip", recording.position_m[i]))
+        ]
+        bag.write("/tf", ns(time), bag.make("tf2_msgs/msg/TFMessage", transforms))
+        # Other nodes send other frames on the same topic.
+        bag.write("/tf", ns(time), bag.make("tf2_msgs/msg/TFMessage", transforms[:1]))
+
+
+def test_definition_that_the_bag_lacks(tmp_path: Path, recording: Recorded):
+    """Old ROS 2 recorders wrote no definitions: then a file has to say what a message is."""
+    with BagMaker(tmp_path / "s") as bag:
+        _write_own(bag, recording)
+    _forget_definitions(tmp_path / "s")
+    changes: dict[str, Any] = {
+        "topics": None,
+        "joints": None,
+        "taxels": {"field": "rows[0].values"},
+        "sensor": {"rows": 1},
+        "columns": {
+            "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"}
+        },
+    }
+    assert "Name its file in definitions of [bag]" in refused(tmp_path, [tmp_path / "s"], **changes)
+    (tmp_path / "Skin.msg").write_text(SKIN_MSG.split("=")[0])
+    (tmp_path / "TaxelRow.msg").write_text("uint16[4] values\n")
+    changes["bag"] = {"definitions": {"my_msgs/msg/Skin": "Skin.msg", "my_msgs/TaxelRow": "TaxelRow.msg"}}
+    back, _ = bring(tmp_path, [tmp_path / "s"], **changes)
+    np.testing.assert_allclose(back.presses.force_n, recording.level_n, rtol=0.01)
+
+
+def _forget_definitions(folder: Path) -> None:
+    import sqlite3
+
+    (file,) = folder.glob("*.db3")
+    base = sqlite3.connect(file)
+    base.execute("DELETE FROM message_definitions")
+    base.commit()
+    base.close()
+
+
+def test_absent_topic_lists_those_that_are_there(tmp_path: Path, recording: Recorded):
+    bag = write_bag(tmp_path / "s.bag", recording)
+    found = refused(tmp_path, [bag], columns={"force_n": {"topic": "/fource"}})
+    assert (
+        "map.toml, [columns.force_n] topic: expected a topic of s.bag, which has /force (geometry_msgs/"
+        in found
+    )
+    assert "/skin (std_msgs/msg/Float32MultiArray)" in found
+    assert 'got "/fource". Did you mean "/force"?' in found
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (
+            {"columns": {"force_n": {"field": "wrench.force.w"}}},
+            'no field "w" in geometry_msgs/msg/Vector3, which has x, y, z',
+        ),
+        (
+            {"columns": {"force_n": {"field": "wrench.force"}}},
+            "no number but geometry_msgs/msg/Vector3, which has x, y, z",
+        ),
+        (
+            {"taxels": {"topic": "/force", "field": "wrench"}},
+            "no array of numbers but geometry_msgs/msg/Wrench",
+        ),
+        ({"sensor": {"cols": 5}}, "expected an array of 20 values or more; got 16 values"),
+        ({"topics": None}, 'expected messages with a header on /skin; got none. Set clock = "receive" in'),
+        (
+            {"joints": {"topic": "/tip"}},
+            "[joints]: expected sensor_msgs/JointState; got geometry_msgs/msg/Point",
+        ),
+        ({"columns": {"force_n": {"field": "wrench..z"}}}, "expected a path like wrench.force.z"),
+    ],
+)
+def test_wrong_types_and_fields(tmp_path: Path, recording: Recorded, changes: dict, expected: str):
+    found = refused(tmp_path, [write_bag(tmp_path / "s.bag", recording)], **changes)
+    assert expected in found
+    assert len(found.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("name", "storage"), [("s.bag", ""), ("s", "sqlite3"), ("s", "mcap")])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.98])
+def test_bag_cut_short(tmp_path: Path, recording: Recorded, name: str, storage: str, share: float):
+    bag = write_bag(tmp_path / name, recording, storage)
+    file = bag if bag.is_file() else next(iter([*bag.glob("*.db3"), *bag.glob("*.mcap")]))
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    found = refused(tmp_path, [bag])
+    assert "expected a whole ROS" in found
+    assert "Was the recording cut short?" in found
+
+
+def test_no_bag_at_all(tmp_path: Path):
+    (tmp_path / "s.bag").write_text("not a bag")
+    assert "expected a whole ROS 1 bag" in refused(tmp_path, [tmp_path / "s.bag"])
+    (tmp_path / "folder").mkdir()
+    assert "folder with metadata.yaml" in refused(tmp_path, [tmp_path / "folder"])
+    assert "no such file" in refused(tmp_path, [tmp_path / "nothing.bag"])
+
+
+def test_two_clocks_that_never_meet(tmp_path: Path, recording: Recorded):
+    bag = write_bag(tmp_path / "s.bag", recording)
+    found = refused(tmp_path, [bag], topics={"/skin": {"lag_s": 3600.0}})
+    assert "s.bag: expected frames with taxels, force and position; got none" in found
+    assert "max_age_s" in found
+
+
+def test_frames_without_force_are_left_out_and_counted(tmp_path: Path, recording: Recorded):
+    """The sensor of the force was started late: of the first press nothing is known."""
+    bag = write_bag(tmp_path / "s.bag", recording, force_from_s=recording.time_s[0] + 1.0)
+    back, done = bring(tmp_path, [bag])
+    assert len(back.presses) == 2 + 1  # what is left of the hold of the first is one too
+    dropped = {item.why: item.count for item in done.dropped}
+    assert dropped == {"no force_n from /force within 0.1 s (max_age_s)": pytest.approx(100, abs=3)}
+    assert back.frames is not None
+    assert len(back.frames) == len(recording.time_s) - sum(dropped.values())
+
+
+def test_two_bags_follow_each_other(tmp_path: Path, recording: Recorded, session: Session):
+    first = write_bag(tmp_path / "a.bag", recording)
+    after = recorded(session(3, frames_per_press=0, seed=5))
+    later = Recorded(**{**vars(after), "time_s": after.time_s + 60.0})
+    second = write_bag(tmp_path / "b.bag", later)
+    back, done = bring(tmp_path, [first, second])
+    np.testing.assert_allclose(back.presses.force_n, [*recording.level_n, *after.level_n], rtol=0.01)
+    assert [file.file for file in done.read] == ["a.bag", "b.bag"]
+    np.testing.assert_allclose(
+        back.presses.columns["t_hold_s"], [*recording.hold_s[:, 0], *(after.hold_s[:, 0] + 60)], atol=0.03
+    )
+    assert "times in order" in refused_again(tmp_path, [second, first])
+
+
+def refused_again(folder: Path, bags: list[Path]) -> str:
+    with pytest.raises(InputError) as caught:
+        import_rosbag(folder / "map.toml", folder / "other", bags)
+    return str(caught.value)
+
+
+def test_library_that_is_not_installed(tmp_path: Path, recording: Recorded, monkeypatch: pytest.MonkeyPatch):
+    bag = write_bag(tmp_path / "s.bag", recording)
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(WorkError, match=r"pip install skincal\[ros\]"):
+        bring(tmp_path, [bag])
