@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import typer
 
-from skincal.cli import dataset, export_dr, fit, imports, predict
+from skincal.cli import dataset, export_dr, fit, hand, imports, predict, serve_hand
 
 
 def register(app: typer.Typer) -> None:
     """Adds every verb to the application. A verb imports what it needs when it runs, so that help is fast."""
     app.add_typer(dataset.app, name="dataset")
     app.add_typer(imports.app, name="import")
+    app.add_typer(hand.app, name="hand")
+    app.command("serve-hand", epilog=serve_hand.EPILOG)(serve_hand.serve_hand)
     app.command("fit", epilog=fit.EPILOG)(fit.fit)
     app.command("predict", epilog=predict.EPILOG)(predict.predict)
     app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)

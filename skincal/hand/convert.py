@@ -51,6 +51,14 @@ def type_text(kind: Any) -> str:
     return {**plain, type(None): "none"}.get(kind, getattr(kind, "__name__", str(kind)))
 
 
+def is_text(kind: Any) -> bool:
+    """Whether a value of this type can be given as text; others are for programs."""
+    if get_origin(kind) in (Union, types.UnionType):
+        return any(is_text(a) for a in get_args(kind) if a is not type(None))
+    plain = kind in (int, float, bool, str, Path, Any) or get_origin(kind) is Literal
+    return plain or _is_mapping(kind) or _is_sequence(kind)
+
+
 def _one_of(value: str, kinds: Sequence[Any]) -> Any:
     if type(None) in kinds and value.lower() == "none":
         return None

@@ -19,7 +19,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 from skincal.errors import InputError, Problem, SkincalError, WorkError
-from skincal.hand.convert import converted, type_text
+from skincal.hand.convert import converted, is_text, type_text
 from skincal.hand.driver import HandDriver
 
 GROUP = "skincal.drivers"
@@ -179,9 +179,8 @@ def _options(made: Callable[..., HandDriver]) -> tuple[DriverOption, ...]:
 
 
 def _unknown(name: str, key: str, known: Mapping[str, DriverOption]) -> Problem:
-    choices = (
-        ", ".join(f"{o.name} ({type_text(o.kind)})" for o in known.values()) or "none; it has no options"
-    )
+    given = [option for option in known.values() if is_text(option.kind)]
+    choices = ", ".join(f"{o.name} ({type_text(o.kind)})" for o in given) or "none; it has no options"
     return Problem(f'driver "{name}"', f"an option of: {choices}", f'"{key}"')
 
 

@@ -90,7 +90,7 @@ class RemoteDriver(HandDriver):
 
     def connect(self) -> None:
         """Takes the hand, if nobody else has it and it is the one that is described here."""
-        self.close()
+        self._shut()
         context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
         self._context, self._socket = context, self._open(context)
         self._session, self._number, self._gone = secrets.token_hex(16), 0, False

@@ -1,0 +1,256 @@
+"""``skincal hand``: which drivers there are, what a hand is, whether a driver keeps the contract, keys."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, example, print_json, say
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from skincal.hand.contract import CheckResult, ContractReport
+    from skincal.hand.registry import DriverOption
+    from skincal.robot import HandDescription
+
+app = typer.Typer(no_args_is_help=True, help="Drivers of hands: list them, test one, show a hand, make keys.")
+
+DriverOptionsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--driver-option",
+        metavar="KEY=VALUE",
+        help="An option of the driver; may be given several times. `skincal hand list` shows them.",
+        show_default=False,
+    ),
+]
+
+
+@app.command("list", epilog=example("skincal hand list", "skincal hand list --json"))
+def list_drivers(as_json: JsonOption = False) -> None:
+    """List the drivers that are installed, with their options."""
+    from skincal.errors import SkincalError
+    from skincal.hand.convert import is_text
+    from skincal.hand.registry import driver_class, driver_names, driver_options
+
+    drivers: list[dict[str, Any]] = []
+    for name in driver_names():
+        try:
+            made = driver_class(name)
+            options = [_option(option) for option in driver_options(name) if is_text(option.kind)]
+            place = f"{made.__module__}:{getattr(made, '__qualname__', made)}"
+            drivers.append({"name": name, "class": place, "options": options, "error": None})
+        except SkincalError as error:
+            drivers.append({"name": name, "class": None, "options": [], "error": str(error)})
+    if as_json:
+        print_json({"drivers": drivers})
+        return
+    for driver in drivers:
+        for line in _driver_lines(driver):
+            typer.echo(line)
+
+
+@app.command(epilog=example("skincal hand show", "skincal hand show my_hand/hand.toml --json"))
+def show(
+    hand: Annotated[
+        str, typer.Argument(metavar="[HAND]", help="Name of a hand, or its hand.toml.")
+    ] = "dlr_hand_2",
+    as_json: JsonOption = False,
+) -> None:
+    """Show what a hand's description says: joints, limits, fingers, sensor."""
+    from skincal.hand.hands import hand_named
+
+    description = hand_named(hand)
+    if as_json:
+        print_json(_hand_json(description))
+        return
+    from rich.console import Console
+
+    console = Console()
+    console.print(_joints_table(description))
+    for name, text in _hand_lines(description):
+        typer.echo(f"{name:10s}{text}")
+
+
+@app.command(
+    epilog=example(
+        "skincal hand test sim --driver-option seed=3",
+        "skincal hand test my_package.my_hand:MyHand --driver-option port=/dev/ttyUSB0 --no-move",
+    )
+)
+def test(
+    driver: Annotated[
+        str, typer.Argument(metavar="DRIVER", help="A driver's name, or module:Class.", show_default=False)
+    ],
+    driver_option: DriverOptionsOption = None,
+    step_deg: Annotated[
+        float, typer.Option("--step-deg", min=0.1, max=5.0, help="Largest motion of a joint.")
+    ] = 1.0,
+    move: Annotated[bool, typer.Option("--move/--no-move", help="Whether the hand is moved at all.")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the contract against a driver: is it what skincal takes a hand to be?
+
+    The hand is connected some fifteen times and, with --move, each joint moves by --step-deg and back at the end.
+    Nothing may be in its way. Exit status 0: every check passed; 1: one did not.
+    """
+    import math
+
+    from skincal.hand.contract import ContractOptions, run_contract
+    from skincal.hand.registry import create_driver, parse_options
+
+    find_modules_here()
+    options = parse_options(driver_option or [])
+    # A wrong name or option is no failure of a check.
+    create_driver(driver, **options)
+    tried = ContractOptions(step_rad=math.radians(step_deg), move=move)
+    report = run_contract(driver, lambda: create_driver(driver, **options), tried, _told)
+    if as_json:
+        print_json(_report_json(report))
+    else:
+        from rich.console import Console
+
+        Console().print(_report_table(report))
+        typer.echo(f"{driver}: {report.count('passed')} passed, {report.count('failed')} failed")
+    if not report.ok:
+        raise typer.Exit(1)
+
+
+@app.command(epilog=example("skincal hand keys --out keys"))
+def keys(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the keys.", show_default=False)],
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Make the key pairs of a remote hand: hand/ for its computer, client/ for the one that moves it."""
+    from skincal.hand.sockets import make_keys
+
+    make_keys(out, force=force)
+    if as_json:
+        print_json({"hand": out / "hand", "client": out / "client"})
+        return
+    typer.echo(f"{out}/hand    stays on the hand's computer: skincal serve-hand --keys {out}/hand")
+    typer.echo(
+        f"{out}/client  goes to who moves the hand:   --driver remote --driver-option keys={out}/client"
+    )
+    say("Whoever has client/ can move the hand: copy it by a way that nobody else can read.")
+
+
+def find_modules_here() -> None:
+    """Lets ``module:Class`` name a module of the working folder, as ``python -m`` does."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+
+
+def _told(result: CheckResult) -> None:
+    say(f"{result.status:8s}{result.name}")
+
+
+def _option(option: DriverOption) -> dict[str, Any]:
+    from skincal.hand.convert import type_text
+
+    default = None if option.required else option.default
+    plain = isinstance(default, str | int | float | bool | None)
+    return {
+        "name": option.name,
+        "type": type_text(option.kind),
+        "required": option.required,
+        "default": default if plain else str(default),
+        "text": option.text,
+    }
+
+
+def _driver_lines(driver: dict[str, Any]) -> list[str]:
+    """A driver and its options as a person reads them."""
+    if driver["error"]:
+        return [driver["name"], f"  {driver['error']}"]
+    lines = [driver["name"]]
+    for option in driver["options"]:
+        default = "required" if option["required"] else f"default {option['default']}"
+        lines.append(
+            f"  {option['name']:14s}{option['type']} ({default}){': ' * bool(option['text'])}{option['text']}"
+        )
+    return lines
+
+
+def _report_table(report: ContractReport) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    colours = {"passed": "green", "failed": "red", "skipped": "yellow"}
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for name in ("check", "", "what was found"):
+        table.add_column(name)
+    for result in report.results:
+        colour, got = colours[result.status], result.got
+        if result.status == "failed":
+            got = f"expected: {result.expected}; got: {result.got}"
+        table.add_row(result.name, f"[{colour}]{result.status}[/{colour}]", escape(got))
+    return table
+
+
+def _report_json(report: ContractReport) -> dict[str, Any]:
+    checks = [
+        {"name": r.name, "status": r.status, "expected": r.expected, "got": r.got} for r in report.results
+    ]
+    counts = {status: report.count(status) for status in ("passed", "failed", "skipped")}
+    return {"driver": report.driver, "ok": report.ok, **counts, "checks": checks}
+
+
+def _joints_table(description: HandDescription) -> Table:
+    import math
+
+    from rich.table import Table
+
+    limits, gains = description.limits, description.gains
+    table = Table(title=description.name, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for name in ("joint", "from deg", "to deg", "home deg", "deg/s", "N m", "N m/rad", "N m s/rad"):
+        table.add_column(name, justify="left" if name == "joint" else "right")
+    for j, name in enumerate(description.joints):
+        degrees = (limits.lower_rad, limits.upper_rad, description.home_rad, limits.velocity_rad_per_s)
+        cells = [f"{math.degrees(values[j]):.4g}" for values in degrees]
+        others = (limits.torque_nm, gains.stiffness_nm_per_rad, gains.damping_nms_per_rad)
+        table.add_row(name, *cells, *(f"{values[j]:.4g}" for values in others))
+    return table
+
+
+def _hand_lines(description: HandDescription) -> list[tuple[str, str]]:
+    meta, skin, indenter = description.meta, description.skin_finger, description.indenter_finger
+    shape = "" if meta.surface.radius_m is None else f" of radius {meta.surface.radius_m * 1e3:g} mm"
+    ball = (
+        ""
+        if meta.indenter.radius_m is None
+        else f", {meta.indenter.kind} of {meta.indenter.radius_m * 1e3:g} mm"
+    )
+    return [
+        ("skin", f"{skin.name} ({', '.join(skin.joints)}), link {skin.tip_link}"),
+        ("indenter", f"{indenter.name} ({', '.join(indenter.joints)}), link {indenter.tip_link}{ball}"),
+        ("sensor", f"{meta.sensor.rows} x {meta.sensor.cols} taxels on a {meta.surface.kind}{shape}"),
+        ("force", f"never above {description.max_force_n:g} N"),
+        ("URDF", str(description.urdf)),
+        ("SHA-256", description.digest),
+    ]
+
+
+def _hand_json(description: HandDescription) -> dict[str, Any]:
+    limits, sensor = description.limits, description.meta.sensor
+    return {
+        "name": description.name,
+        "urdf": description.urdf,
+        "sha256": description.digest,
+        "joints": description.joints,
+        "lower_rad": limits.lower_rad,
+        "upper_rad": limits.upper_rad,
+        "velocity_rad_per_s": limits.velocity_rad_per_s,
+        "torque_nm": limits.torque_nm,
+        "home_rad": description.home_rad,
+        "max_force_n": description.max_force_n,
+        "skin_finger": description.skin_finger.name,
+        "indenter_finger": description.indenter_finger.name,
+        "sensor": {"rows": sensor.rows, "cols": sensor.cols},
+    }

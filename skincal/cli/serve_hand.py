@@ -1,0 +1,94 @@
+"""``skincal serve-hand``: the hand's side of a remote hand."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from skincal.cli.common import JsonOption, example, print_json, say
+from skincal.cli.hand import DriverOptionsOption, find_modules_here
+
+if TYPE_CHECKING:
+    from skincal.hand.serve import HandServer
+
+EPILOG = example(
+    "skincal serve-hand --driver sim --bind tcp://127.0.0.1:5555",
+    "skincal serve-hand --driver my-hand --bind tcp://192.168.1.4:5555 --keys keys/hand",
+)
+
+
+def serve_hand(
+    driver: Annotated[
+        str, typer.Option("--driver", help="A driver's name, or module:Class.", show_default=False)
+    ],
+    driver_option: DriverOptionsOption = None,
+    bind: Annotated[
+        str, typer.Option("--bind", help="Address to listen at; port * takes any that is free.")
+    ] = "tcp://127.0.0.1:5555",
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            "--keys",
+            help="Folder hand/ of `skincal hand keys`; any address but loopback needs it.",
+            show_default=False,
+        ),
+    ] = None,
+    watchdog_s: Annotated[
+        float,
+        typer.Option("--watchdog-s", min=0.05, help="A client that is silent for so long loses the hand."),
+    ] = 2.0,
+    timeout_s: Annotated[
+        float, typer.Option("--timeout-s", min=0.05, help="A call to the driver may take so long.")
+    ] = 1.0,
+    force_check: Annotated[
+        bool,
+        typer.Option(
+            "--force-check/--no-force-check", help="Whether the contact force is limited on this side, too."
+        ),
+    ] = True,
+    sessions: Annotated[
+        int | None, typer.Option("--sessions", min=1, help="End after so many clients.", show_default=False)
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Serve a hand to another computer, or to another program on this one.
+
+    One client at a time. Limits are kept on this side, too, and the hand is stopped when its client falls silent.
+    Ctrl-C stops the hand and ends. With --json the object is printed as soon as the hand can be reached.
+    """
+    from skincal.hand.hands import joint_contact_force
+    from skincal.hand.options import GuardOptions
+    from skincal.hand.registry import create_driver, parse_options
+    from skincal.hand.serve import HandServer, ServeOptions
+    from skincal.hand.sockets import hand_keys
+
+    find_modules_here()
+    options = parse_options(driver_option or [])
+    server = HandServer(
+        lambda: create_driver(driver, **options),
+        bind,
+        keys=None if keys is None else hand_keys(keys),
+        options=ServeOptions(watchdog_s=watchdog_s, guard=GuardOptions(timeout_s=timeout_s)),
+        contact_force=joint_contact_force if force_check else None,
+    )
+    with server:
+        _end_on_signals(server)
+        if as_json:
+            print_json({"driver": driver, "address": server.address, "keys": keys is not None})
+        say(f"{driver} listens at {server.address}; Ctrl-C stops the hand and ends")
+        server.run(sessions=sessions)
+    say(f"{driver}: ended after {server.sessions} clients")
+
+
+def _end_on_signals(server: HandServer) -> None:
+    """Ctrl-C and a request to terminate end the loop, which stops the hand."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        server.end()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)

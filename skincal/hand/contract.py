@@ -1,0 +1,123 @@
+"""What every driver must do, as checks that are run against one.
+
+Each check makes a driver of its own, and moves no joint by more than ``step_rad``; a hand must be where it can move
+that far without touching anything. Calls are made as the guard makes them, so that one that hangs fails its check
+and nothing else.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from skincal.hand.contract_checks import CHECKS, FailedCheckError, SkippedCheckError, Trial
+from skincal.hand.driver import HandDriver
+from skincal.hand.worker import CallTimeoutError
+
+PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
+
+
+@dataclass(frozen=True)
+class ContractOptions:
+    """How a driver is tried.
+
+    Attributes:
+        step_rad: largest motion of a joint [rad].
+        periods: states that are looked at in a row.
+        call_s: a call to the driver may take so long [s].
+        stop_s: ``stop`` may take so long [s].
+        move: whether the hand is moved at all.
+    """
+
+    step_rad: float = 0.02
+    periods: int = 50
+    call_s: float = 1.0
+    stop_s: float = 0.5
+    move: bool = True
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """How one check went.
+
+    Attributes:
+        name: its name.
+        expected: what it looks for.
+        status: ``passed``, ``failed`` or ``skipped``.
+        got: what came instead, or why it was skipped; what was measured where it passed.
+        time_s: how long it took [s].
+    """
+
+    name: str
+    expected: str
+    status: str
+    got: str = ""
+    time_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class ContractReport:
+    """All checks of one driver.
+
+    Attributes:
+        driver: its name.
+        results: one a check, in order.
+    """
+
+    driver: str
+    results: tuple[CheckResult, ...] = field(default_factory=tuple[CheckResult, ...])
+
+    @property
+    def ok(self) -> bool:
+        """Whether none failed."""
+        return all(result.status != FAILED for result in self.results)
+
+    def count(self, status: str) -> int:
+        """How many checks have this status."""
+        return sum(result.status == status for result in self.results)
+
+
+def run_contract(
+    name: str,
+    make: Callable[[], HandDriver],
+    options: ContractOptions | None = None,
+    told: Callable[[CheckResult], None] = lambda result: None,
+) -> ContractReport:
+    """Runs every check against a driver.
+
+    Args:
+        name: the driver's name, for the report.
+        make: makes a driver that is not connected; called once a check.
+        options: how it is tried.
+        told: is told every result as it comes.
+    """
+    results: list[CheckResult] = []
+    for check in CHECKS:
+        results.append(_run(check, make, options or ContractOptions()))
+        told(results[-1])
+    return ContractReport(name, tuple(results))
+
+
+def _run(
+    check: Callable[[Trial], str | None], make: Callable[[], HandDriver], options: ContractOptions
+) -> CheckResult:
+    name, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
+    start = time.monotonic()
+    status, got = FAILED, ""
+    trial: Trial | None = None
+    try:
+        trial = Trial(make(), options, make)
+        status, got = PASSED, check(trial) or ""
+    except SkippedCheckError as why:
+        status, got = SKIPPED, str(why)
+    except FailedCheckError as why:
+        got = str(why)
+    except CallTimeoutError:
+        got = f"a call that did not return within {options.call_s:g} s"
+    except Exception as error:
+        got = f"{type(error).__name__}: {error}"
+    finally:
+        if trial is not None:
+            trial.end()
+    return CheckResult(name, expected, status, got, time.monotonic() - start)

@@ -1,0 +1,365 @@
+"""The checks of the contract: the name of a function is the check's, its docstring what is expected."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skincal.errors import SkincalError
+from skincal.hand.checks import StateCheck
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import HandError
+from skincal.hand.guard import GuardedHand
+from skincal.hand.options import GuardOptions
+from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
+
+if TYPE_CHECKING:
+    from skincal.hand.contract import ContractOptions
+
+CONNECT_S = 30.0
+"""Connecting and closing may take so long [s]."""
+
+ARRAYS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_time_s")
+
+
+class FailedCheckError(Exception):
+    """A check failed; the text says what came."""
+
+
+class SkippedCheckError(Exception):
+    """A check does not apply; the text says why."""
+
+
+class Trial:
+    """A driver on trial: calls that may hang can be left.
+
+    Args:
+        driver: a fresh driver.
+        options: how it is tried.
+        make: makes another one.
+    """
+
+    def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
+        self.driver, self.options, self.make = driver, options, make
+        self._worker = Worker(f"trial {type(driver).__name__}")
+        self._close_s = CONNECT_S
+
+    def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
+        """Makes a call in the trial's thread."""
+        try:
+            return self._worker.call(work, *arguments, timeout_s=timeout_s or self.options.call_s)
+        except CallTimeoutError:
+            self._close_s = self.options.stop_s
+            raise
+
+    def connect(self) -> None:
+        """Connects the driver."""
+        self.call(self.driver.connect, timeout_s=CONNECT_S)
+
+    def observe(self) -> HandState:
+        """The next state."""
+        return self.call(self.driver.observe)
+
+    def states(self, count: int) -> list[HandState]:
+        """That many states in a row."""
+        return [self.observe() for _ in range(count)]
+
+    def stop(self) -> float:
+        """Stops the hand from another thread; returns how long that took [s]."""
+        start = time.monotonic()
+        try:
+            call_and_leave(self.driver.stop, self.options.stop_s, "trial stop")
+        except CallTimeoutError:
+            raise FailedCheckError(f"stop() did not return within {self.options.stop_s:g} s") from None
+        return time.monotonic() - start
+
+    def end(self) -> None:
+        """Stops the hand and gives it back, whatever state it is in."""
+        with suppress(Exception):
+            self.stop()
+        with suppress(Exception):
+            # Behind a call that hangs there is no closing, and nothing to wait for.
+            self.call(self.driver.close, timeout_s=self._close_s)
+        self._worker.end()
+
+
+def description_is_sound(trial: Trial) -> str:
+    """joints, limits, home and force of the description fit together, before connecting."""
+    d = trial.driver.description
+    n, limits = len(d.joints), d.limits
+    names = ("lower_rad", "upper_rad", "velocity_rad_per_s", "torque_nm")
+    shapes = {name: getattr(limits, name).shape for name in names}
+    wrong = [
+        f"limits.{name} of shape {shape} for {n} joints" for name, shape in shapes.items() if shape != (n,)
+    ]
+    if d.home_rad.shape != (n,):
+        wrong.append(f"home_rad of shape {d.home_rad.shape} for {n} joints")
+    if not wrong and not (limits.lower_rad < limits.upper_rad).all():
+        wrong.append("a lower limit that is not below the upper one")
+    if not wrong and not ((d.home_rad >= limits.lower_rad) & (d.home_rad <= limits.upper_rad)).all():
+        wrong.append("a home outside the joint limits")
+    if not ((limits.velocity_rad_per_s > 0).all() and (limits.torque_nm > 0).all() and d.max_force_n > 0):
+        wrong.append("a limit of velocity, torque or force that is not above zero")
+    _expect(not wrong, "; ".join(wrong))
+    return f"{n} joints, {d.meta.sensor.taxels} taxels"
+
+
+def no_state_before_connect(trial: Trial) -> str:
+    """observe() before connect() raises an error, and does not hang."""
+    try:
+        trial.observe()
+    except CallTimeoutError:
+        raise
+    except Exception as error:
+        return type(error).__name__
+    raise FailedCheckError("a state")
+
+
+def stop_and_close_before_connect(trial: Trial) -> None:
+    """stop() and close() may be called before connect(), twice."""
+    for _ in range(2):
+        trial.stop()
+        trial.call(trial.driver.close, timeout_s=CONNECT_S)
+
+
+def states_are_sound(trial: Trial) -> str:
+    """types, shapes, finite joint values within the limits, taxels finite or NaN, fresh time stamps."""
+    trial.connect()
+    check = StateCheck(trial.driver.description, GuardOptions())
+    for k in range(trial.options.periods):
+        violation = check(trial.observe(), time.monotonic())
+        _expect(violation is None, f"state {k}: {violation.text if violation else ''}")
+    return f"{trial.options.periods} states"
+
+
+def clock_keeps_the_period(trial: Trial) -> str:
+    """period_s is above zero, the hand's clock advances with every state, by one period within a half."""
+    trial.connect()
+    period = trial.driver.period_s
+    _expect(math.isfinite(period) and period > 0, f"a period of {period!r} s")
+    start = time.monotonic()
+    times = np.array([state.time_s for state in trial.states(trial.options.periods)])
+    real_s = (time.monotonic() - start) / len(times)
+    steps = np.diff(times)
+    _expect(bool((steps > 0).all()), f"a step of {steps.min():.4g} s")
+    kept = float((np.abs(steps - period) <= 0.5 * period).mean())
+    text = f"{kept:.0%} of the steps within {period:g} s +- 50 % (median {np.median(steps):.4g} s)"
+    _expect(kept >= 0.95, text)
+    return f"{text}; {real_s * 1e3:.2g} ms of our time each"
+
+
+def states_are_not_overwritten(trial: Trial) -> None:
+    """A state that was handed out does not change when the next one comes."""
+    trial.connect()
+    first = trial.observe()
+    kept = {name: getattr(first, name).copy() for name in ARRAYS}
+    trial.states(5)
+    for name, values in kept.items():
+        _expect(np.array_equal(getattr(first, name), values, equal_nan=True), f"{name} changed")
+
+
+def connecting_does_not_move(trial: Trial) -> str:
+    """After connect() the hand holds the angles that it has."""
+    trial.connect()
+    q = np.array([state.q_rad for state in trial.states(trial.options.periods)])
+    half = len(q) // 2
+    moved = float(np.abs(np.median(q[half:], axis=0) - np.median(q[:half], axis=0)).max())
+    if not _follows(trial):
+        raise SkippedCheckError("the driver says that it follows no commands: what it plays may move")
+    _expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
+    return f"at most {moved:.2g} rad"
+
+
+def commands_are_followed(trial: Trial) -> str:
+    """Each joint in turn goes a small step and back; desired and measured angles follow."""
+    if not trial.options.move:
+        raise SkippedCheckError("the hand is not to be moved")
+    if not _follows(trial):
+        raise SkippedCheckError("the driver says that it follows no commands")
+    step = trial.options.step_rad
+    with GuardedHand(trial.driver, GuardOptions(timeout_s=trial.options.call_s, idle_s=None)) as hand:
+        joints, limits = hand.description.joints, hand.description.limits
+        start = hand.observe().q_desired_rad.copy()
+        moved: list[float] = []
+        for j, name in enumerate(joints):
+            goal = start.copy()
+            # Towards the middle of its range, where there is room.
+            goal[j] += math.copysign(step, 0.5 * (limits.lower_rad[j] + limits.upper_rad[j]) - start[j])
+            before = _go(hand, start, 10).q_rad[j]
+            after = _go(hand, goal, trial.options.periods)
+            missing = abs(float(after.q_desired_rad[j] - goal[j]))
+            _expect(missing <= 0.1 * step, f"joint {name}: desired angle {missing:.3g} rad from the command")
+            share = float((after.q_rad[j] - before) / (goal[j] - start[j]))
+            # Friction and noise may hide a small step; the wrong way, or much too far, is something else.
+            _expect(-0.5 <= share <= 2.0, f"joint {name}: moved by {share:.2f} of the step")
+            moved.append(share)
+            _go(hand, start, 10)
+    return f"moved by {min(moved):.2f} to {max(moved):.2f} of {step:g} rad"
+
+
+def acting_does_not_wait(trial: Trial) -> str:
+    """act() returns without waiting for the effect of the command: a tenth of a second at most."""
+    trial.connect()
+    longest = 0.0
+    for _ in range(10):
+        state = trial.observe()
+        start = time.monotonic()
+        trial.call(trial.driver.act, HandCommand(state.q_desired_rad.copy()))
+        longest = max(longest, time.monotonic() - start)
+    _expect(longest <= 0.1, f"a call of {longest:.2g} s")
+    return f"at most {longest * 1e3:.2g} ms"
+
+
+def stop_is_quick_and_can_be_repeated(trial: Trial) -> str:
+    """stop() returns in time, a second time too, and the hand stays where it is."""
+    trial.connect()
+    trial.states(5)
+    longest = max(trial.stop(), trial.stop())
+    return f"at most {longest * 1e3:.2g} ms"
+
+
+def a_stopped_hand_stays(trial: Trial) -> str:
+    """After stop() no joint moves on by more than the small step, and no torque grows beyond what was there."""
+    trial.connect()
+    before = np.array([s.tau_nm for s in trial.states(10)])
+    trial.stop()
+    if not _follows(trial):
+        raise SkippedCheckError("the driver says that it follows no commands: what it plays goes on")
+    try:
+        states = trial.states(20)
+    except HandError as error:
+        raise SkippedCheckError(f"a stopped hand gives no states: {error}") from None
+    q, tau = np.array([s.q_rad for s in states]), np.array([s.tau_nm for s in states])
+    moved = float(np.abs(np.median(q[10:], axis=0) - np.median(q[:10], axis=0)).max())
+    _expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
+    noise = 4.0 * before.std(axis=0).max() + 0.01
+    grown = float((np.abs(np.median(tau[10:], axis=0)) - np.abs(np.median(before, axis=0))).max())
+    _expect(grown <= noise, f"a torque that grew by {grown:.3g} N m")
+    return f"moved by at most {moved:.2g} rad"
+
+
+def stop_comes_from_another_thread(trial: Trial) -> str:
+    """stop() works while another thread observes."""
+    trial.connect()
+    trial.observe()
+    errors: list[BaseException] = []
+
+    def observe() -> None:
+        try:
+            for _ in range(10):
+                trial.driver.observe()
+        except SkincalError:
+            # A driver may say that it has been stopped.
+            return
+        except BaseException as error:
+            errors.append(error)
+
+    thread = Thread(target=observe, daemon=True)
+    thread.start()
+    took_s = trial.stop()
+    thread.join(10 * trial.options.call_s)
+    _expect(not thread.is_alive(), "an observe() that hangs since")
+    _expect(not errors, f"{errors[0]!r} in observe()" if errors else "")
+    return f"{took_s * 1e3:.2g} ms"
+
+
+def close_can_be_repeated(trial: Trial) -> None:
+    """close() may be called twice, and stop() after it."""
+    trial.connect()
+    trial.observe()
+    for _ in range(2):
+        trial.call(trial.driver.close, timeout_s=CONNECT_S)
+    trial.stop()
+
+
+def a_with_block_stops_on_an_error(trial: Trial) -> None:
+    """An error in a with block goes on, and stop() and close() are called."""
+    driver, calls = trial.driver, list[str]()
+    stop, close = driver.stop, driver.close
+
+    def noted(name: str, work: Callable[[], None]) -> Callable[[], None]:
+        def call() -> None:
+            calls.append(name)
+            work()
+
+        return call
+
+    # Set on the object, so that whatever __exit__ calls is seen.
+    driver.stop, driver.close = noted("stop", stop), noted("close", close)
+
+    def block() -> None:
+        with driver:
+            driver.observe()
+            raise KeyError("of the user")
+
+    try:
+        trial.call(block, timeout_s=2 * CONNECT_S)
+    except KeyError:
+        _expect(calls[-2:] == ["stop", "close"], f"calls: {', '.join(calls) or 'none'}")
+        return
+    finally:
+        driver.stop, driver.close = stop, close
+    raise FailedCheckError("no error: the with block swallowed it")
+
+
+def the_hand_can_be_taken_again(trial: Trial) -> None:
+    """After close(), another driver connects to the same hand."""
+    trial.connect()
+    trial.observe()
+    trial.call(trial.driver.close, timeout_s=CONNECT_S)
+    trial.driver = trial.make()
+    trial.connect()
+    trial.observe()
+
+
+CHECKS: tuple[Callable[[Trial], str | None], ...] = (
+    description_is_sound,
+    no_state_before_connect,
+    stop_and_close_before_connect,
+    states_are_sound,
+    clock_keeps_the_period,
+    states_are_not_overwritten,
+    connecting_does_not_move,
+    acting_does_not_wait,
+    stop_is_quick_and_can_be_repeated,
+    a_stopped_hand_stays,
+    stop_comes_from_another_thread,
+    close_can_be_repeated,
+    a_with_block_stops_on_an_error,
+    the_hand_can_be_taken_again,
+    commands_are_followed,
+)
+"""In this order: the hand is not moved before everything else is known to work."""
+
+
+def _expect(good: bool, got: str) -> None:
+    if not good:
+        raise FailedCheckError(got)
+
+
+def _follows(trial: Trial) -> bool:
+    return bool(getattr(trial.driver, "follows_commands", True))
+
+
+def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandState:
+    """Holds to a goal for some periods, at the speed that is allowed; the angles of the last third are medians."""
+    states: list[HandState] = []
+    for _ in range(periods):
+        states.append(hand.observe())
+        hand.act(hand.nearest(goal))
+    last = states[-max(3, periods // 3) :]
+    return HandState(
+        time_s=last[-1].time_s,
+        q_rad=np.median([s.q_rad for s in last], axis=0),
+        dq_rad_per_s=last[-1].dq_rad_per_s,
+        tau_nm=last[-1].tau_nm,
+        q_desired_rad=last[-1].q_desired_rad,
+        taxels=last[-1].taxels,
+        taxel_time_s=last[-1].taxel_time_s,
+    )

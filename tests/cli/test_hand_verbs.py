@@ -1,0 +1,170 @@
+"""``skincal hand`` and ``skincal serve-hand``, as a person runs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skincal.cli.main import main
+from skincal.hand import create_driver
+from skincal.hand.guard import GuardedHand
+
+Run = Callable[..., tuple[int, str, str]]
+
+BAD_HAND = """
+from skincal.hand import HandDriver
+from skincal.hand.hands import hand_named
+
+class BadHand(HandDriver):
+    name = "bad"
+    period_s = 0.01
+    description = hand_named()
+    def connect(self): pass
+    def observe(self): return None
+    def act(self, command): pass
+    def stop(self): pass
+    def close(self): pass
+"""
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def test_list_names_the_shipped_drivers_and_their_options(run: Run) -> None:
+    status, out, _ = run("hand", "list", "--json")
+    assert status == 0
+    drivers = {d["name"]: d for d in json.loads(out)["drivers"]}
+    assert {"sim", "replay", "remote"} <= set(drivers)
+    assert drivers["sim"]["class"] == "skincal.hand.sim:SimDriver"
+    options = {o["name"]: o for o in drivers["sim"]["options"]}
+    assert options["seed"]["type"] == "whole number"
+    assert {o["name"]: o["required"] for o in drivers["replay"]["options"]} == {
+        "dataset": True,
+        "hand": False,
+    }
+    status, out, _ = run("hand", "list")
+    assert status == 0
+    assert "  address       text (default tcp://127.0.0.1:5555): where the hand's side listens" in out
+
+
+def test_show_tells_joints_limits_and_sensor(run: Run) -> None:
+    status, out, _ = run("hand", "show", "--json")
+    shown = json.loads(out)
+    assert status == 0
+    assert len(shown["joints"]) == len(shown["lower_rad"]) == len(shown["home_rad"]) == 6
+    status, out, _ = run("hand", "show")
+    assert status == 0
+    assert "forefinger_3" in out
+    assert "never above 10 N" in out
+    status, out, err = run("hand", "show", "no_such_hand")
+    assert (status, out) == (2, "")
+    assert 'expected one of dlr_hand_2; got "no_such_hand"' in err
+
+
+def test_the_simulated_hand_keeps_the_contract(run: Run) -> None:
+    status, out, err = run("hand", "test", "sim", "--driver-option", "seed=4", "--json")
+    report: dict[str, Any] = json.loads(out)
+    assert status == 0, out
+    assert report["ok"] is True
+    assert report["failed"] == report["skipped"] == 0
+    assert "passed  commands are followed" in err
+
+
+def test_a_bad_driver_is_named_with_what_was_expected(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bad_hand.py").write_text(BAD_HAND)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    status, out, _ = run("hand", "test", "bad_hand:BadHand", "--no-move", "--json")
+    assert status == 1
+    checks = {check["name"]: check for check in json.loads(out)["checks"]}
+    assert checks["states are sound"]["status"] == "failed"
+    assert "expected a HandState; got NoneType" in checks["states are sound"]["got"]
+    assert checks["commands are followed"]["status"] == "skipped"
+    status, out, _ = run("hand", "test", "bad_hand:BadHand", "--no-move")
+    assert status == 1
+    assert "failed" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("hand", "test", "simm"), 'module:Class or one of: remote, replay, sim; got "simm"'),
+        (("hand", "test", "sim", "--driver-option", "sead=3"), 'got "sead"'),
+        (("hand", "test", "sim", "--driver-option", "seed"), 'expected KEY=VALUE; got "seed"'),
+        (("serve-hand", "--driver", "sim", "--bind", "tcp://0.0.0.0:5555"), "without keys"),
+        (("serve-hand", "--driver", "sim", "--keys", "nowhere"), "expected a key file"),
+    ],
+)
+def test_a_wrong_command_line_is_status_two(run: Run, arguments: tuple[str, ...], text: str) -> None:
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert text in " ".join(err.split())
+
+
+def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
+    status, out, _ = run("hand", "keys", "--out", tmp_path / "keys", "--json")
+    assert status == 0
+    assert json.loads(out) == {"hand": f"{tmp_path}/keys/hand", "client": f"{tmp_path}/keys/client"}
+    assert run("hand", "keys", "--out", tmp_path / "keys")[0] == 2
+    status, out, _ = run("hand", "keys", "--out", tmp_path / "keys", "--force")
+    assert status == 0
+    assert "--driver remote --driver-option keys=" in out
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, number: int) -> None:
+    main_keys = tmp_path / "keys"
+    subprocess.run(
+        [sys.executable, "-m", "skincal", "hand", "keys", "--out", str(main_keys)],
+        check=True,
+        capture_output=True,
+    )
+    command = [
+        "serve-hand",
+        "--driver",
+        "sim",
+        "--driver-option",
+        "seed=4",
+        "--bind",
+        "tcp://127.0.0.1:*",
+        "--json",
+    ]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "skincal", *command, "--keys", str(main_keys / "hand")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    try:
+        address = json.loads(process.stdout.readline())["address"]
+        with GuardedHand(create_driver("remote", address=address, keys=str(main_keys / "client"))) as hand:
+            for _ in range(20):
+                hand.act(hand.nearest(hand.observe().q_desired_rad))
+        os.kill(process.pid, number)
+        assert process.wait(10) == 0
+        assert "sim: ended after 1 clients" in process.stderr.read()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()

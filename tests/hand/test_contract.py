@@ -1,0 +1,235 @@
+"""The contract: shipped drivers and good ones pass, each kind of bad one fails the check that is meant for it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_fakes import FakeHand, changed, tiny_description
+from test_replay import recorded
+
+from skincal.hand import remote, replay
+from skincal.hand.contract import ContractOptions, ContractReport, run_contract
+from skincal.hand.driver import HandCommand, HandState
+from skincal.hand.remote import RemoteDriver
+from skincal.hand.replay import ReplayDriver
+from skincal.hand.serve import HandServer
+
+QUICK = ContractOptions(call_s=0.15, stop_s=0.06, periods=20)
+
+
+def failed(report: ContractReport) -> set[str]:
+    return {result.name for result in report.results if result.status == "failed"}
+
+
+def test_a_good_driver_passes_every_check() -> None:
+    told: list[str] = []
+    report = run_contract("fake", FakeHand, told=lambda result: told.append(result.name))
+    assert report.ok
+    assert report.count("passed") == len(report.results) == len(told) >= 15
+    assert all(result.expected for result in report.results)
+
+
+def test_replay_passes_what_applies_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "hand_named", lambda hand: tiny_description())
+    left_out = ("dq_0", "dq_1")
+    place = recorded(tmp_path / "run", left_out, frames=100)
+    report = run_contract("replay", lambda: ReplayDriver(place))
+    assert failed(report) == set()
+    skipped = {result.name for result in report.results if result.status == "skipped"}
+    assert skipped == {"connecting does not move", "a stopped hand stays", "commands are followed"}
+
+
+def test_remote_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("zmq")
+    monkeypatch.setattr(remote, "hand_named", lambda hand: tiny_description())
+    with HandServer(FakeHand, "tcp://127.0.0.1:*") as server:
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        try:
+            report = run_contract("remote", lambda: RemoteDriver(server.address))
+        finally:
+            server.end()
+            thread.join()
+    assert failed(report) == set()
+    assert report.count("skipped") == 0
+
+
+class Careless(FakeHand):
+    """Gives states before it is connected."""
+
+    def observe(self) -> HandState:
+        self.connected = True
+        return super().observe()
+
+
+class Overwriting(FakeHand):
+    """Uses one array for all states."""
+
+    _taxels = np.zeros(4)
+
+    def observe(self) -> HandState:
+        self._taxels += 1.0
+        return replace(super().observe(), taxels=self._taxels)
+
+
+class Waiting(FakeHand):
+    """Waits for the effect of a command."""
+
+    def act(self, command: HandCommand) -> None:
+        time.sleep(0.12 if len(self.commands) < 3 else 0.0)
+        super().act(command)
+
+
+class Deaf(FakeHand):
+    """Takes commands and forgets them."""
+
+    def act(self, command: HandCommand) -> None:
+        return
+
+
+class Backwards(FakeHand):
+    """Turns the wrong way."""
+
+    def observe(self) -> HandState:
+        state = super().observe()
+        return replace(state, q_rad=-state.q_rad)
+
+
+class Drifting(FakeHand):
+    """Goes on after it was stopped, and when it is connected."""
+
+    def observe(self) -> HandState:
+        state = super().observe()
+        return replace(state, q_rad=state.q_rad + 0.004 * self.ticks)
+
+
+class Stiffening(FakeHand):
+    """Pushes harder when it is stopped."""
+
+    def observe(self) -> HandState:
+        state = super().observe()
+        return state if self.stopped_at is None else replace(state, tau_nm=np.array([0.5, 0.0]))
+
+
+class Swallowing(FakeHand):
+    """Swallows the user's errors."""
+
+    def __exit__(self, *_: Any) -> bool:  # type: ignore[override]
+        self.stop()
+        self.close()
+        return True
+
+
+class Abandoning(FakeHand):
+    """Leaves the hand moving at the end of a block."""
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+
+class Once(FakeHand):
+    """Cannot be connected a second time, whoever asks."""
+
+    taken = False
+
+    def connect(self) -> None:
+        if type(self).taken:
+            raise RuntimeError("the port is taken")
+        type(self).taken = True
+        super().connect()
+
+    def stop(self) -> None:
+        if "close" in self.calls and self.connected is False and "observe" in self.calls:
+            raise RuntimeError("the port is closed")
+        super().stop()
+
+
+def unfit() -> FakeHand:
+    class Unfit(FakeHand):
+        @property
+        def description(self) -> Any:
+            return replace(tiny_description(), home_rad=np.array([0.0, 1.5]))
+
+    return Unfit()
+
+
+BAD: dict[str, tuple[Callable[[], FakeHand], set[str]]] = {
+    "careless": (Careless, {"no state before connect"}),
+    "overwriting": (Overwriting, {"states are not overwritten"}),
+    "waiting": (Waiting, {"acting does not wait"}),
+    "deaf": (Deaf, {"commands are followed"}),
+    "backwards": (Backwards, {"commands are followed"}),
+    "drifting": (Drifting, {"connecting does not move", "a stopped hand stays", "commands are followed"}),
+    "stiffening": (Stiffening, {"a stopped hand stays"}),
+    "swallowing": (Swallowing, {"a with block stops on an error"}),
+    "abandoning": (Abandoning, {"a with block stops on an error"}),
+    "unfit": (unfit, {"description is sound"}),
+    "nan": (lambda: FakeHand(changed(q_rad=np.array([0, np.nan]))), {"states are sound"}),
+    "clock stands": (lambda: FakeHand(changed(time_s=0.03)), {"clock keeps the period"}),
+    "clock is fast": (
+        lambda: FakeHand(changed(time_s=lambda s: 3 * s.time_s, taxel_time_s=lambda s: 3 * s.taxel_time_s)),
+        {"clock keeps the period"},
+    ),
+    "stamps ahead": (
+        lambda: FakeHand(changed(taxel_time_s=lambda s: s.taxel_time_s + 1)),
+        {"states are sound"},
+    ),
+    "stop hangs": (
+        lambda: FakeHand(hang={"stop": 0.1}),
+        {"stop and close before connect", "stop is quick and can be repeated", "close can be repeated"},
+    ),
+    "observe hangs": (
+        lambda: FakeHand(hang={"observe": 0.2}),
+        {"states are sound", "states are not overwritten"},
+    ),
+    "stop raises": (lambda: FakeHand(raises={"stop": OSError("bus")}), {"stop is quick and can be repeated"}),
+    "cannot be made": (lambda: 1 / 0, {"states are sound", "description is sound"}),  # type: ignore[dict-item]
+}
+
+
+@pytest.mark.parametrize(("make", "expected"), BAD.values(), ids=BAD)
+def test_a_bad_driver_fails_the_check_that_is_meant_for_it(
+    make: Callable[[], FakeHand], expected: set[str]
+) -> None:
+    report = run_contract("bad", make, QUICK)
+    assert not report.ok
+    assert expected <= failed(report)
+    assert all(result.got for result in report.results if result.status == "failed")
+
+
+def test_a_hand_that_is_not_given_back() -> None:
+    Once.taken = False
+    report = run_contract("once", Once, QUICK)
+    assert {"the hand can be taken again", "states are not overwritten"} <= failed(report)
+
+
+def test_a_hand_that_shall_not_move_is_not_moved() -> None:
+    made: list[FakeHand] = []
+
+    def make() -> FakeHand:
+        made.append(FakeHand())
+        return made[-1]
+
+    report = run_contract("fake", make, ContractOptions(move=False))
+    assert report.ok
+    assert {r.name for r in report.results if r.status == "skipped"} == {"commands are followed"}
+    assert all(np.array_equal(q, np.zeros(2)) for hand in made for q in hand.commands)
+
+
+def test_no_joint_moves_further_than_stated() -> None:
+    made: list[FakeHand] = []
+
+    def make() -> FakeHand:
+        made.append(FakeHand())
+        return made[-1]
+
+    run_contract("fake", make, ContractOptions(step_rad=0.015))
+    angles = np.concatenate([hand.commands for hand in made if hand.commands])
+    assert np.abs(angles).max() == pytest.approx(0.015)
