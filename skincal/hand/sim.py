@@ -21,6 +21,9 @@ from skincal.sim import SimOptions, SimulatedHand, Truth, TruthOptions
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1
 
+LATEST_S = 1e6
+"""The hand's clock begins before this [s]."""
+
 
 class SimDriver(HandDriver):
     """A simulated hand with a reference skin whose truth is drawn by the seed.
@@ -34,6 +37,7 @@ class SimDriver(HandDriver):
         hand: name of a hand that comes with skincal, or the path of a ``hand.toml``.
         truth_path: file for the truth (JSON), written when the hand is connected.
         rate_hz: states and commands [Hz].
+        start_s: where the hand's clock begins [s], for a session that goes on: its noise is new, and it drifts on.
         options: physics.
         truth_options: ranges of the truth.
 
@@ -51,6 +55,7 @@ class SimDriver(HandDriver):
         hand: Annotated[str, "the hand: its name, or its hand.toml"] = "dlr_hand_2",
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
+        start_s: Annotated[float, "where the hand's clock begins [s]"] = 0.0,
         options: SimOptions | None = None,
         truth_options: TruthOptions | None = None,
     ) -> None:
@@ -59,7 +64,10 @@ class SimDriver(HandDriver):
             expected = f"a divisor of the physics' {self._options.physics_hz} Hz"
             raise InputError([Problem('driver "sim", option rate_hz', expected, str(rate_hz))])
         self._steps = self._options.physics_hz // rate_hz
-        self._seed = seed
+        if not 0 <= start_s < LATEST_S:
+            expected = f"a time from 0 to {LATEST_S:g} s"
+            raise InputError([Problem('driver "sim", option start_s', expected, str(start_s))])
+        self._seed, self._start_s = seed, start_s
         self._description = hand_named(hand)
         self._truth_path = truth_path
         self.truth = Truth.draw(
@@ -94,8 +102,9 @@ class SimDriver(HandDriver):
         """Begins a session: the hand stands at its home angles, at time 0 but for a first image."""
         self._halted.clear()
         if self._hand is None:
-            rng = np.random.default_rng([self._seed, _NOISE_STREAM])
-            self._hand = SimulatedHand(self._description, self.truth, rng, self._options)
+            later = [round(1e3 * self._start_s)] if self._start_s > 0 else []
+            rng = np.random.default_rng([self._seed, _NOISE_STREAM, *later])
+            self._hand = SimulatedHand(self._description, self.truth, rng, self._options, self._start_s)
             if self._truth_path is not None:
                 self._write_truth(self._truth_path)
 

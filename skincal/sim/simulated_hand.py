@@ -52,6 +52,7 @@ class SimulatedHand:
         truth: what is true of its skin and joints.
         rng: all noise.
         options: physics.
+        start_s: where the hand's clock begins [s]: a session that goes on drifts on.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class SimulatedHand:
         truth: Truth,
         rng: np.random.Generator,
         options: SimOptions | None = None,
+        start_s: float = 0.0,
     ) -> None:
         options = options or SimOptions()
         self.description = description
@@ -76,8 +78,8 @@ class SimulatedHand:
             1 / options.physics_hz,
         )
         self._fingers = Fingers(description, options, stiffness)
-        self._steps = 0
         self._between = options.physics_hz // options.taxel_hz
+        self._steps = round(start_s * options.taxel_hz) * self._between
         scan = np.linspace(-options.taxel_scan_s, 0.0, self._skin.taxels)
         self._scan_s = scan if self._skin.taxels > 1 else np.zeros(1)
         self._desired = self._measured_angles()
