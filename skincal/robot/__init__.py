@@ -1,6 +1,7 @@
 """What a hand is: its description, kinematics, and the contact that its joints tell of."""
 
 from skincal.robot.bundled import DEFAULT_HAND, bundled_hand
+from skincal.robot.chain import Chain, TipFrames
 from skincal.robot.contact import JointContact, contact_from_joints
 from skincal.robot.description import (
     FingerDescription,
@@ -10,7 +11,7 @@ from skincal.robot.description import (
 )
 from skincal.robot.hand_file import FORMAT, read_hand
 from skincal.robot.inverse import place_indenter
-from skincal.robot.kinematics import Chain, Kinematics, TipFrames
+from skincal.robot.kinematics import Kinematics
 
 __all__ = [
     "DEFAULT_HAND",

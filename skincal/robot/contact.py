@@ -12,8 +12,8 @@ from skincal.robot.kinematics import Kinematics
 
 FloatArray = NDArray[np.float64]
 
-_SINGULAR = 1e-6
-"""Smallest eigenvalue of the normal equations for the force, over the largest, that can be solved."""
+_SINGULAR = 1e6
+"""How many times the smallest eigenvalue of the normal equations for the force the largest may be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def contact_from_joints(
     """
     tau = kinematics.angles(tau_nm)
     q = kinematics.link_angles(q_rad, np.where(np.isfinite(tau), tau, 0.0))
-    skin, indenter = kinematics.skin.frames(q), kinematics.indenter.frames(q)
+    skin, indenter = kinematics.frames(q)
     centres = skin.to_tip(indenter.origins_m)
     radius = kinematics.description.meta.indenter.radius_m if indenter_radius_m is None else indenter_radius_m
     assert radius is not None
@@ -122,11 +122,24 @@ def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: F
     if not known.all():
         square = np.where(known[:, None, None], square, np.eye(3))
         right = np.where(known[:, None], right, np.nan)
-    # Of a positive matrix, determinant over trace cubed bounds the spread of its eigenvalues.
-    spread = np.linalg.det(square) / np.trace(square, axis1=1, axis2=2) ** 3
-    if np.any(spread < _SINGULAR):
-        raise WorkError(
-            "contact force: expected fingers whose joints can push in all directions; got a stretched or folded "
-            "posture in which a force does not show in the torques. Choose another pose of the fingers."
-        )
-    return np.asarray(np.linalg.solve(square, right[..., None])[..., 0], dtype=np.float64)
+    try:
+        inverse = np.asarray(np.linalg.inv(square), dtype=np.float64)
+    except np.linalg.LinAlgError as error:
+        raise _hidden() from error
+    # For eigenvalues l of a positive matrix, sum l times sum 1 / l bounds the ratio of the largest to the smallest.
+    # Rounding may make a matrix that has no inverse one of negative eigenvalues.
+    spread = _trace(square) * _trace(inverse)
+    if not np.all((spread > 0) & (spread <= _SINGULAR)):
+        raise _hidden()
+    return (inverse @ right[..., None])[..., 0]
+
+
+def _trace(matrices: FloatArray) -> FloatArray:
+    return matrices[:, 0, 0] + matrices[:, 1, 1] + matrices[:, 2, 2]
+
+
+def _hidden() -> WorkError:
+    return WorkError(
+        "contact force: expected fingers whose joints can push in all directions; got a stretched or folded "
+        "posture in which a force does not show in the torques. Choose another pose of the fingers."
+    )

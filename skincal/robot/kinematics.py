@@ -1,120 +1,22 @@
-"""Forward kinematics and Jacobians of both fingers, for many joint angles at once.
+"""Forward kinematics of both fingers, for many joint angles at once.
 
 All positions are in the frame of the URDF's root link unless a name says otherwise.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.dataset.findings import Findings
-from skincal.robot.description import FingerDescription, HandDescription
-from skincal.robot.urdf import Urdf, UrdfJoint, read_urdf
+from skincal.robot.chain import Chain, TipFrames
+from skincal.robot.description import HandDescription
+from skincal.robot.pair import ChainPair
+from skincal.robot.urdf import read_urdf
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class TipFrames:
-    """Frames of a tip link for K sets of joint angles, and the axes that move it.
-
-    Attributes:
-        rotations: (K, 3, 3) from the tip's frame to the root's.
-        origins_m: (K, 3) origins of the tip's frame [m].
-        axes: (K, J, 3) unit axes of the finger's J joints.
-        pivots_m: (K, J, 3) a point on each axis [m].
-    """
-
-    rotations: FloatArray
-    origins_m: FloatArray
-    axes: FloatArray
-    pivots_m: FloatArray
-
-    def to_tip(self, points_m: FloatArray) -> FloatArray:
-        """Points (K, 3) of the root's frame in the tip's frame."""
-        return ((points_m - self.origins_m)[:, None] @ self.rotations)[:, 0]
-
-    def to_root(self, points_m: FloatArray) -> FloatArray:
-        """Points (K, 3) of the tip's frame in the root's frame."""
-        return self.origins_m + (self.rotations @ points_m[..., None])[..., 0]
-
-
-@dataclass(frozen=True, eq=False)
-class Chain:
-    """A finger's joints from the root to its tip link, fixed steps merged into them.
-
-    A revolute joint turns by R(q) = constant + sin q * sine + cos q * cosine (Rodrigues' formula, the fixed step
-    before it multiplied in).
-
-    Attributes:
-        columns: (J,) where the finger's joints stand among all joints of the hand.
-        steps_m: (J, 3) from joint to joint, in the frame before the joint moves [m].
-        constant: (J, 3, 3).
-        sine: (J, 3, 3).
-        cosine: (J, 3, 3).
-        axes: (J, 3) axes in the frame before the joint moves.
-        slides: (J,) True where the joint is prismatic.
-        end_rotation: (3, 3) from the tip's frame to that of the last joint.
-        end_m: (3,) origin of the tip's frame in that of the last joint [m].
-    """
-
-    columns: NDArray[np.int64]
-    steps_m: FloatArray
-    constant: FloatArray
-    sine: FloatArray
-    cosine: FloatArray
-    axes: FloatArray
-    slides: NDArray[np.bool_]
-    end_rotation: FloatArray
-    end_m: FloatArray
-
-    @classmethod
-    def of(cls, urdf: Urdf, finger: FingerDescription, joints: tuple[str, ...]) -> Chain:
-        """The chain of a finger whose joints have been checked."""
-        rotation, origin = np.eye(3), np.zeros(3)
-        steps: list[FloatArray] = []
-        turns: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-        axes: list[FloatArray] = []
-        slides: list[bool] = []
-        for joint in urdf.chain(finger.tip_link):
-            origin = origin + rotation @ joint.origin_m
-            rotation = rotation @ joint.rotation
-            if joint.name not in finger.joints:
-                continue
-            steps.append(origin)
-            axes.append(rotation @ joint.axis)
-            turns.append(_turn(rotation, joint))
-            slides.append(joint.kind == "prismatic")
-            rotation, origin = np.eye(3), np.zeros(3)
-        columns = np.array([joints.index(name) for name in finger.joints], dtype=np.int64)
-        constant, sine, cosine = (np.array(part) for part in zip(*turns, strict=True))
-        return cls(columns, np.array(steps), constant, sine, cosine, np.array(axes), np.array(slides), rotation,
-                   origin)  # fmt: skip
-
-    def frames(self, q_rad: FloatArray) -> TipFrames:
-        """Frames of the tip for joint angles (K, n) of the whole hand [rad]."""
-        q = q_rad[:, self.columns]
-        sine, cosine = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
-        turns = self.constant + sine * self.sine + cosine * self.cosine
-        moves = self.axes * (q * self.slides)[..., None] if self.slides.any() else None
-        rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-        origin = np.zeros((len(q), 3))
-        axes, pivots = np.empty((*q.shape, 3)), np.empty((*q.shape, 3))
-        for j in range(q.shape[1]):
-            step = self.steps_m[j] if moves is None else self.steps_m[j] + moves[:, j]
-            origin = origin + (rotation @ step[..., None])[..., 0]
-            axes[:, j], pivots[:, j] = rotation @ self.axes[j], origin
-            rotation = rotation @ turns[:, j]
-        return TipFrames(rotation @ self.end_rotation, origin + rotation @ self.end_m, axes, pivots)
-
-    def jacobian(self, frames: TipFrames, points_m: FloatArray) -> FloatArray:
-        """Velocity of points (K, 3) fixed to the tip link, per joint velocity: (K, 3, J) [m/rad]."""
-        arm = points_m[:, None] - frames.pivots_m
-        columns = np.where(self.slides[:, None], frames.axes, cross(frames.axes, arm))
-        return np.swapaxes(columns, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +27,14 @@ class Kinematics:
 
     Attributes:
         description: the hand.
+        skin: the finger that carries the skin.
+        indenter: the finger with the indenter.
     """
 
     description: HandDescription
+    skin: Chain = field(init=False, repr=False)
+    indenter: Chain = field(init=False, repr=False)
+    _pair: ChainPair = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         findings = Findings()
@@ -135,18 +42,11 @@ class Kinematics:
         findings.raise_errors()
         assert urdf is not None
         joints = self.description.joints
-        object.__setattr__(self, "_skin", Chain.of(urdf, self.description.skin_finger, joints))
-        object.__setattr__(self, "_indenter", Chain.of(urdf, self.description.indenter_finger, joints))
-
-    @property
-    def skin(self) -> Chain:
-        """The finger that carries the skin."""
-        return self._skin  # type: ignore[attr-defined, no-any-return]
-
-    @property
-    def indenter(self) -> Chain:
-        """The finger with the indenter."""
-        return self._indenter  # type: ignore[attr-defined, no-any-return]
+        skin = Chain.of(urdf, self.description.skin_finger, joints)
+        indenter = Chain.of(urdf, self.description.indenter_finger, joints)
+        object.__setattr__(self, "skin", skin)
+        object.__setattr__(self, "indenter", indenter)
+        object.__setattr__(self, "_pair", ChainPair.of(skin, indenter))
 
     def skin_frames(self, q_rad: ArrayLike) -> TipFrames:
         """Fingertip frames for joint angles (K, n) or (n,) [rad]."""
@@ -156,10 +56,14 @@ class Kinematics:
         """Frames at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
         return self.indenter.frames(self.angles(q_rad))
 
+    def frames(self, q_rad: ArrayLike) -> tuple[TipFrames, TipFrames]:
+        """Frames of the fingertip and at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
+        return self._pair.frames(self.angles(q_rad))
+
     def centre_in_tip(self, q_rad: ArrayLike) -> FloatArray:
         """The sphere's centre in the fingertip frame (K, 3) [m], for joint angles (K, n) or (n,) [rad]."""
-        q = self.angles(q_rad)
-        return self.skin.frames(q).to_tip(self.indenter.frames(q).origins_m)
+        skin, indenter = self.frames(q_rad)
+        return skin.to_tip(indenter.origins_m)
 
     def link_angles(self, q_rad: ArrayLike, tau_nm: ArrayLike) -> FloatArray:
         """Angles of the links (K, n) [rad]: measured ones (K, n) less what the drives give under torques (K, n)."""
@@ -178,22 +82,3 @@ class Kinematics:
         if rows.ndim != 2 or rows.shape[1] != count:
             raise ValueError(f"expected values of {count} joints; got shape {np.shape(values)}")
         return rows
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of vectors (..., 3); numpy's own takes many times as long for a few."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
-
-
-def _turn(before: FloatArray, joint: UrdfJoint) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constant, sine and cosine part (3, 3) of a joint's rotation, after a fixed rotation."""
-    if joint.kind == "prismatic":
-        return before, np.zeros((3, 3)), np.zeros((3, 3))
-    x, y, z = joint.axis
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    along = np.outer(joint.axis, joint.axis)
-    return before @ along, before @ skew, before @ (np.eye(3) - along)

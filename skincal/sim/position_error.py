@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.errors import WorkError
-from skincal.robot import Kinematics, contact_from_joints, place_indenter
-from skincal.robot.kinematics import TipFrames
+from skincal.robot import Kinematics, TipFrames, contact_from_joints, place_indenter
 from skincal.sim.truth import Truth
 
 FloatArray = NDArray[np.float64]

@@ -60,7 +60,7 @@ def true_contact(
         q_rad: (n,) true angles [rad].
         force_root_n: (3,) force on the skin, root frame [N].
     """
-    skin, indenter = kinematics.skin_frames(q_rad), kinematics.indenter_frames(q_rad)
+    skin, indenter = kinematics.frames(q_rad)
     meta = kinematics.description.meta
     point, normal, height = nearest_on_surface(meta.surface.radius_m, skin.to_tip(indenter.origins_m))
     force = force_root_n @ skin.rotations[0]

@@ -122,6 +122,15 @@ def test_one_posture_is_a_row_of_many(hand: HandDescription) -> None:
     np.testing.assert_array_equal(kinematics.centre_in_tip(angles[1])[0], kinematics.centre_in_tip(angles)[1])
 
 
+def test_both_at_once_are_each_alone(hand: HandDescription) -> None:
+    kinematics = Kinematics(hand)
+    angles = some_angles(hand, 4)
+    alone = kinematics.skin_frames(angles), kinematics.indenter_frames(angles)
+    for one, other in zip(kinematics.frames(angles), alone, strict=True):
+        for name in ("rotations", "origins_m", "axes", "pivots_m"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-15)
+
+
 def test_wrong_number_of_joints_is_refused() -> None:
     with pytest.raises(ValueError, match="6 joints"):
         Kinematics(bundled_hand()).centre_in_tip(np.zeros(5))

@@ -1,0 +1,132 @@
+"""One finger: from joint angles to the frame of its tip, and to the Jacobian of a point on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.robot.description import FingerDescription
+from skincal.robot.urdf import Urdf, UrdfJoint
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TipFrames:
+    """Frames of a tip link for K sets of joint angles, and the axes that move it.
+
+    Attributes:
+        rotations: (K, 3, 3) from the tip's frame to the root's.
+        origins_m: (K, 3) origins of the tip's frame [m].
+        axes: (K, J, 3) unit axes of the finger's J joints.
+        pivots_m: (K, J, 3) a point on each axis [m].
+    """
+
+    rotations: FloatArray
+    origins_m: FloatArray
+    axes: FloatArray
+    pivots_m: FloatArray
+
+    def to_tip(self, points_m: FloatArray) -> FloatArray:
+        """Points (K, 3) of the root's frame in the tip's frame."""
+        return ((points_m - self.origins_m)[:, None] @ self.rotations)[:, 0]
+
+    def to_root(self, points_m: FloatArray) -> FloatArray:
+        """Points (K, 3) of the tip's frame in the root's frame."""
+        return self.origins_m + (self.rotations @ points_m[..., None])[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A finger's joints from the root to its tip link, fixed steps merged into them.
+
+    A revolute joint turns by R(q) = constant + sin q * sine + cos q * cosine (Rodrigues' formula, the fixed step
+    before it multiplied in).
+
+    Attributes:
+        columns: (J,) where the finger's joints stand among all joints of the hand.
+        steps_m: (J, 3) from joint to joint, in the frame before the joint moves [m].
+        constant: (J, 3, 3).
+        sine: (J, 3, 3).
+        cosine: (J, 3, 3).
+        axes: (J, 3) axes in the frame before the joint moves.
+        slides: (J,) True where the joint is prismatic.
+        end_rotation: (3, 3) from the tip's frame to that of the last joint.
+        end_m: (3,) origin of the tip's frame in that of the last joint [m].
+    """
+
+    columns: NDArray[np.int64]
+    steps_m: FloatArray
+    constant: FloatArray
+    sine: FloatArray
+    cosine: FloatArray
+    axes: FloatArray
+    slides: NDArray[np.bool_]
+    end_rotation: FloatArray
+    end_m: FloatArray
+
+    @classmethod
+    def of(cls, urdf: Urdf, finger: FingerDescription, joints: tuple[str, ...]) -> Chain:
+        """The chain of a finger whose joints have been checked."""
+        rotation, origin = np.eye(3), np.zeros(3)
+        steps: list[FloatArray] = []
+        turns: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        axes: list[FloatArray] = []
+        slides: list[bool] = []
+        for joint in urdf.chain(finger.tip_link):
+            origin = origin + rotation @ joint.origin_m
+            rotation = rotation @ joint.rotation
+            if joint.name not in finger.joints:
+                continue
+            steps.append(origin)
+            axes.append(rotation @ joint.axis)
+            turns.append(_turn(rotation, joint))
+            slides.append(joint.kind == "prismatic")
+            rotation, origin = np.eye(3), np.zeros(3)
+        columns = np.array([joints.index(name) for name in finger.joints], dtype=np.int64)
+        constant, sine, cosine = (np.array(part) for part in zip(*turns, strict=True))
+        return cls(columns, np.array(steps), constant, sine, cosine, np.array(axes), np.array(slides), rotation,
+                   origin)  # fmt: skip
+
+    def frames(self, q_rad: FloatArray) -> TipFrames:
+        """Frames of the tip for joint angles (K, n) of the whole hand [rad]."""
+        q = q_rad[:, self.columns]
+        sine, cosine = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
+        turns = self.constant + sine * self.sine + cosine * self.cosine
+        moves = self.axes * (q * self.slides)[..., None] if self.slides.any() else None
+        rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+        origin = np.zeros((len(q), 3))
+        axes, pivots = np.empty((*q.shape, 3)), np.empty((*q.shape, 3))
+        for j in range(q.shape[1]):
+            step = self.steps_m[j] if moves is None else self.steps_m[j] + moves[:, j]
+            origin = origin + (rotation @ step[..., None])[..., 0]
+            axes[:, j], pivots[:, j] = rotation @ self.axes[j], origin
+            rotation = rotation @ turns[:, j]
+        return TipFrames(rotation @ self.end_rotation, origin + rotation @ self.end_m, axes, pivots)
+
+    def jacobian(self, frames: TipFrames, points_m: FloatArray) -> FloatArray:
+        """Velocity of points (K, 3) fixed to the tip link, per joint velocity: (K, 3, J) [m/rad]."""
+        arm = points_m[:, None] - frames.pivots_m
+        columns = np.where(self.slides[:, None], frames.axes, cross(frames.axes, arm))
+        return np.swapaxes(columns, 1, 2)
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of vectors (..., 3); numpy's own takes many times as long for a few."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
+
+
+def _turn(before: FloatArray, joint: UrdfJoint) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Constant, sine and cosine part (3, 3) of a joint's rotation, after a fixed rotation."""
+    if joint.kind == "prismatic":
+        return before, np.zeros((3, 3)), np.zeros((3, 3))
+    x, y, z = joint.axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    along = np.outer(joint.axis, joint.axis)
+    return before @ along, before @ skew, before @ (np.eye(3) - along)
