@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from skincal.cli import dataset, export_dr, fit, hand, imports, predict, serve_hand
+from skincal.cli import collect, dataset, export_dr, fit, hand, imports, predict, serve_hand
 
 
 def register(app: typer.Typer) -> None:
@@ -13,6 +13,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(imports.app, name="import")
     app.add_typer(hand.app, name="hand")
     app.command("serve-hand", epilog=serve_hand.EPILOG)(serve_hand.serve_hand)
+    app.command("collect", epilog=collect.EPILOG)(collect.collect)
     app.command("fit", epilog=fit.EPILOG)(fit.fit)
     app.command("predict", epilog=predict.EPILOG)(predict.predict)
     app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)

@@ -1,0 +1,338 @@
+"""``skincal collect``: let a hand press its own skin, and write what came of it as a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
+from skincal.cli.hand import DriverOptionsOption, find_modules_here
+
+if TYPE_CHECKING:
+    from skincal.collect import Collected, Need, Plan
+    from skincal.hand import HandDriver
+    from skincal.robot import HandDescription
+
+EPILOG = example(
+    "skincal collect --driver sim --seed 7 --out run",
+    "skincal collect --driver sim --effect hysteresis=1 --truth truth.json --out run --json",
+)
+
+
+def collect(
+    out: OutOption,
+    driver: Annotated[
+        str,
+        typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class."),
+    ] = "sim",
+    seed: SeedOption = 0,
+    protocol: Annotated[
+        str,
+        typer.Option(
+            "--protocol", help="`full`: presses that let every effect show; `paper`: 60 static ones."
+        ),
+    ] = "full",
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan", help="A plan of your own, TOML or CSV, instead of a protocol.", show_default=False
+        ),
+    ] = None,
+    plan_only: Annotated[
+        bool,
+        typer.Option(
+            "--plan-only", help="Move nothing; write the plan and its picture, as OUT-plan.toml and .png."
+        ),
+    ] = False,
+    second_indenter_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--second-indenter-mm",
+            min=0.5,
+            max=50.0,
+            help="Radius of a second sphere: presses with it at the end of the full protocol; you are asked to "
+            "change the cap.",
+            show_default=False,
+        ),
+    ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect",
+            metavar="NAME=STRENGTH",
+            help="An effect that the simulated skin has, 1 being a typical case; may be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            "--truth", help="File for the simulated hand's hidden truth (JSON).", show_default=False
+        ),
+    ] = None,
+    hand: Annotated[
+        str | None,
+        typer.Option(
+            "--hand",
+            help="The hand: its name or its hand.toml, for drivers that take it.",
+            show_default=False,
+        ),
+    ] = None,
+    driver_option: DriverOptionsOption = None,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Throw an interrupted session away and begin anew.")
+    ] = False,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Press the skin with the hand's own indenter, at a regulated force, and write the dataset.
+
+    Contact points and forces come from joint angles and torques. Every finished press is kept at once: a session that
+    was interrupted, however, goes on where it was when the same command is given again.
+    """
+    from skincal.collect import collect as run
+    from skincal.collect import journal_folder
+    from skincal.files import refuse_existing
+
+    find_modules_here()
+    options = _driver_options(driver, seed, effect, truth, hand, driver_option)
+    made = _create(driver, options, None)
+    description = made.description
+    chosen = _plan(plan, protocol, seed, description, second_indenter_mm)
+    if plan_only:
+        _show_plan(chosen, description, out, force, as_json)
+        return
+    _check_indenters(driver, chosen)
+    if truth is not None and not journal_folder(out).exists():
+        refuse_existing(truth, force=force)
+    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
+    with _progress(len(chosen)) as told, _resumable(out):
+        found = run(
+            chosen,
+            description,
+            _maker(driver, options, told.pause),
+            out,
+            key=key,
+            source=_source(driver, seed, chosen, effect, description),
+            force=force,
+            restart=restart,
+            watch=told,
+        )
+    if as_json:
+        print_json(_as_json(found, out))
+        return
+    _tell(found, out)
+
+
+def _driver_options(
+    driver: str,
+    seed: int,
+    effect: list[str] | None,
+    truth: Path | None,
+    hand: str | None,
+    given: list[str] | None,
+) -> dict[str, Any]:
+    """The driver's options; those of skincal's own that it does not have are an error when it is made."""
+    from skincal.errors import InputError, Problem
+    from skincal.hand.registry import driver_options, parse_options
+
+    known = {option.name for option in driver_options(driver)}
+    options: dict[str, Any] = dict(parse_options(given or []))
+    ours = {"effects": _effects(effect), "truth_path": truth, "hand": hand}
+    own: dict[str, Any] = {name: value for name, value in ours.items() if value}
+    if "seed" in known:
+        own["seed"] = seed
+    twice = [name for name in own if name in options]
+    if twice:
+        got = ", ".join(twice)
+        raise InputError([Problem("--driver-option", "options that have no option of their own", got)])
+    return {**options, **own}
+
+
+def _effects(given: list[str] | None) -> dict[str, float]:
+    from skincal.errors import InputError, Problem
+
+    effects: dict[str, float] = {}
+    for text in given or []:
+        name, _, strength = text.partition("=")
+        try:
+            effects[name.strip()] = float(strength)
+        except ValueError:
+            raise InputError(
+                [Problem("--effect", "NAME=STRENGTH, the strength a number", f'"{text}"')]
+            ) from None
+    return effects
+
+
+def _create(driver: str, options: dict[str, Any], need: Need | None) -> HandDriver:
+    """Makes the driver; one that has a clock to set goes on where the session is."""
+    from skincal.collect.connection import GAP_S
+    from skincal.hand.registry import create_driver, driver_options
+
+    later: dict[str, Any] = {}
+    if need is not None and need.session_s > 0 and "start_s" in {o.name for o in driver_options(driver)}:
+        later = {"start_s": need.session_s + GAP_S}
+    return create_driver(driver, **{**options, **later})
+
+
+def _maker(driver: str, options: dict[str, Any], pause: Callable[[], None]) -> Callable[[Need], HandDriver]:
+    """Makes drivers, and asks for another cap where the plan needs one."""
+    mounted: list[float | None] = [None]
+
+    def make(need: Need) -> HandDriver:
+        if need.indenter_radius_m != mounted[0]:
+            pause()
+            size = (
+                "the hand's own" if need.indenter_radius_m is None else f"{1e3 * need.indenter_radius_m:g} mm"
+            )
+            typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
+            mounted[0] = need.indenter_radius_m
+        return _create(driver, options, need)
+
+    return make
+
+
+def _plan(
+    path: Path | None, protocol: str, seed: int, description: HandDescription, second_mm: float | None
+) -> Plan:
+    import numpy as np
+
+    from skincal.collect import PROTOCOLS, Mount, full_plan, paper_plan, read_plan
+    from skincal.errors import InputError, Problem
+
+    mount = Mount.of(description.meta)
+    if second_mm is not None and (path is not None or protocol != "full"):
+        got = str(path) if path is not None else f"--protocol {protocol}"
+        raise InputError([Problem("--second-indenter-mm", "the full protocol", got)])
+    if path is not None:
+        return read_plan(path, mount)
+    if protocol not in PROTOCOLS:
+        raise InputError([Problem("--protocol", f"one of {', '.join(PROTOCOLS)}", f'"{protocol}"')])
+    rng = np.random.default_rng([seed, len(protocol)])
+    if protocol == "paper":
+        return paper_plan(rng, mount.layout)
+    return full_plan(rng, mount.layout, second_indenter_m=None if second_mm is None else second_mm * 1e-3)
+
+
+def _check_indenters(driver: str, plan: Plan) -> None:
+    """The simulated hand has one cap."""
+    from skincal.errors import InputError, Problem
+
+    if driver == "sim" and any(press.indenter_radius_m is not None for press in plan.presses):
+        fix = "Its radius is that of [indenter] in hand.toml."
+        raise InputError(
+            [Problem("--driver sim", "a plan with the hand's own indenter", "one with another", fix)]
+        )
+
+
+def _source(
+    driver: str, seed: int, plan: Plan, effect: list[str] | None, description: HandDescription
+) -> str:
+    simulated = f", seed {seed}" if driver == "sim" else ""
+    effects = f", effects {', '.join(effect)}" if effect else ""
+    return f"skincal collect: driver {driver}{simulated}{effects}, plan {plan.name}, {description.name}"
+
+
+def _show_plan(plan: Plan, description: HandDescription, out: Path, force: bool, as_json: bool) -> None:
+    """Writes the plan and its picture, and says what is in it."""
+    from skincal.collect import KINDS, CollectOptions, write_plan
+    from skincal.collect.duration import duration_s
+    from skincal.collect.poses import with_poses
+    from skincal.collect.posture import Fingers
+    from skincal.collect.sites import Mount
+    from skincal.files import refuse_existing, whole_file
+    from skincal.report.plan import plan_figure
+    from skincal.report.style import save
+    from skincal.robot import Kinematics
+
+    file, picture = (out.with_name(f"{out.name}-plan{suffix}") for suffix in (".toml", ".png"))
+    for path in (file, picture):
+        refuse_existing(path, force=force)
+    fingers = Fingers(Kinematics(description), Mount.of(description.meta))
+    plan = with_poses(plan, fingers, CollectOptions())
+    write_plan(plan, file, force=force)
+    with whole_file(picture, force=force) as temporary:
+        save(plan_figure(plan, fingers.mount), temporary)
+    kinds = {kind: plan.count(kind) for kind in KINDS}
+    seconds = duration_s(plan, fingers, CollectOptions())
+    if as_json:
+        print_json({"presses": len(plan), "kinds": kinds, "poses": list(plan.pose_names), "seconds": seconds,
+                    "plan": file, "picture": picture})  # fmt: skip
+        return
+    told = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
+    typer.echo(f"{plan.name}: {len(plan)} presses ({told}), poses {', '.join(plan.pose_names)}")
+    typer.echo(f"about {seconds:.0f} s of the hand's time; nothing was moved")
+    typer.echo(f"plan: {file}   picture: {picture}")
+
+
+@contextmanager
+def _progress(total: int) -> Generator[Any]:
+    from skincal.cli.collect_progress import Told
+
+    told = Told(total)
+    try:
+        with told:
+            yield told
+    finally:
+        told.pause()
+
+
+@contextmanager
+def _resumable(out: Path) -> Generator[None]:
+    """Whatever ends a session, it says what is kept and how to go on; SIGTERM ends it as Ctrl-C does."""
+    import signal
+
+    from skincal.errors import WorkError
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        say(f"skincal: interrupted; the hand was stopped. {_kept(out)}")
+        raise typer.Exit(130) from None
+    except WorkError:
+        say(f"skincal: the session ended early. {_kept(out)}")
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _kept(out: Path) -> str:
+    from skincal.collect import journal_folder
+
+    folder = journal_folder(out)
+    done = len(list(folder.glob("press-*.npz")))
+    if not done:
+        return "No press was finished."
+    return (
+        f"{done} finished presses are kept in {folder}; give the same command again to go on with the next."
+    )
+
+
+def _as_json(found: Collected, out: Path) -> dict[str, Any]:
+    return {
+        "presses": len(found.dataset.presses),
+        "missed_target": found.missed_target,
+        "dataset": out,
+        "status": found.statuses,
+        "resumed": found.resumed,
+        "session_s": round(found.session_s, 3),
+    }
+
+
+def _tell(found: Collected, out: Path) -> None:
+    if found.resumed:
+        say(f"{found.resumed} presses were taken from an interrupted session.")
+    marks = ", ".join(f"{count} {name}" for name, count in found.statuses.items())
+    typer.echo(
+        f"{len(found.dataset.presses)} presses ({marks}), {found.missed_target} missed their target, "
+        f"{found.session_s:.0f} s of the hand's time"
+    )
+    typer.echo(f"dataset: {out}")

@@ -1,0 +1,132 @@
+"""What a person sees of a session while it runs: presses done, force, taxels, time left."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from skincal.cli.common import say
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.live import Live
+    from rich.text import Text
+
+    from skincal.collect import Progress
+
+EVERY_S = 0.1
+"""The picture in the terminal is drawn anew after this time [s]."""
+
+LINE_EVERY = 10
+"""Without a terminal there is a line after so many presses."""
+
+FULL_COUNTS = 255.0
+
+
+class Told:
+    """Shows where a session is: a live picture on a terminal, else a line now and then; on standard error.
+
+    Args:
+        total: presses of the plan.
+    """
+
+    def __init__(self, total: int) -> None:
+        from rich.console import Console
+
+        self._console = Console(stderr=True)
+        self._live: Live | None = None
+        self._total = total
+        self._began = self._drawn = time.monotonic()
+        self._first: int | None = None
+        self._said = -1
+
+    def __enter__(self) -> Self:
+        """Begins to show."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Takes the picture away."""
+        self.pause()
+
+    def pause(self) -> None:
+        """Takes the picture away until there is something new to show."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def __call__(self, progress: Progress) -> None:
+        """Is told where the session is."""
+        if self._first is None:
+            self._first = progress.done
+            if progress.done:
+                say(f"skincal: going on after {progress.done} finished presses")
+        if not self._console.is_terminal:
+            self._line(progress)
+            return
+        now = time.monotonic()
+        if now - self._drawn < EVERY_S:
+            return
+        self._drawn = now
+        if self._live is None:
+            from rich.live import Live
+
+            self._live = Live(console=self._console, transient=True, auto_refresh=False)
+            self._live.start()
+        self._live.update(self._picture(progress), refresh=True)
+
+    def left_s(self, progress: Progress) -> float:
+        """Time that the rest will take if it goes on as so far [s]; NaN while nothing is known."""
+        done = progress.done - (self._first or 0)
+        if done < 1:
+            return float("nan")
+        return (time.monotonic() - self._began) / done * (progress.total - progress.done)
+
+    def _line(self, progress: Progress) -> None:
+        if progress.done % LINE_EVERY or progress.done in (self._said, self._first, progress.total):
+            return
+        self._said = progress.done
+        say(f"{progress.done} of {progress.total} presses, about {self.left_s(progress):.0f} s left")
+
+    def _picture(self, progress: Progress) -> Group:
+        from rich.console import Group
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        left = self.left_s(progress)
+        planned, sample = progress.planned, progress.sample
+        head = Table.grid(padding=(0, 2))
+        head.add_row(
+            f"press {progress.done + 1} of {progress.total}",
+            ProgressBar(progress.total, progress.done, width=30),
+            "" if np.isnan(left) else f"{left:.0f} s left",
+        )
+        force = Text(f"{progress.doing:9s} {sample.force_n:6.2f} N of {planned.force_n:.2f} N")
+        return Group(head, force, taxel_image(sample.state.taxels))
+
+
+def taxel_image(taxels: np.ndarray, columns: int | None = None) -> Text:
+    """Taxel values (J,) [counts] as small blocks of colour, row 0 at the bottom; a dead taxel shows a cross.
+
+    Args:
+        taxels: values, flat index r * columns + c.
+        columns: number of columns; None: a square.
+    """
+    from rich.text import Text
+
+    columns = columns or max(1, round(len(taxels) ** 0.5))
+    text = Text()
+    for row in np.flipud(taxels.reshape(-1, columns)):
+        for value in row:
+            if np.isnan(value):
+                text.append("x ", style="red")
+            else:
+                level = int(np.clip(value / FULL_COUNTS, 0, 1) ** 0.5 * 255)
+                text.append("  ", style=f"on rgb({level},{level // 2 + 40},{120 - level // 3})")
+        text.append("\n")
+    return text

@@ -1,0 +1,94 @@
+"""The picture of a plan: where it presses, how hard, and in which order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from skincal.collect import KINDS, Mount, Plan
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LIGHT,
+    ORANGE,
+    RED,
+    equal_axes_mm,
+    new_figure,
+    style,
+)
+
+COLOURS = dict(zip(KINDS, (BLUE, RED, GREEN, ORANGE), strict=True))
+LARGEST_MARK_PT2 = 110.0
+
+
+def plan_figure(plan: Plan, mount: Mount) -> Figure:
+    """Draws a plan.
+
+    Args:
+        plan: the plan.
+        mount: the patch as it nominally lies.
+
+    Returns:
+        A figure with the sites on the patch, and the forces over the order of the presses.
+    """
+    with style():
+        figure = new_figure(11.5, 5.2, f"{plan.name}: {len(plan)} presses")
+        sites, order = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
+        _draw_sites(sites, plan, mount)
+        _draw_order(order, plan)
+    return figure
+
+
+def _draw_sites(axes: Axes, plan: Plan, mount: Mount) -> None:
+    layout = mount.layout
+    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
+        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
+        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=GREY, linewidth=0.6))
+    uv = 1e3 * plan.sites_m()
+    force = np.array([press.force_n for press in plan.presses])
+    look: Any = {"edgecolors": BLACK, "linewidths": 0.4, "alpha": 0.75}
+    for kind in KINDS:
+        rows = np.array([press.kind == kind for press in plan.presses])
+        if rows.any():
+            area = np.clip(LARGEST_MARK_PT2 * force[rows] / force.max(), 5, None)
+            axes.scatter(*uv[rows].T, s=area, color=COLOURS[kind], label=f"{kind} ({rows.sum()})", **look)
+    axes.update_datalim(1e3 * layout.bounds_m)
+    axes.autoscale_view()
+    equal_axes_mm(axes, "u", "v")
+    axes.set_title("Sites on the patch, at its nominal pose; area: force")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=len(KINDS), borderaxespad=0.0)
+
+
+def _draw_order(axes: Axes, plan: Plan) -> None:
+    number = np.arange(len(plan))
+    force = np.array([press.force_n for press in plan.presses])
+    speeds = sorted({press.speed_m_per_s for press in plan.presses})
+    for kind in KINDS:
+        for speed, marker in zip(speeds, "osD^v" * len(speeds), strict=False):
+            rows = np.array([p.kind == kind and p.speed_m_per_s == speed for p in plan.presses])
+            axes.plot(number[rows], force[rows], marker, color=COLOURS[kind], markersize=4)
+    _draw_poses(axes, plan)
+    axes.set_title(
+        "Order; " + ", ".join(f"{m}: {1e3 * s:g} mm/s" for s, m in zip(speeds, "osD^v", strict=False))
+    )
+    axes.set_xlabel("press")
+    axes.set_ylabel("force [N]")
+    axes.set_ylim(bottom=0)
+    axes.grid(axis="y")
+
+
+def _draw_poses(axes: Axes, plan: Plan) -> None:
+    """Every second pose has a grey ground."""
+    names = plan.pose_names
+    for i, press in enumerate(plan.presses):
+        if names.index(press.pose) % 2:
+            axes.axvspan(i - 0.5, i + 0.5, color=LIGHT, linewidth=0, zorder=0)
+    if len(names) > 1:
+        text = f"white: pose {', '.join(names[::2])}; grey: pose {', '.join(names[1::2])}"
+        axes.annotate(text, (1, 1), (0, 4), "axes fraction", "offset points", ha="right", fontsize=8)
