@@ -1,0 +1,41 @@
+"""Names of the robot and sim rooms that others rely on."""
+
+from __future__ import annotations
+
+import skincal.robot
+import skincal.sim
+
+ROBOT = {
+    "DEFAULT_HAND",
+    "FORMAT",
+    "Chain",
+    "FingerDescription",
+    "HandDescription",
+    "ImpedanceGains",
+    "JointContact",
+    "JointLimits",
+    "Kinematics",
+    "TipFrames",
+    "bundled_hand",
+    "contact_from_joints",
+    "place_indenter",
+    "read_hand",
+}
+SIM = {
+    "JointTruth",
+    "PositionError",
+    "ReferenceSkin",
+    "SimOptions",
+    "SimReading",
+    "SimulatedHand",
+    "TrueContact",
+    "Truth",
+    "TruthOptions",
+    "position_error",
+}
+
+
+def test_public_names() -> None:
+    for module, names in ((skincal.robot, ROBOT), (skincal.sim, SIM)):
+        assert set(module.__all__) == names
+        assert all(getattr(module, name) is not None for name in names)
