@@ -12,7 +12,7 @@ from skincal.dataset.findings import Findings
 from skincal.errors import InputError
 from skincal.imports import targets
 from skincal.imports.bag_file import check_topics, opened
-from skincal.imports.csv_source import joined, length
+from skincal.imports.csv_source import constant, joined, length
 from skincal.imports.mapping import BagFormat, Mapping, Quantity
 from skincal.imports.recording import Column, Dropped, FloatArray, ReadFile, Recording
 from skincal.imports.resample import resampled
@@ -106,7 +106,7 @@ def _recording(mapping: Mapping, part: int, file: str, collector: Collector, zer
 
 def _values(quantity: Quantity, collector: Collector, zero_ns: int, onto_s: FloatArray) -> Column:
     if quantity.constant is not None:
-        return np.array([quantity.constant] * len(onto_s), dtype=object if quantity.unit.name == "" else None)
+        return constant(quantity.constant, len(onto_s))
     stream = collector.streams[quantity.topic]
     samples = [stream.samples.get(path, []) for path in quantity.sources]
     if targets.is_text(quantity.target):

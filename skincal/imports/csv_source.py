@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,8 +111,7 @@ def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
 
 def _values(quantity: Quantity, table: TextTable) -> Column:
     if quantity.constant is not None:
-        dtype: Any = object if isinstance(quantity.constant, str) else np.float64
-        return np.full(table.rows, quantity.constant, dtype=dtype)
+        return constant(quantity.constant, table.rows)
     if targets.is_text(quantity.target):
         return np.array(
             [quantity.words.get(word, word) for word in table.text(quantity.sources[0])], dtype=object
@@ -122,6 +120,11 @@ def _values(quantity: Quantity, table: TextTable) -> Column:
         return _dates(quantity.sources[0], table)
     parts = [quantity.si(table.numbers(name)) for name in quantity.sources]
     return parts[0] if len(parts) == 1 else length(parts)
+
+
+def constant(value: float | str, rows: int) -> Column:
+    """A column that holds the same in every row."""
+    return np.full(rows, value, dtype=object if isinstance(value, str) else np.float64)
 
 
 def length(parts: Sequence[FloatArray]) -> FloatArray:

@@ -45,6 +45,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, printed
 
 
+@pytest.mark.slow
 def test_table_of_presses_comes_back(page: tuple[Path, str]):
     found = read_dataset(page[0] / "dataset").presses
     ours = pd.read_csv(ROOT / "data" / "paper-like" / "presses.csv")
@@ -52,6 +53,7 @@ def test_table_of_presses_comes_back(page: tuple[Path, str]):
     assert found.position_m[:, 1] == pytest.approx(ours.y_m, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_series_gives_every_press(page: tuple[Path, str]):
     ours = pd.read_csv(ROOT / "data" / "paper-like" / "presses.csv")
     found = read_dataset(page[0] / "session")
@@ -59,12 +61,14 @@ def test_series_gives_every_press(page: tuple[Path, str]):
     assert found.presses.force_n == pytest.approx(ours.force_n, rel=0.01)
 
 
+@pytest.mark.slow
 def test_bag_gives_its_presses(page: tuple[Path, str]):
     ours = pd.read_csv(ROOT / "data" / "paper-like" / "presses.csv").head(5)
     found = read_dataset(page[0] / "recorded")
     assert found.presses.force_n == pytest.approx(ours.force_n, rel=0.01)
 
 
+@pytest.mark.slow
 def test_refusals_name_the_place_and_leave_nothing(page: tuple[Path, str]):
     folder, printed = page
     assert not (folder / "other").exists()
