@@ -121,7 +121,7 @@ def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
         top.error(
             "press",
             "a table [[press]] for each press",
-            "nothing" if given is None else str(cast("object", given)),
+            "nothing" if given is None else str(given),
         )
     for i, row in enumerate(cast("list[Any]", given) if isinstance(given, list) else []):
         if isinstance(row, dict):
@@ -132,18 +132,19 @@ def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
 
 
 def _poses(top: TomlTable) -> Poses:
-    given = top.raw("poses")
+    given: object = top.raw("poses")
     if given is None:
         return {}
     if not isinstance(given, dict):
-        top.error("poses", "a table with the angles [rad] of each pose", given)
+        top.error("poses", "a table with the angles [rad] of each pose", str(given))
         return {}
     poses: Poses = {}
     for name, angles in cast("dict[str, Any]", given).items():
         if isinstance(angles, list) and all(_is_number(angle) for angle in cast("list[Any]", angles)):
             poses[name] = cast("list[float]", angles)
         else:
-            top.error(f"poses.{name}", "a list of angles [rad], one a joint of the finger", angles)
+            got = str(cast("object", angles))
+            top.error(f"poses.{name}", "a list of angles [rad], one a joint of the finger", got)
     return poses
 
 

@@ -1,0 +1,69 @@
+"""The journal: what is kept is whole, another session is refused, half-written files do not count."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skincal.collect.journal import Journal
+from skincal.errors import InputError
+
+KEY = {"plan": "full", "seed": 7}
+
+
+def open_journal(path: Path, *, restart: bool = False, **changes: object) -> Journal:
+    return Journal.open(path / ".run.collect", {**KEY, **changes}, {"created": "now"}, restart=restart)
+
+
+def test_what_is_kept_comes_back(tmp_path: Path):
+    journal = open_journal(tmp_path)
+    journal.keep_press(3, {"a": np.arange(3.0), "text": np.array("A")})
+    journal.keep_rest({"b": np.ones(2)})
+    journal.connected({"first": 0, "resumed": False})
+    again = open_journal(tmp_path)
+    assert again.head["created"] == "now"
+    assert list(again.presses()) == [3]
+    np.testing.assert_array_equal(again.presses()[3]["a"], np.arange(3.0))
+    assert str(again.presses()[3]["text"]) == "A"
+    assert len(again.rests()) == 1 and again.connections() == [{"first": 0, "resumed": False}]
+
+
+def test_another_session_is_refused_with_the_choices(tmp_path: Path):
+    open_journal(tmp_path).keep_press(0, {"a": np.ones(1)})
+    with pytest.raises(InputError) as caught:
+        open_journal(tmp_path, seed=8)
+    text = str(caught.value)
+    assert "seed 8" in text and "seed 7, with 1 finished presses" in text and "--restart" in text
+    assert open_journal(tmp_path, restart=True, seed=8).presses() == {}
+
+
+@pytest.mark.parametrize("content", [b"", b"half a fi", b"PK\x03\x04 no archive"])
+def test_a_file_that_is_not_whole_does_not_count(tmp_path: Path, content: bytes):
+    journal = open_journal(tmp_path)
+    journal.keep_press(0, {"a": np.ones(1)})
+    (journal.folder / "press-00001.npz").write_bytes(content)
+    (journal.folder / ".press-00002.npz.part").write_bytes(b"cut off")
+    assert list(open_journal(tmp_path).presses()) == [0]
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path):
+    folder = tmp_path / ".run.collect"
+    folder.mkdir()
+    (folder / "press-00000.npz").write_bytes(b"mine")
+    with pytest.raises(InputError, match="--restart"):
+        open_journal(tmp_path)
+    assert (folder / "press-00000.npz").read_bytes() == b"mine"
+
+
+def test_a_folder_in_which_nothing_was_begun_is_used(tmp_path: Path):
+    (tmp_path / ".run.collect").mkdir()
+    assert open_journal(tmp_path).presses() == {}
+
+
+def test_removing_leaves_nothing(tmp_path: Path):
+    journal = open_journal(tmp_path)
+    journal.keep_press(0, {"a": np.ones(1)})
+    journal.remove()
+    assert not list(tmp_path.iterdir())
