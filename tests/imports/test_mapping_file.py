@@ -193,3 +193,32 @@ def test_units(kind: str, name: str, value: float, si: float):
 
 def test_first_unit_of_each_kind_is_that_of_the_dataset():
     assert [next(iter(units.items()))[1] for units in FACTORS.values()] == [1.0] * len(FACTORS)
+
+
+ODD: list[Any] = [0, -1, 1.5, True, "", "x", [], [1, "a"], {}, {"a": 1}, float("nan"), float("inf")]
+
+
+def paths(content: dict[str, Any], before: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Every key of a mapping, also of tables inside it."""
+    found: list[tuple[str, ...]] = []
+    for key, value in content.items():
+        found.append((*before, key))
+        found += paths(value, (*before, key)) if isinstance(value, dict) else []
+    return found
+
+
+@pytest.mark.parametrize(("part", "source"), [(PRESS_ROWS, "csv"), (SERIES, "csv"), (BAG, "bag")])
+def test_odd_values_anywhere_are_read_or_refused_but_never_break(tmp_path: Path, part: dict, source: str):
+    extra = {"series": {"by": "force"}, "frame": {"rotation_deg": [0, 0, 0], "project": False}}
+    content = mapping(part, extra if part is not PRESS_ROWS else {"frame": extra["frame"]})
+    for path in paths(content):
+        for odd in ODD:
+            changed = mapping(content)
+            inside = changed
+            for key in path[:-1]:
+                inside = inside[key]
+            inside[path[-1]] = odd
+            try:
+                read_mapping(write_mapping(tmp_path, changed), source)
+            except InputError as error:
+                assert error.problems, (path, odd)
