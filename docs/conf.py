@@ -39,6 +39,7 @@ extensions = [
     "verbs",
     "results",
     "presets",
+    "effects",
 ]
 exclude_patterns = ["_build", "**.ipynb_checkpoints"]
 

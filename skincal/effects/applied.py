@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, TypeVar
 
 from numpy.typing import ArrayLike
@@ -31,6 +32,16 @@ class Applied:
 
     effect: Effect
     values: Values
+
+    @cached_property
+    def neutral(self) -> bool:
+        """Whether the effect is not there."""
+        return self.effect.is_neutral(self.values)
+
+    @cached_property
+    def needs(self) -> tuple[str, ...]:
+        """Covariates that the effect needs at these values."""
+        return self.effect.needs(self.values)
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -69,9 +80,9 @@ def at_work(
     """
     found: list[tuple[int, Kind, Values]] = []
     for number, one in enumerate(all_of_them):
-        if not isinstance(one.effect, kind) or one.effect.is_neutral(one.values):
+        if not isinstance(one.effect, kind) or one.neutral:
             continue
-        lacking = [name for name in one.effect.needs(one.values) if not samples.has(name)]
+        lacking = [name for name in one.needs if not samples.has(name)]
         if not lacking:
             found.append((number, one.effect, one.values))
         elif missing == "error":

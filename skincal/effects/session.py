@@ -99,15 +99,13 @@ class EffectSkin:
     @property
     def has_memory(self) -> bool:
         """Whether a value depends on earlier samples."""
-        return any(a.effect.has_memory and not a.effect.is_neutral(a.values) for a in self.effects)
+        return any(a.effect.has_memory and not a.neutral for a in self.effects)
 
     @cached_property
     def _law_skin(self) -> Skin:
         """The skin with the law of an effect at the contact."""
         laws = [
-            a.effect.law(a.values)
-            for a in self.effects
-            if isinstance(a.effect, LawEffect) and not a.effect.is_neutral(a.values)
+            a.effect.law(a.values) for a in self.effects if isinstance(a.effect, LawEffect) and not a.neutral
         ]
         return replace(self.skin, law=laws[-1]) if laws else self.skin
 
@@ -115,18 +113,14 @@ class EffectSkin:
     def _weights(self) -> FloatArray | None:
         """What each taxel feels of each tactile point (N, J), if that is not just its own area."""
         for a in self.effects:
-            if isinstance(a.effect, SpreadEffect) and not a.effect.is_neutral(a.values):
+            if isinstance(a.effect, SpreadEffect) and not a.neutral:
                 return a.effect.weights(a.values, self.skin.patch)
         return None
 
     @cached_property
     def _front(self) -> tuple[object, ...]:
         """Key of all that :meth:`contact` depends on but the samples."""
-        early = [
-            a.key
-            for a in self.effects
-            if a.effect.stage <= Stage.CONTACT and not a.effect.is_neutral(a.values)
-        ]
+        early = [a.key for a in self.effects if a.effect.stage <= Stage.CONTACT and not a.neutral]
         return (id(self.skin.patch), self.skin.parameters.elasticity_pa_per_m, id(self.surface), *early)
 
     def values(self, samples: Samples) -> FloatArray:
@@ -201,10 +195,14 @@ class EffectSkin:
         """
         signal = loads_n
         for number, effect, values in at_work(self.effects, samples, MemoryEffect, self.missing):
-            # What is not known is not remembered either: the next sample follows the one before.
             sure = np.logical_and.reduce(np.isfinite(signal), axis=1)
+            before = states.get(number)
+            if sure.all():
+                signal, states[number] = effect.run(signal, samples, values, before)
+                continue
+            # What is not known is not remembered either: the next sample follows the one before.
             out = np.full_like(signal, np.nan)
-            out[sure], states[number] = effect.run(signal[sure], samples[sure], values, states.get(number))
+            out[sure], states[number] = effect.run(signal[sure], samples[sure], values, before)
             signal = out
         later = at_work(self.effects, samples, SignalEffect, self.missing)
         for _, effect, values in later:
