@@ -49,6 +49,10 @@ class FakeHand(HandDriver):
         self.stopped, self.closed, self.connected = False, False, False
         self.forces: list[float] = []
 
+    def take_place_of(self, other: FakeHand) -> None:
+        """Stands where the other hand was left."""
+        self._free = self._desired = other._free
+
     @property
     def description(self) -> HandDescription:
         return self._hand
@@ -90,15 +94,20 @@ class FakeHand(HandDriver):
     def _pressed(self) -> tuple[Floats, Floats]:
         """Angles and torques at which the skin's spring and the joints' are in balance."""
         nothing = np.zeros_like(self._free)
-        found = contact_from_joints(self._kinematics, self._free, nothing)
-        if found.gap_m[0] >= 0:
-            self.forces.append(0.0)
-            return self._free, nothing
-        torque = self._fingers.unit_torques(self._free, found.points_m[0], found.normals[0])[:, 0]
+        links, torque, force = self._free, nothing, 0.0
         soft = 1 / self._hand.gains.stiffness_nm_per_rad + self._hand.compliance_rad_per_nm
-        force = -found.gap_m[0] / (torque @ (torque * soft) + 1 / SKIN_N_PER_M)
-        self.forces.append(float(force))
-        return self._free - force * torque * soft, force * torque
+        for _ in range(4):
+            found = contact_from_joints(self._kinematics, links, nothing)
+            torque = self._fingers.unit_torques(links, found.points_m[0], found.normals[0])[:, 0]
+            # Without the force the links would be at the free angles; the gap is linear in it.
+            stiff = 1 / float(torque @ (torque * soft))
+            gap = float(found.gap_m[0]) - force / stiff
+            force = max(0.0, -gap / (1 / stiff + 1 / SKIN_N_PER_M))
+            links = self._free - force * torque * soft
+            if force == 0:
+                break
+        self.forces.append(force)
+        return links, force * torque
 
     def _image(self, links: Floats, force: float) -> Floats:
         mount = self._fingers.mount

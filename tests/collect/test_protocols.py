@@ -123,5 +123,11 @@ def test_too_small_a_patch_for_the_paper_is_an_error():
 def test_same_press_looks_at_everything_but_the_kind():
     press = PlannedPress(1e-3, 0.0, 2.0, 0.02, 1.0)
     assert press.same_press(replace(press, kind="repeat"))
-    for change in ({"u_m": 2e-3}, {"force_n": 2.1}, {"hold_s": 2.0}, {"pose": "B"}, {"indenter_radius_m": 4e-3}):
+    for change in (
+        {"u_m": 2e-3},
+        {"force_n": 2.1},
+        {"hold_s": 2.0},
+        {"pose": "B"},
+        {"indenter_radius_m": 4e-3},
+    ):
         assert not press.same_press(replace(press, **change))

@@ -1,0 +1,301 @@
+"""Sessions on a hand without physics: what is recorded, what is marked, and what is left when a driver fails."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collect.fake_hand import FakeHand
+from skincal.collect import CollectOptions, Collected, Plan, PlannedPress, collect, journal_folder
+from skincal.collect.journal import Journal
+from skincal.dataset import HOLD, IDLE, check_dataset
+from skincal.errors import InputError, WorkError
+from skincal.hand import GuardOptions, HandError, HandState
+
+HAND = FakeHand().description
+FAST = {"speed_m_per_s": 0.04, "hold_s": 0.4}
+PLAN = Plan(
+    "small",
+    tuple(
+        PlannedPress(u, v, force, **FAST, pose=pose)
+        for u, v, force, pose in (
+            (0.0, 0.0, 2.0, "A"),
+            (0.003, -0.002, 0.4, "A"),
+            (-0.004, 0.003, 5.0, "B"),
+            (0.0, 0.0, 2.0, "A"),
+        )
+    ),
+    {"A": (0.0, 0.25, 0.83), "B": (0.0, -0.07, 1.53)},
+)
+GUARD = GuardOptions(timeout_s=0.3, stop_timeout_s=0.3)
+
+
+class Rig:
+    """Runs sessions in a folder and keeps the hands that they used."""
+
+    def __init__(self, folder: Path) -> None:
+        self.out, self.hands = folder / "run", list[FakeHand]()
+
+    def run(
+        self, plan: Plan = PLAN, spoil: Callable[..., HandState] | None = None, **options: object
+    ) -> Collected:
+        def make(need: object) -> FakeHand:
+            self.hands.append(FakeHand(seed=len(self.hands), spoil=spoil))
+            return self.hands[-1]
+
+        return collect(plan, HAND, make, self.out, key={"seed": 1}, guard=GUARD, **options)  # type: ignore[arg-type]
+
+    def kept(self) -> dict[int, bytes]:
+        return {int(p.stem[-5:]): p.read_bytes() for p in journal_folder(self.out).glob("press-*.npz")}
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    rig = Rig(tmp_path_factory.mktemp("whole"))
+    rig.run()
+    return rig
+
+
+def column(rig: Rig, name: str) -> np.ndarray:
+    dataset = check_dataset(rig.out).dataset
+    assert dataset is not None
+    found = dataset.presses.column(name)
+    assert found is not None
+    return found
+
+
+def test_the_dataset_is_valid_and_nothing_else_is_left(whole: Rig):
+    check = check_dataset(whole.out)
+    assert check.errors == () and check.warnings == ()
+    assert [p.name for p in whole.out.parent.iterdir()] == ["run"]
+    hand = whole.hands[0]
+    assert hand.stopped and hand.closed
+
+
+def test_forces_and_places_are_those_planned(whole: Rig):
+    dataset = check_dataset(whole.out).dataset
+    assert dataset is not None
+    presses = dataset.presses
+    np.testing.assert_allclose(presses.force_n, [2.0, 0.4, 5.0, 2.0], atol=0.05)
+    targets = np.column_stack([column(whole, f"target_{axis}_m") for axis in "xyz"])
+    assert np.linalg.norm(presses.position_m - targets, axis=1).max() < 1.5e-3
+    assert column(whole, "status").tolist() == ["ok"] * 4 and not column(whole, "missed_target").any()
+    assert column(whole, "cycle").tolist() == [0, 0, 0, 1]
+    assert column(whole, "pose").tolist() == ["A", "A", "B", "A"]
+    assert {f"q_{j}" for j in range(6)} | {f"tau_{j}" for j in range(6)} <= set(presses.columns)
+
+
+def test_frames_cover_the_session_from_rest_to_rest(whole: Rig):
+    dataset = check_dataset(whole.out).dataset
+    assert dataset is not None and dataset.frames is not None
+    frames = dataset.frames
+    assert frames.phase[0] == frames.phase[-1] == IDLE
+    gaps = np.diff(frames.time_s)
+    assert 0.03 < np.median(gaps) < 0.05 and gaps.max() < 0.12
+    for press in dataset.presses.press:
+        own = frames.select(frames.press == press)
+        # Load, hold, unload, in this order, with rest around them.
+        assert list(dict.fromkeys(own.phase.tolist())) == [1, 2, 3]
+        hold = own.force_n[own.phase == HOLD]
+        assert abs(hold.mean() - dataset.presses.force_n[press]) < 0.05
+    idle = frames.phase == IDLE
+    assert np.abs(frames.force_n[idle]).max() < 0.15
+    # The noise of one count aside, nothing is seen where nothing touches.
+    assert frames.counts[idle].mean() < 1.0
+
+
+def test_the_hand_never_drags_over_the_skin(whole: Rig):
+    forces = np.array(whole.hands[0].forces)
+    touching = forces > 0.05
+    touches = int(np.sum(np.diff(touching.astype(int)) == 1))
+    assert touches == len(PLAN)
+    assert forces.max() < 5.5
+
+
+def test_torque_offsets_are_taken_off(tmp_path: Path):
+    rig = Rig(tmp_path)
+
+    def offset(number: int, state: HandState) -> HandState:
+        return replace(state, tau_nm=state.tau_nm + 0.01)
+
+    rig.run(Plan("one", PLAN.presses[:1], {"A": PLAN.poses["A"]}), spoil=offset)
+    assert abs(rig.hands[0].forces and max(rig.hands[0].forces) - 2.0) < 0.15
+    np.testing.assert_allclose(column(rig, "tau_rest_0"), 0.01, atol=2e-3)
+
+
+def test_a_force_beyond_what_the_controller_reaches_is_marked_not_hidden(rig: Rig):
+    # The sensor sees two thirds of the torque only while the command may not grow without bound.
+    def weak(number: int, state: HandState) -> HandState:
+        return replace(state, tau_nm=0.15 * state.tau_nm)
+
+    plan = Plan("weak", (PlannedPress(0.0, 0.0, 2.0, **FAST),), {"A": PLAN.poses["A"]})
+    found = rig.run(plan, spoil=weak)
+    assert found.missed_target == 1 and found.statuses == {"missed_target": 1}
+    assert len(found.dataset.presses) == 1
+
+
+def test_skin_that_is_not_there_is_marked(rig: Rig):
+    def numb(number: int, state: HandState) -> HandState:
+        return replace(state, tau_nm=np.zeros(6))
+
+    plan = Plan("numb", PLAN.presses[1:2], {"A": PLAN.poses["A"]})
+    found = rig.run(plan, spoil=numb, options=CollectOptions(search_m=1e-3))
+    assert found.statuses == {"no_contact": 1}
+    assert np.isfinite(found.dataset.presses.position_m).all()
+    assert found.dataset.frames is not None and (found.dataset.frames.phase == IDLE).all()
+
+
+def test_contact_that_is_lost_in_the_hold_is_marked(rig: Rig):
+    class Losing:
+        held = 0
+
+        def __call__(self, number: int, state: HandState) -> HandState:
+            pressed = np.abs(state.tau_nm).max() > 0.1
+            self.held += pressed
+            return replace(state, tau_nm=np.zeros(6)) if self.held > 15 else state
+
+    plan = Plan("lost", PLAN.presses[:1], {"A": PLAN.poses["A"]})
+    assert rig.run(plan, spoil=Losing()).statuses == {"lost_contact": 1}
+
+
+def failing(at: int, how: Callable[[HandState], HandState]) -> Callable[[int, HandState], HandState]:
+    return lambda number, state: how(state) if number == at else state
+
+
+def hang(state: HandState) -> HandState:
+    time.sleep(1.0)
+    return state
+
+
+def raise_error(state: HandState) -> HandState:
+    raise RuntimeError("the cable is out")
+
+
+FAULTS = {
+    "raises": raise_error,
+    "hangs": hang,
+    "nan": lambda state: replace(state, q_rad=np.full(6, np.nan)),
+    "shape": lambda state: replace(state, tau_nm=np.zeros(5)),
+    "stale": lambda state: replace(state, time_s=state.time_s - 5.0),
+    "force": lambda state: replace(state, tau_nm=np.full(6, 1.4)),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_driver_that_fails_is_stopped_and_nothing_finished_is_lost(rig: Rig, fault: str):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(290, FAULTS[fault]))
+    assert rig.hands[0].stopped
+    assert not rig.out.exists()
+    kept = rig.kept()
+    assert 1 <= len(kept) < len(PLAN)
+    found = rig.run()
+    assert found.resumed == len(kept) and len(found.dataset.presses) == len(PLAN)
+    assert check_dataset(rig.out).errors == ()
+    assert [p.name for p in rig.out.parent.iterdir()] == ["run"]
+
+
+def test_finished_presses_are_kept_bit_for_bit_and_the_clock_goes_on(rig: Rig):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(400, raise_error))
+    journal = Journal.find(journal_folder(rig.out))
+    assert journal is not None
+    before = journal.presses()
+    ends = max(float(arrays["frames.time_s"][-1]) for arrays in before.values())
+    found = rig.run().dataset
+    for number, arrays in before.items():
+        assert found.presses.force_n[number] == float(arrays["press.force_n"])
+        np.testing.assert_array_equal(found.presses.counts[number], arrays["press.counts"])
+    later = found.presses.columns["t_start_s"][len(before) :]
+    assert np.all(later > ends)
+    assert found.frames is not None and np.all(np.diff(found.frames.time_s) > 0)
+
+
+def test_a_site_that_was_perhaps_touched_counts_as_touched(rig: Rig):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(120, raise_error))
+    assert rig.kept() == {}
+    rig.run()
+    # Press 0 was cut off, and presses 0 and 3 share their site.
+    assert column(rig, "cycle").tolist() == [1, 0, 0, 2]
+
+
+def test_a_hand_that_still_touches_is_lifted_before_it_goes_on(rig: Rig):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(145, raise_error))
+    left = rig.hands[0]
+    assert left.forces[-1] > 1.0
+
+    def make(need: object) -> FakeHand:
+        # The same hand, where it was left.
+        rig.hands.append(FakeHand(start_s=100.0))
+        rig.hands[-1].take_place_of(left)
+        return rig.hands[-1]
+
+    found = collect(PLAN, HAND, make, rig.out, key={"seed": 1}, guard=GUARD)
+    assert found.statuses == {"ok": 4}
+    assert max(rig.hands[-1].forces) < 5.5
+
+
+def test_another_session_in_the_same_place_is_refused(rig: Rig):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(290, raise_error))
+    other = Plan("other", PLAN.presses[:2], {"A": PLAN.poses["A"]})
+    with pytest.raises(InputError, match="--restart"):
+        rig.run(other)
+    assert len(rig.run(other, restart=True).dataset.presses) == 2
+
+
+def test_an_existing_output_is_left_alone(whole: Rig):
+    before = (whole.out / "presses.csv").read_bytes()
+    with pytest.raises(InputError, match="--force"):
+        whole.run()
+    assert (whole.out / "presses.csv").read_bytes() == before
+
+
+def test_cut_off_after_the_dataset_was_written_it_is_not_written_again(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+):
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "remove", lambda self: (_ for _ in ()).throw(WorkError("cut off")))
+        with pytest.raises(WorkError):
+            rig.run()
+    written = (rig.out / "presses.csv").stat().st_mtime_ns
+    assert len(rig.run().dataset.presses) == len(PLAN)
+    assert (rig.out / "presses.csv").stat().st_mtime_ns == written
+    assert [p.name for p in rig.out.parent.iterdir()] == ["run"] and len(rig.hands) == 1
+
+
+def test_a_press_out_of_reach_is_named_before_anything_moves(rig: Rig):
+    far = PlannedPress(0.03, 0.03, 2.0, **FAST)
+    strong = PlannedPress(0.0, 0.0, 9.5, **FAST)
+    with pytest.raises(InputError) as caught:
+        rig.run(Plan("far", (PLAN.presses[0], far, strong), {"A": PLAN.poses["A"]}))
+    assert "press 1" in str(caught.value) and "press 2" in str(caught.value)
+    assert "press 0" not in str(caught.value) and rig.hands == []
+
+
+def test_a_second_indenter_is_asked_for_and_recorded(rig: Rig):
+    needs: list[float | None] = []
+
+    def make(need: object) -> FakeHand:
+        needs.append(need.indenter_radius_m)  # type: ignore[attr-defined]
+        return FakeHand()
+
+    presses = (PLAN.presses[0], replace(PLAN.presses[0], indenter_radius_m=0.006))
+    found = collect(Plan("two", presses, {"A": PLAN.poses["A"]}), HAND, make, rig.out)
+    assert needs == [None, 0.006]
+    radii = found.dataset.presses.column("indenter_radius_m")
+    assert radii is not None
+    np.testing.assert_array_equal(radii, [np.nan, 0.006])
+    assert check_dataset(rig.out).errors == ()
