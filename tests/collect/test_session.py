@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from collect.fake_hand import FakeHand
-from skincal.collect import CollectOptions, Collected, Plan, PlannedPress, collect, journal_folder
+
+from skincal.collect import Collected, CollectOptions, Plan, PlannedPress, collect, journal_folder
 from skincal.collect.journal import Journal
 from skincal.dataset import HOLD, IDLE, check_dataset
 from skincal.errors import InputError, WorkError
