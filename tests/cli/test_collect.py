@@ -1,0 +1,125 @@
+"""``skincal collect`` as a person runs it: plans, sessions, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from skincal.cli.main import main
+from skincal.dataset import check_dataset, read_dataset
+
+PLAN = """u_m,v_m,force_n,speed_m_per_s,hold_s,pose
+0,0,2,0.04,0.3,A
+0.002,0.001,0.5,0.04,0.3,A
+0,0,2,0.04,0.3,A
+"""
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    printed = capsys.readouterr()
+    return int(caught.value.code or 0), printed.out, printed.err
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plan.csv").write_text(PLAN)
+    return tmp_path
+
+
+def test_json_is_what_the_contract_says(here: Path, capsys: pytest.CaptureFixture[str]):
+    status, out, err = run(
+        capsys, "collect", "--driver", "sim", "--seed", "7", "--plan", "plan.csv", "--out", "run",
+        "--truth", "truth.json", "--effect", "hysteresis=1", "--json",
+    )  # fmt: skip
+    assert status == 0, err
+    told = json.loads(out)
+    assert told["presses"] == 3 and told["missed_target"] in (0, 1) and told["dataset"] == "run"
+    assert check_dataset(Path("run")).errors == ()
+    truth = json.loads(Path("truth.json").read_text())
+    (effect,) = truth["effects"]
+    assert truth["seed"] == 7 and (effect["name"], effect["strength"]) == ("hysteresis", 1.0)
+    dataset = read_dataset(Path("run"))
+    assert "sim, seed 7" in dataset.meta.source and "hysteresis=1" in dataset.meta.source
+    assert dataset.meta.sensor.baseline == "raw"
+    assert sorted(p.name for p in here.iterdir()) == ["plan.csv", "run", "truth.json"]
+
+
+def test_same_seed_same_dataset(here: Path, capsys: pytest.CaptureFixture[str]):
+    for name in ("one", "two"):
+        assert run(capsys, "collect", "--seed", "3", "--plan", "plan.csv", "--out", name)[0] == 0
+    assert Path("one/presses.csv").read_bytes() == Path("two/presses.csv").read_bytes()
+
+
+def test_plan_only_moves_nothing(here: Path, capsys: pytest.CaptureFixture[str]):
+    status, out, _ = run(capsys, "collect", "--seed", "7", "--out", "run", "--plan-only", "--json")
+    assert status == 0
+    told = json.loads(out)
+    assert told["presses"] == 97 and told["kinds"]["repeat"] == 20 and told["seconds"] < 330
+    assert sorted(p.name for p in here.iterdir()) == ["plan.csv", "run-plan.png", "run-plan.toml"]
+    # The plan that was shown can be given back.
+    status, out, _ = run(
+        capsys, "collect", "--plan", "run-plan.toml", "--out", "again", "--plan-only", "--json"
+    )
+    assert status == 0 and json.loads(out)["presses"] == 97
+    assert run(capsys, "collect", "--seed", "7", "--out", "run", "--plan-only")[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--protocol", "quick"], "--protocol: expected one of paper, full"),
+        (["--driver", "none"], '"none"'),
+        (["--effect", "hysteresis"], "--effect: expected NAME=STRENGTH"),
+        (["--effect", "hysterese=1"], "hysteres"),
+        (["--driver-option", "sed=3"], "seed"),
+        (["--driver-option", "seed=3"], "--driver-option"),
+        (["--hand", "nobody"], "nobody"),
+        (["--plan", "none.toml"], "none.toml"),
+        (["--second-indenter-mm", "4", "--protocol", "paper"], "--second-indenter-mm"),
+        (["--second-indenter-mm", "4"], "own indenter"),
+    ],
+)
+def test_a_wrong_command_line_is_status_2_and_leaves_nothing(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+):
+    status, _, err = run(capsys, "collect", "--out", "run", *arguments)
+    assert status == 2 and message in err and "Traceback" not in err
+    assert [p.name for p in here.iterdir()] == ["plan.csv"]
+
+
+def test_an_output_that_exists_is_left_alone(here: Path, capsys: pytest.CaptureFixture[str]):
+    Path("run").mkdir()
+    (Path("run") / "mine.txt").write_text("mine")
+    for force in ([], ["--force"]):
+        status, _, err = run(capsys, "collect", "--plan", "plan.csv", "--out", "run", *force)
+        assert status == 2 and "run" in err
+    assert (Path("run") / "mine.txt").read_text() == "mine"
+
+
+def test_a_driver_that_goes_away_is_told_and_the_session_goes_on(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    from skincal.hand.sim import SimDriver
+
+    observe, count = SimDriver.observe, iter(range(10**6))
+
+    def cut(self: SimDriver) -> object:
+        if next(count) == 750:
+            raise ConnectionError("the network is gone")
+        return observe(self)
+
+    monkeypatch.setattr(SimDriver, "observe", cut)
+    command = ["collect", "--seed", "2", "--plan", "plan.csv", "--out", "run"]
+    status, _, err = run(capsys, *command)
+    assert status == 1
+    assert "the network is gone" in err and "finished presses are kept" in err and "same command" in err
+    status, _, err = run(capsys, *command[:2], "9", *command[3:])
+    assert status == 2 and "--restart" in err and "seed" in err
+    status, out, err = run(capsys, *command)
+    assert status == 0 and "were taken from an interrupted session" in err and "3 presses" in out
+    assert check_dataset(Path("run")).errors == ()
