@@ -178,7 +178,7 @@ class MemoryEffect(Effect):
 
 
 class SignalEffect(Effect):
-    """Changes loads or values at once; :attr:`stage` says which."""
+    """Changes loads or values at once; ``stage`` says which."""
 
     @abstractmethod
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:

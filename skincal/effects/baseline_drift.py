@@ -59,7 +59,7 @@ class BaselineDrift(SignalEffect):
             needs=("temperature",),
         ),
     )
-    source = "First-order drift terms of strain-gauge practice: Fraden, Handbook of Modern Sensors, 2016, chapter 3."
+    source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at the reference."""

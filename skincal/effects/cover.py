@@ -29,7 +29,7 @@ class Cover(InputEffect):
             "share", "-", 0.9, 0.05, 1.0, "part of the first newton that it carries", role="form"
         ),
     )
-    source = "Parallel springs of which one yields: Jenkins element, J. Appl. Phys. 33 (1962), smoothed."
+    source = "Parallel springs of which one yields: Jenkins, Br. J. Appl. Phys. 13 (1962) 30; here smooth."
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""

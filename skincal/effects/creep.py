@@ -36,7 +36,7 @@ class Creep(MemoryEffect):
     covariates = ("time",)
     source = (
         "Prony series and its recursion: Simo, Hughes, Computational Inelasticity, 1998, 10.3; creep of force "
-        "sensing resistors: Paredes-Madrid et al., Sensors 17 (2017) 2108."
+        "sensing resistors: Paredes-Madrid et al., Materials 10 (2017) 1334."
     )
 
     def run(

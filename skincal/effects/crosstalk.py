@@ -21,7 +21,7 @@ class Crosstalk(SignalEffect):
     parameters = (
         EffectParameter("leak", "-", 0.0, -0.2, 0.5, "c: part that each neighbour gets", typical=0.08),
     )
-    source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003, section 6."
+    source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003."
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""

@@ -48,7 +48,7 @@ class DeadTaxel(SignalEffect):
             role="form",
         ),
     )
-    source = "Stuck-at faults: Isermann, Fault-Diagnosis Systems, 2006, chapter 5."
+    source = "Stuck-at faults: Isermann, Fault-Diagnosis Systems, 2006."
 
     def needs(self, values: Values) -> tuple[str, ...]:
         """See :meth:`Effect.needs`: the time, if the fault begins later than the session."""

@@ -38,7 +38,7 @@ class ForceBias(InputEffect):
             needs=("pose",),
         ),
     )
-    source = "Error model of a force transducer: offset and sensitivity (ISO 376:2011 names both)."
+    source = "Offset and sensitivity errors of transducers: Fraden, Handbook of Modern Sensors, 2016."
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""

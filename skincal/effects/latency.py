@@ -24,7 +24,7 @@ class Latency(MemoryEffect):
     meaning = "the taxels lag behind the force in time"
     parameters = (EffectParameter("delay_s", "s", 0.0, 0.0, 1.0, "tau", typical=0.06),)
     covariates = ("time",)
-    source = "Transport delay; Ljung, System Identification, 1999, section 4.2."
+    source = "Transport delay; Ljung, System Identification, 1999."
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

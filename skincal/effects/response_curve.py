@@ -28,8 +28,8 @@ class ResponseCurve(SignalEffect):
         EffectParameter("knee_n", "N", 0.2, 0.01, 5.0, "x_0", role="form", scale="log"),
     )
     source = (
-        "Box, Cox, J. R. Stat. Soc. B 26 (1964) 211 (shifted power); the power law of piezoresistive taxels: "
-        "Paredes-Madrid et al., DYNA 85 (2018) 191, doi 10.15446/dyna.v85n205.66432."
+        "Box, Cox, J. R. Stat. Soc. B 26 (1964) 211 (shifted power); conductance of piezoresistive taxels: "
+        "Paredes-Madrid et al., DYNA 85 (2018), doi 10.15446/dyna.v85n205.66432."
     )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:

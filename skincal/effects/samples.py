@@ -39,7 +39,7 @@ class Samples:
         indenter: (K,) which of them it is.
         press: (K,) number of the press, -1 for none.
         time_s: (K,) session clock, never falling [s].
-        phase: (K,) :data:`IDLE`, :data:`LOAD`, :data:`HOLD`, :data:`UNLOAD`, or :data:`UNKNOWN`.
+        phase: (K,) ``IDLE``, ``LOAD``, ``HOLD``, ``UNLOAD``, or ``UNKNOWN``: 0 to 3 and -1.
         speed_m_per_s: (K,) speed of loading of the press [m/s].
         cycle: (K,) number of earlier touches of the same site.
         pose: (K,) number of the hand's pose, -1 where not known.
@@ -165,12 +165,12 @@ class Samples:
         return replace(self, contacts=self.contacts[rows], **some)
 
     def has(self, covariate: str) -> bool:
-        """Whether a covariate of :data:`COVARIATES` was recorded."""
+        """Whether a covariate of ``COVARIATES`` was recorded."""
         return getattr(self, COVARIATES[covariate]) is not None
 
     @property
     def elapsed_s(self) -> FloatArray:
-        """(K,) time since :attr:`start_s` [s]; zero where there is no clock."""
+        """(K,) time since ``start_s`` [s]; zero where there is no clock."""
         return np.zeros(len(self)) if self.time_s is None else self.time_s - self.start_s
 
 
