@@ -23,7 +23,7 @@ $(VENV)/.%-stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@$(PIP) install -c constraints.txt -e '.$(if $(filter core,$*),,[$*])'
 	@touch $@
 
-demo: $(VENV)/.core-stamp ## from the bundled dataset to randomization ranges, with a report
+demo: $(VENV)/.core-stamp ## a session on the simulated hand, its fit, and randomization ranges, with a report
 	@$(BIN)/python data/demo.py --out $(DEMO)
 
 test: $(VENV)/.test-stamp ## the tests, without the slow ones
