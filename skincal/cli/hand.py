@@ -108,7 +108,9 @@ def test(
     # A wrong name or option is no failure of a check.
     create_driver(driver, **options)
     tried = ContractOptions(step_rad=math.radians(step_deg), move=move)
-    report = run_contract(driver, lambda: create_driver(driver, **options), tried, _told)
+    # A terminal sees it coming, and so does who takes JSON; else the table says all at the end.
+    told = _told if as_json or sys.stderr.isatty() else _untold
+    report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
     if as_json:
         print_json(_report_json(report))
     else:
@@ -149,6 +151,10 @@ def find_modules_here() -> None:
 
 def _told(result: CheckResult) -> None:
     say(f"{result.status:8s}{result.name}")
+
+
+def _untold(result: CheckResult) -> None:
+    return
 
 
 def _option(option: DriverOption) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 Every message is one ZeroMQ frame of UTF-8 JSON, at most 64 KiB, and holds
 
-========== ====================================================================================================
-``v``      ``"skincal-hand/1"``; another version is refused
-``kind``   what it is, see below
-``id``     whole number: a request's, which counts up in a session; a reply has that of its request
-``session``  text: the session that it belongs to, chosen by the client at random
-========== ====================================================================================================
+``v``
+    ``"skincal-hand/1"``; another version is refused.
+``kind``
+    what it is, see below.
+``id``
+    whole number: a request's, which counts up in a session; a reply has that of its request.
+``session``
+    text: the session that it belongs to, chosen by the client at random.
 
 and, by kind, of requests:
 

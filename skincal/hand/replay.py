@@ -25,7 +25,7 @@ class ReplayDriver(HandDriver):
     ``dq_0 ..`` are its velocities (else differences of the angles), ``q_desired_0 ..`` its desired angles (else the
     measured ones), ``taxel_time_s`` the time stamps of the taxels (else those of the frames), and ``temperature_c``.
 
-    Commands have no effect; they are kept in :attr:`commands`, each with the time of the state that it answered.
+    Commands have no effect; they are kept in ``commands``, each with the time of the state that it answered.
 
     Args:
         dataset: folder of the dataset.

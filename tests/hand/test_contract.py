@@ -194,7 +194,13 @@ BAD: dict[str, tuple[Callable[[], FakeHand], set[str]]] = {
 }
 
 
-@pytest.mark.parametrize(("make", "expected"), BAD.values(), ids=BAD)
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        pytest.param(*case, id=name, marks=[pytest.mark.slow] if name == "observe hangs" else [])
+        for name, case in BAD.items()
+    ],
+)
 def test_a_bad_driver_fails_the_check_that_is_meant_for_it(
     make: Callable[[], FakeHand], expected: set[str]
 ) -> None:

@@ -33,7 +33,7 @@ from skincal.hand.sockets import checked_address, client_keys, hand_keys, make_k
 zmq = pytest.importorskip("zmq")
 
 SERVE = ServeOptions(watchdog_s=0.4, command_age_s=0.2, guard=GuardOptions(timeout_s=0.3, stop_timeout_s=0.1))
-SLACK_S = 0.15
+SLACK_S = 0.25
 
 
 @pytest.fixture(autouse=True)
@@ -157,13 +157,13 @@ def test_messages_lost_late_doubled_and_out_of_order_change_nothing() -> None:
     options = ServeOptions(watchdog_s=3.0, command_age_s=2.0)
     with served(hands, options) as server, Proxy(server.address, fate) as proxy:
         with GuardedHand(RemoteDriver(proxy.address, silence_s=2.0), GuardOptions(timeout_s=3.0)) as hand:
-            times = drive(hand, 40)
+            times = drive(hand, 24)
         # Every state is a step of the hand, every command was sent once, in order.
         np.testing.assert_allclose(np.diff(times), 0.01)
-        assert len(hands.last.commands) == 40
-        assert hands.last.calls.count("observe") == 40
+        assert len(hands.last.commands) == 24
+        assert hands.last.calls.count("observe") == 24
         np.testing.assert_allclose(
-            np.diff([q[0] for q in hands.last.commands]), np.tile([0.001, 0.0], 20)[:39], atol=1e-12
+            np.diff([q[0] for q in hands.last.commands]), np.tile([0.001, 0.0], 12)[:23], atol=1e-12
         )
 
 
@@ -326,6 +326,7 @@ def test_nobody_there() -> None:
     driver.close()
 
 
+@pytest.mark.slow
 def test_a_server_that_ends_is_a_lost_connection() -> None:
     hands = Hands()
     with pytest.raises(HandError) as caught:  # noqa: SIM117
