@@ -67,7 +67,11 @@ class Press:
         lag_s = float(np.mean(gains.damping_nms_per_rad / gains.stiffness_nm_per_rad))
         self._lag_s = lag_s + 1 / (2 * np.pi * gains.low_pass_hz)
         self._regulator = Regulator(
-            loop.period_s, options.filter_s, options.regulate_share, options.regulate_per_s
+            loop.period_s,
+            options.filter_s,
+            1 / (2 * np.pi * gains.low_pass_hz) + loop.period_s,
+            options.regulate_share,
+            options.regulate_per_s,
         )
         self._bound_n = planned.force_n + SPARE_N
         self.moments = Moments()

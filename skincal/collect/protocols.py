@@ -23,7 +23,7 @@ GRID_M = 1e-3
 ANCHOR_EVERY = 10
 """The anchor is the first press, every tenth from there, and the last."""
 
-SLACK_OF_FIT = 1e-9
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def patch_grid(layout: TaxelLayout) -> Floats:
     axes: list[Floats] = []
     for k in range(2):
         low, high = layout.bounds_m[:, k]
-        half = int((high - low) / 2 / GRID_M + SLACK_OF_FIT)
+        half = int((high - low) / 2 / GRID_M + ROUNDING)
         axes.append((low + high) / 2 + GRID_M * np.arange(-half, half + 1))
     return np.round(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2), 9)
 

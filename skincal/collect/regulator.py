@@ -19,15 +19,18 @@ class Regulator:
     Args:
         period_s: time between two steps [s].
         filter_s: time constant of the low-pass on the measured force [s].
+        lag_s: how far the force follows behind the command, before that low-pass [s].
         share: proportional gain.
         per_s: integral gain [1/s].
     """
 
-    def __init__(self, period_s: float, filter_s: float, share: float, per_s: float) -> None:
+    def __init__(self, period_s: float, filter_s: float, lag_s: float, share: float, per_s: float) -> None:
         self._smooth = period_s / (filter_s + period_s)
+        self._follow = period_s / (filter_s + lag_s + period_s)
         self._share, self._gain = share, per_s * period_s
         self._sum: FloatArray = np.zeros(3)
         self._start: FloatArray = np.zeros(3)
+        self._expected: FloatArray = np.zeros(3)
         self.measured_n: FloatArray = np.zeros(3)
         self.command_n: FloatArray = np.zeros(3)
 
@@ -45,17 +48,22 @@ class Regulator:
         """Begins at the present force: it is what the present command gives."""
         self._start = self.measured_n.copy()
         self._start[1:] = 0.0
+        self._expected = self._start.copy()
         self._sum = np.zeros(3)
 
     def regulate(self, normal_n: float, bound_n: float) -> None:
         """Makes the next command.
+
+        The measured force is compared with what it would be by now if nothing stuck; else a ramp would fill the sum, and
+        the force pass its target.
 
         Args:
             normal_n: the normal force that there shall be [N].
             bound_n: no part of the command goes beyond this, of either sign [N].
         """
         reference = np.array([normal_n, 0.0, 0.0])
-        error = reference - self.measured_n
+        self._expected = self._expected + self._follow * (reference - self._expected)
+        error = self._expected - self.measured_n
         self._sum = np.clip(self._sum + self._gain * error, -bound_n, bound_n)
         command = reference - self._start + self._share * error + self._sum
         self.command_n = np.clip(command, -bound_n, bound_n)
