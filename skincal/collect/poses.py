@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats.qmc import Halton
 
 from skincal.collect.options import CollectOptions
 from skincal.collect.plan import Plan, PlannedPress
@@ -16,8 +17,8 @@ from skincal.errors import InputError, Problem, WorkError
 
 FloatArray = NDArray[np.float64]
 
-STEPS = 5
-"""Angles of each joint that are tried, over its range."""
+TRIED = 120
+"""So many poses are tried, spread evenly over the joints' ranges."""
 
 MARGIN_RAD = 0.12
 """What commanded angles of a press must keep from the joint limits, for what the hand is off [rad]."""
@@ -78,9 +79,8 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
     low, high = hand.limits.lower_rad[columns], hand.limits.upper_rad[columns]
     sites = _corners(plan.sites_m())
     tried: list[tuple[float, FloatArray]] = []
-    shares = np.linspace(0.15, 0.85, STEPS)
-    for share in itertools.product(shares, repeat=len(columns)):
-        skin = low + np.array(share) * (high - low)
+    for share in Halton(len(columns), scramble=False).random(TRIED):
+        skin = low + (0.1 + 0.8 * share) * (high - low)
         reach = _reach(fingers, sites, skin, plan, options)
         if reach is not None and reach.margin_rad > MARGIN_RAD and reach.torque_share < options.reserve:
             tried.append((reach.margin_rad, skin))

@@ -63,7 +63,7 @@ class FullProtocol:
     repeats: int = 20
     revisits: int = 16
     forces_n: tuple[float, float] = (0.3, 6.0)
-    speeds_m_per_s: tuple[float, float] = (0.012, 0.04)
+    speeds_m_per_s: tuple[float, float] = (0.016, 0.04)
     holds_s: tuple[float, float] = (0.5, 1.0)
     poses: tuple[str, ...] = ("A", "B")
     anchor_force_n: float = 3.0

@@ -54,8 +54,8 @@ class Regulator:
     def regulate(self, normal_n: float, bound_n: float) -> None:
         """Makes the next command.
 
-        The measured force is compared with what it would be by now if nothing stuck; else a ramp would fill the sum, and
-        the force pass its target.
+        The measured force is compared with what it would be by now if nothing stuck. Else a ramp would fill the sum,
+        and the force pass its target.
 
         Args:
             normal_n: the normal force that there shall be [N].
