@@ -52,7 +52,7 @@ class Killed:
         )
         if die is not None:
             deadline = time.monotonic() + TIMEOUT_S
-            while die == signal.SIGINT and not list(self.folder.glob(".run.collect/session.json")):
+            while die == signal.SIGINT and not (self.folder / ".run.collect.lock").exists():
                 # Before the program has begun, Ctrl-C is the interpreter's own affair.
                 assert process.poll() is None and time.monotonic() < deadline
                 time.sleep(0.02)
