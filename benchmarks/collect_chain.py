@@ -284,6 +284,17 @@ def _finished(jobs: Sequence[Job], workers: int) -> Iterator[Record]:
             raise
 
 
+def tables(found: Record) -> Record:
+    """The summary as tables, for a page: one of the protocols, and two for each of them."""
+    inner = ("distributions", "coverage")
+    content: Record = {
+        "sessions": {name: {k: v for k, v in group.items() if k not in inner} for name, group in found.items()}
+    }
+    for name, group in found.items():
+        content |= {f"{name}, {key}": group[key] for key in inner if key in group}
+    return content
+
+
 def as_text(found: Record) -> str:
     """The summary for a person."""
     lines: list[str] = []
@@ -334,7 +345,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
         return 2
     run_all(store, jobs, given.workers)
     found = summary(store.of(job.key for job in jobs))
-    content = json.dumps(strict_json({"study": study, "protocols": found}), indent=1)
+    content = json.dumps(strict_json({"study": study, **tables(found)}), indent=1)
     given.out.write_text(content + "\n", encoding="utf-8")
     print(as_text(found))
     return 0

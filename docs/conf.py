@@ -8,14 +8,15 @@ import os
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+import skincal
+
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE / "_ext"))
 
 # Sphinx reads below its own folder only. The link is made here, as links do not survive every way to pass a tree on.
 if not (HERE / "notebooks").exists():
     (HERE / "notebooks").symlink_to(Path("..") / "notebooks", target_is_directory=True)
-
-import skincal
 
 RUN = os.environ.get("SKINCAL_DOCS_RUN", "1") != "0"
 

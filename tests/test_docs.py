@@ -16,7 +16,8 @@ from skincal.cli.main import app
 from skincal.dataset.columns import OPTIONAL, TIMES
 from skincal.fit import findings
 from skincal.fit.options import FitOptions, GridSteps
-from skincal.fit.valley import WIDENING
+from skincal.fit.places import MOST
+from skincal.fit.posterior import FORCE_SIGMA, FORCE_SPREAD, NOISE_SPREAD, POSITION_SPREAD
 
 ROOT = Path(__file__).parent.parent
 PAGES = [
@@ -87,9 +88,13 @@ def test_files_page_names_every_finding():
 def test_fit_page_tells_the_defaults():
     text = " ".join((ROOT / "docs" / "method" / "fit.md").read_text(encoding="utf-8").split())
     options = FitOptions()
-    steps, (across, along, turn, elasticity, scale) = GridSteps(), WIDENING
-    assert across == along == turn
-    assert f"of {across:g} for the pose, {elasticity:g} for $\\log E$ and {scale:g} for $\\log S$" in text
+    steps = GridSteps()
+    assert f"$\\sigma_p$ round `[position] sigma_m` (factor $e^{{{POSITION_SPREAD:g}}}$)" in text
+    assert FORCE_SPREAD == 1.0
+    assert f"$\\sigma_f$ round {100 * FORCE_SIGMA:g} % (factor $e$)" in text
+    assert f"round the scatter of untouched taxels (factor $e^{{{NOISE_SPREAD:g}}}$)" in text
+    assert MOST == 6
+    assert "up to six are kept" in text
     assert f"the central {100 * options.level:g} % of its draws" in text
     assert f"Each round draws {options.round_size} points" in text
     assert (

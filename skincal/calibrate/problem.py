@@ -65,7 +65,8 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     sensor = meta.sensor
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     position, radius = meta.position, _mesh_radius(dataset, surface)
-    return Rig(layout, surface, indenters, readout, position.sigma_m, position.slack_m, radius), kinds
+    scale = meta.force.scale_sigma if meta.force is not None else 0.0
+    return Rig(layout, surface, indenters, readout, position.sigma_m, position.slack_m, radius, scale), kinds
 
 
 def _mesh_radius(dataset: Dataset, surface: Surface) -> float | None:

@@ -12,6 +12,7 @@ from skincal.dataset.meta_tables import (
     TABLES,
     check_format,
     clock_from,
+    force_from,
     indenter_from,
     load_toml,
     mount_from,
@@ -19,7 +20,7 @@ from skincal.dataset.meta_tables import (
     position_from,
     sensor_from,
     surface_from,
-    table_of,
+    tables_of,
 )
 from skincal.dataset.spec import FORMAT, DatasetMeta
 from skincal.dataset.toml_table import TomlTable
@@ -64,7 +65,7 @@ def write_meta(meta: DatasetMeta, path: Path) -> None:
 def _meta(values: Mapping[str, Any], findings: Findings) -> DatasetMeta:
     top = TomlTable(findings, FILE, "", values, TOP_KEYS)
     check_format(top, FORMAT)
-    tables = {name: table_of(top, findings, FILE, name, optional=name == "clock") for name in TABLES}
+    tables = tables_of(top, findings, FILE)
     surface = surface_from(tables["surface"])
     return DatasetMeta(
         sensor=sensor_from(tables["sensor"]),
@@ -72,6 +73,7 @@ def _meta(values: Mapping[str, Any], findings: Findings) -> DatasetMeta:
         indenter=indenter_from(tables["indenter"]),
         mount=mount_from(tables["mount"], surface.kind),
         position=position_from(tables["position"]),
+        force=force_from(tables["force"]) if top.has("force") else None,
         clock=clock_from(tables["clock"]) if top.has("clock") else None,
         created=_created(top, findings),
         source=top.text("source", "a text", default=""),

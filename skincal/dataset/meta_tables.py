@@ -12,6 +12,7 @@ from typing import Any
 from skincal.dataset.findings import Findings
 from skincal.dataset.spec import (
     ClockSpec,
+    ForceSpec,
     IndenterSpec,
     MountSpec,
     Pair,
@@ -21,7 +22,8 @@ from skincal.dataset.spec import (
 )
 from skincal.dataset.toml_table import MILLIMETRES, TomlTable
 
-TABLES = ("sensor", "surface", "indenter", "mount", "position", "clock")
+TABLES = ("sensor", "surface", "indenter", "mount", "position", "force", "clock")
+OPTIONAL_TABLES = ("force", "clock")
 KNOWN = {
     "sensor": (
         "rows", "cols", "taxel_size_m", "pitch_m", "value_min", "value_max", "integer", "baseline",
@@ -33,6 +35,7 @@ KNOWN = {
         "y_m", "beta_deg", "alpha_deg", "x_m", "y_range_m", "beta_range_deg", "alpha_range_deg", "x_range_m",
     ),
     "position": ("sigma_m", "slack_m"),
+    "force": ("scale_sigma",),
     "clock": ("sigma_s",),
 }  # fmt: skip
 """Keys of each table."""
@@ -52,6 +55,11 @@ def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | 
     except (OSError, UnicodeDecodeError) as error:
         findings.error(path.name, "a readable text file", str(error))
     return None
+
+
+def tables_of(top: TomlTable, findings: Findings, file: str) -> dict[str, TomlTable]:
+    """All shared tables of a file; an error for each that is missing and must be there."""
+    return {name: table_of(top, findings, file, name, optional=name in OPTIONAL_TABLES) for name in TABLES}
 
 
 def table_of(
@@ -226,6 +234,16 @@ def position_from(table: TomlTable) -> PositionSpec:
         if value < 0:
             table.error(key, "0 or more", f"{value:g}")
     return PositionSpec(sigma, slack, table.extra)
+
+
+def force_from(table: TomlTable) -> ForceSpec:
+    """``[force]``."""
+    return ForceSpec(
+        table.number(
+            "scale_sigma", "a relative standard deviation, 0 to 0.5", default=0.0, low=0.0, high=0.5
+        ),
+        table.extra,
+    )
 
 
 def clock_from(table: TomlTable) -> ClockSpec:

@@ -1,4 +1,4 @@
-"""What ``dataset.toml`` says, as frozen objects: sensor, surface, indenter, mount, position, clock."""
+"""What ``dataset.toml`` says, as frozen objects: sensor, surface, indenter, mount, position, force, clock."""
 
 from __future__ import annotations
 
@@ -107,6 +107,19 @@ class PositionSpec:
 
 
 @dataclass(frozen=True)
+class ForceSpec:
+    """What the scale of the measured forces is worth.
+
+    Attributes:
+        scale_sigma: relative standard deviation of an error that all forces of the session share.
+        extra: keys that skincal does not know.
+    """
+
+    scale_sigma: float = 0.0
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class ClockSpec:
     """How well the clocks of force and taxels are known to agree: standard deviation [s]."""
 
@@ -124,6 +137,7 @@ class DatasetMeta:
         indenter: what presses.
         mount: the sensor's nominal pose and the ranges to search.
         position: what the contact positions are worth.
+        force: what the scale of the forces is worth; None: not known, taken as exact.
         clock: how well the clocks agree; None: not known.
         created: when the data were taken; None: not said.
         source: free text.
@@ -136,6 +150,7 @@ class DatasetMeta:
     indenter: IndenterSpec
     mount: MountSpec
     position: PositionSpec
+    force: ForceSpec | None = None
     clock: ClockSpec | None = None
     created: datetime | date | None = None
     source: str = ""

@@ -12,13 +12,15 @@ from skincal.fit.gains import taxel_gains
 from skincal.fit.grid import GridSlab, MacroGrid
 from skincal.fit.law import LawSpread
 from skincal.fit.options import FitOptions, SearchBox
-from skincal.fit.posterior import Draws, Peak, starting_nuisance
+from skincal.fit.places import starting_nuisance
+from skincal.fit.posterior import Peak
 from skincal.fit.presses import settle
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
+from skincal.fit.sampling import Draws
 from skincal.fit.seen import Images
 from skincal.fit.types import Bools, Floats
-from skincal.fit.valley import choose, interval, valley_loss, widened
+from skincal.fit.valley import choose, interval, valley_loss
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,10 @@ def conclude(
     fixed = options.bound_counts2
     bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
     losses = _grid_result(grid, slabs, bound)
-    clouds = _clouds(chosen, found.law, rng) if fixed is None else [choose(losses, options.draws, rng)]
+    if fixed is None:
+        clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, rng)
+    else:
+        clouds = [choose(losses, options.draws, rng)]
     level = options.level if fixed is None else 1.0
     best = np.array([*macro[:3], *np.exp(macro[3:])])
     result = FitResult(
@@ -104,11 +109,18 @@ def _grid_result(grid: MacroGrid, slabs: Sequence[GridSlab], bound_counts2: floa
     return GridResult(grid, losses, scale, slack, losses <= bound_counts2)
 
 
-def _clouds(draws: Floats, law: LawSpread, rng: np.random.Generator) -> list[Floats]:
-    """Values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure."""
+def _clouds(
+    draws: Floats, law: LawSpread, force_scale_sigma: float, rng: np.random.Generator
+) -> list[Floats]:
+    """Values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure.
+
+    Were all forces 1 + e times what was measured, the same images would come from E (1 + e) and S / (1 + e).
+    """
     half = len(draws) // 2
-    calibrated = widened(draws[:, :5])
-    laws = [calibrated[:half], law.shifted(calibrated[half:], rng)]
+    if force_scale_sigma > 0:
+        error = force_scale_sigma * rng.standard_normal(len(draws))
+        draws = draws[:, :5] + error[:, None] * np.array([0.0, 0.0, 0.0, 1.0, -1.0])
+    laws = [draws[:half, :5], law.shifted(draws[half:, :5], rng)]
     return [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
 
 

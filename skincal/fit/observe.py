@@ -92,6 +92,28 @@ def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
     return np.where(far, -above, lifted)
 
 
+def clipped_share(value: float, sigma: float, readout: Readout) -> float:
+    """How much of the scatter of a frame is left at ``value`` by rounding and clipping, in (0, 1].
+
+    Args:
+        value: of the taxel [counts].
+        sigma: noise of one frame [counts].
+        readout: bounds and rounding.
+    """
+    step = 1.0 if readout.integer else sigma / 20
+    edge = int(np.ceil(_SPREAD * sigma / step + 1))
+    centre = float(np.rint(value)) if readout.integer else value
+    steps: Floats = centre + step * np.arange(-edge, edge + 1, dtype=np.float64)
+    borders: Floats = np.append(steps - step / 2, steps[-1] + step / 2)
+    chance: Floats = np.diff(ndtr((borders - value) / sigma))
+    clipped = _scatter(np.clip(steps, readout.value_min, readout.value_max), chance)
+    return clipped / _scatter(steps, chance)
+
+
+def _scatter(values: Floats, chance: Floats) -> float:
+    return float(np.sqrt(max(chance @ values**2 - (chance @ values) ** 2, 1e-12)))
+
+
 def noise_from_rest(rest_mean: float, readout: Readout) -> float:
     """Noise of one frame [counts] that lifts an untouched taxel to ``rest_mean`` above the lower bound."""
     if readout.value_min is None or not 0.0 < rest_mean - readout.value_min <= _MAX_CLIPPED_REST:

@@ -6,21 +6,20 @@ images: the slack of each press is Gaussian (sigma_p), so is the error of its fo
 images (sigma_n). All three sigmas are estimated from the data along with the macro variables, so that intervals widen
 by themselves on a rig that is worse than it says, and where the model does not quite fit. Integrals over slack and
 force are Laplace's, summed over all places that a press could have been; the macro variables and the sigmas are
-sampled by adaptive importance sampling (Cappe et al. 2008; mixture weights of Cornuet et al. 2012).
+sampled in :mod:`skincal.fit.sampling`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
-from skincal.fit.presses import PressStates, find_modes, settle
+from skincal.fit.places import Places, find_places, mirrored, settled_twice, starting_nuisance
+from skincal.fit.presses import PressStates, settle
 from skincal.fit.problem import FitProblem
-from skincal.fit.seen import Images, from_patch, to_patch
+from skincal.fit.seen import Images
 from skincal.fit.types import Floats, Ints
 from skincal.fit.volume import fold_of, log_volume
 
@@ -32,7 +31,12 @@ _TRUSTED = 16.0
 """A press whose mean square is more than this many times the usual is trusted less."""
 
 _UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
-NOISE_SPREAD = 0.5
+NOISE_SPREAD = 0.2
+"""How far, in its logarithm, the residual of the best images may be from the noise that untouched taxels tell.
+
+Few images say more than what finds their press, so a wider prior is not narrowed by the data, and too large a noise
+makes presses that lie over the middle of a taxel pull the scale down.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +45,6 @@ class Bounds:
 
     low: Floats
     high: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where presses could have been: number of the press (N,), patch coordinates (N, 2) [m], force error (N,)."""
-
-    press: Ints
-    uv_m: Floats
-    force_error: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +94,10 @@ def log_posterior(
     start = starting_nuisance(problem, places, macro, press, count)
     state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
     fold = fold_of(problem, images, macro, sigmas, press, state)
-    mirrored = _mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
-    evidence = -0.5 * state.objective + log_volume(fold, mirrored)
-    uv = state.uv_m.reshape(count, spots, 2)
-    evidence = np.where(_twins(places.press, uv), -np.inf, evidence.reshape(count, spots))
+    paired = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
+    evidence = -0.5 * state.objective + log_volume(fold, paired)
+    twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
+    evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
     total = np.zeros(count)
     for k in range(len(problem)):
         total += logsumexp(evidence[:, places.press == k], axis=1)
@@ -126,38 +121,6 @@ def _position_scale(problem: FitProblem) -> float:
     return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
 
 
-def starting_nuisance(problem: FitProblem, places: Places, macro: Floats, press: Ints, count: int) -> Floats:
-    """Nuisance that keeps a press at its place on the patch when the patch moves."""
-    offset = from_patch(np.tile(places.uv_m, (count, 1)), macro[:, 2])
-    across = offset[:, 0] + macro[:, 0] - problem.across_m[press]
-    along = offset[:, 1] + macro[:, 1] - problem.along_m[press]
-    return np.stack([across, along, np.tile(places.force_error, count)], axis=1)
-
-
-def _twins(press: Ints, uv_m: Floats) -> NDArray[np.bool_]:
-    """(W, N) places that have run into an earlier place of the same press, and would count twice."""
-    twin = np.zeros(uv_m.shape[:2], dtype=bool)
-    for i in range(1, len(press)):
-        for j in range(i - 1, -1, -1):
-            if press[j] != press[i]:
-                break
-            twin[:, i] |= np.abs(uv_m[:, i] - uv_m[:, j]).max(axis=1) < 0.03e-3
-    return twin
-
-
-def _mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> NDArray[np.bool_]:
-    """(count * N,) places whose mirror place is another place of the same press."""
-    spots = len(press)
-    slack, mirror = slack_m.reshape(count, spots, 2), mirror_m.reshape(count, spots, 2)
-    reach = 0.3 * np.abs(mirror - slack).max(axis=2) + 0.03e-3
-    found = np.zeros((count, spots), dtype=bool)
-    for i in range(spots):
-        for j in np.flatnonzero(press == press[i]):
-            if i != j:
-                found[:, i] |= np.abs(slack[:, j] - mirror[:, i]).max(axis=1) < reach[:, i]
-    return found.reshape(-1)
-
-
 def climb(
     problem: FitProblem, images: Images, bounds: Bounds, start: Floats, *, iterations: int = 25
 ) -> Peak:
@@ -175,7 +138,7 @@ def climb(
     damping, places = 1e-3, None
     for step_number in range(iterations):
         if places is None or step_number in (3, 6, 10, 15):
-            places = _places(problem, images, macro, sigmas)
+            places = find_places(problem, images, macro, sigmas)
         states, best = _at(problem, images, places, macro, sigmas)
         trust = _trust(problem, states, best)
         value = float(trust @ states.objective[best])
@@ -202,13 +165,6 @@ def climb(
     density = float(log_posterior(problem, images, _moved(places, states), bounds, point)[0])
     chosen = PressStates(*(array[best] for array in vars(states).values()))
     return Peak(macro, sigmas, np.linalg.pinv(curvature), _moved(places, states), best, chosen, density)
-
-
-def _places(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats) -> Places:
-    press, nuisance = find_modes(problem, images, macro, sigmas)
-    across = problem.across_m[press] + nuisance[:, 0] - macro[0]
-    along = problem.along_m[press] + nuisance[:, 1] - macro[1]
-    return Places(press, to_patch(across, along, macro[2]), nuisance[:, 2])
 
 
 def _moved(places: Places, states: PressStates) -> Places:
@@ -285,115 +241,3 @@ def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
         slope = -count + squares * np.exp(-2 * x) - (x - np.log(centre)) / spread**2
         x += slope / (2 * squares * np.exp(-2 * x) + 1 / spread**2)
     return float(np.exp(x))
-
-
-@dataclass(frozen=True, eq=False)
-class Draws:
-    """Weighted draws of the posterior.
-
-    Attributes:
-        points: (W, 8) macro variables and log sigmas.
-        weight: (W,) normalised weights.
-    """
-
-    points: Floats
-    weight: Floats
-
-    @property
-    def effective(self) -> float:
-        """How many independent draws the weighted ones are worth."""
-        return float(1.0 / (self.weight**2).sum())
-
-    def resampled(self, rng: np.random.Generator, count: int) -> Floats:
-        """(count, 8) draws of equal weight, by systematic resampling."""
-        at = (rng.random() + np.arange(count)) / count
-        rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
-        return self.points[rng.permutation(rows)]
-
-
-Density = Callable[[Floats], Floats]
-"""Takes points (W, 8) to log densities (W,); may spread them over workers."""
-
-
-def sample(
-    peak: Peak,
-    problem: FitProblem,
-    density: Density,
-    rng: np.random.Generator,
-    *,
-    size: int,
-    enough: Callable[[int, Draws], bool],
-) -> Draws:
-    """Adaptive importance sampling round a peak.
-
-    Args:
-        peak: where to start.
-        problem: the presses.
-        density: the log posterior.
-        rng: the only source of chance.
-        size: draws in each round; after each the proposal is fitted to all draws so far.
-        enough: told the rounds done and the draws so far; says when to stop.
-
-    Returns:
-        All draws, weighted against the mixture of all proposals.
-    """
-    lit, presses = float(problem.lit.sum()), len(problem)
-    hyper = np.array([0.5 / presses**0.5, 0.5, 0.7 / lit**0.5]) ** 2
-    covariance = np.zeros((8, 8))
-    covariance[:5, :5] = peak.covariance
-    covariance[5:, 5:] = np.diag(hyper)
-    proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
-    points, values = np.empty((0, 8)), np.empty(0)
-    while True:
-        fresh = proposals[-1].draw(rng, size)
-        points, values = np.concatenate([points, fresh]), np.concatenate([values, density(fresh)])
-        weight = _mixture_weights(points, values, proposals)
-        draws = Draws(points, weight)
-        if enough(len(proposals), draws):
-            return draws
-        proposals.append(_adapted(points, weight, proposals[-1]))
-
-
-class _Student:
-    """A multivariate t distribution with 6 degrees of freedom: tails heavier than the target's."""
-
-    def __init__(self, mean: Floats, covariance: Floats, freedom: float = 6.0) -> None:
-        self.mean, self.freedom = mean, freedom
-        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
-        correlation = covariance / np.outer(scale, scale)
-        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
-        self.root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-6))
-        self.covariance = covariance
-
-    def draw(self, rng: np.random.Generator, count: int) -> Floats:
-        normal = rng.standard_normal((count, len(self.mean)))
-        stretch = np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
-        return self.mean + (normal * stretch[:, None]) @ self.root.T
-
-    def log_density(self, points: Floats) -> Floats:
-        d, v = len(self.mean), self.freedom
-        z = np.linalg.solve(self.root, (points - self.mean).T)
-        constant = gammaln((v + d) / 2) - gammaln(v / 2) - d / 2 * np.log(v * np.pi)
-        determinant = np.linalg.slogdet(self.root)[1]
-        return constant - determinant - (v + d) / 2 * np.log1p((z**2).sum(axis=0) / v)
-
-
-def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Student]) -> Floats:
-    """Weights against the mixture of all proposals, which have drawn equally many points."""
-    mixture = logsumexp([p.log_density(points) for p in proposals], axis=0)
-    log_weight = values - mixture
-    weight = np.exp(log_weight - log_weight.max())
-    return weight / weight.sum()
-
-
-def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
-    """A proposal with the moments of the draws so far; a single heavy draw is not trusted with the shape."""
-    tempered = np.minimum(weight, 1.0 / 40)
-    tempered = tempered / tempered.sum()
-    mean = tempered @ points
-    covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
-    effective = 1.0 / (tempered**2).sum()
-    trust = effective / (effective + 20.0)
-    return _Student(
-        trust * mean + (1 - trust) * last.mean, 1.15 * (trust * covariance + (1 - trust) * last.covariance)
-    )

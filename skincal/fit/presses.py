@@ -100,8 +100,20 @@ def settle(
     start: Floats,
     *,
     iterations: int = 4,
+    to_rest: bool = True,
 ) -> PressStates:
-    """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; arguments as :func:`evaluate`."""
+    """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; arguments as :func:`evaluate`.
+
+    Args:
+        problem: the presses.
+        images: simulated images round the macro draws.
+        macro: (n, 5) macro variables.
+        sigmas: (n, 3) sigma_p [m], sigma_f [-], sigma_n [counts].
+        press: (n,) number of the press.
+        start: (n, 3) nuisance to start from.
+        iterations: full steps at most.
+        to_rest: go on with smaller steps where the full ones did not come to rest.
+    """
     bound = np.array([problem.rig.slack_m, problem.rig.slack_m, 0.5])
     state = evaluate(problem, images, macro, sigmas, press, np.clip(start, -bound, bound))
     now, rows = state, np.arange(len(press))
@@ -110,16 +122,49 @@ def settle(
         # first leaves the sheet and is brought back by the next. The best point seen is kept.
         trial = np.clip(now.nuisance + _step(now, sigmas[rows], 1e-6 if number < 6 else 1e-2), -bound, bound)
         moving = (np.abs(trial - now.nuisance) / _MAX_STEP).max(axis=1) > 2e-4
-        if not moving.any():
-            break
         rows = rows[moving]
+        if not len(rows):
+            break
         now = evaluate(problem, images, macro[rows], sigmas[rows], press[rows], trial[moving])
         better = now.objective < state.objective[rows]
         _store(state, now, rows[better], better)
+    if to_rest and len(rows):
+        _descend(problem, images, macro, sigmas, press, state, rows)
     return state
 
 
-def _step(state: PressStates, sigmas: Floats, damping: float) -> Floats:
+def _descend(
+    problem: FitProblem,
+    images: Images,
+    macro: Floats,
+    sigmas: Floats,
+    press: Ints,
+    state: PressStates,
+    rows: Ints,
+    iterations: int = 6,
+) -> None:
+    """Levenberg's steps, downhill only, for the rows that Gauss-Newton has not brought to rest.
+
+    Where the measured value is beyond what any place reaches, the residual does not vanish, and full steps go to and
+    fro across the place.
+    """
+    bound = np.array([problem.rig.slack_m, problem.rig.slack_m, 0.5])
+    damping = np.full(len(rows), 0.3)
+    for _ in range(iterations):
+        here = PressStates(*(array[rows] for array in vars(state).values()))
+        step = _step(here, sigmas[rows], damping[:, None])
+        moving = (np.abs(step) / _MAX_STEP).max(axis=1) > 2e-4
+        if not moving.any():
+            return
+        rows, damping = rows[moving], damping[moving]
+        trial = np.clip(here.nuisance[moving] + step[moving], -bound, bound)
+        got = evaluate(problem, images, macro[rows], sigmas[rows], press[rows], trial)
+        better = got.objective < state.objective[rows]
+        _store(state, got, rows[better], better)
+        damping *= np.where(better, 0.2, 6.0)
+
+
+def _step(state: PressStates, sigmas: Floats, damping: float | Floats) -> Floats:
     prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
     noise = 1.0 / sigmas[:, 2] ** 2
     gradient = (
@@ -187,6 +232,7 @@ def find_modes(
         press,
         start,
         iterations=1,
+        to_rest=False,
     )
     q = rough.objective.reshape(count, side, side)
     padded = np.pad(q, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
@@ -203,10 +249,19 @@ def find_modes(
     press, start = press[low], rough.nuisance[low]
     sharp = many(sigmas, (len(press), 3))
     state = settle(problem, images, many(macro, (len(press), 5)), sharp, press, start, iterations=12)
-    return _distinct(press, state, count, most, margin)
+    return distinct(press, state, count, most, margin)
 
 
-def _distinct(press: Ints, state: PressStates, count: int, most: int, margin: float) -> tuple[Ints, Floats]:
+def distinct(press: Ints, state: PressStates, count: int, most: int, margin: float) -> tuple[Ints, Floats]:
+    """Press (N,) and nuisance (N, 3) of settled places, each once, best first for each press.
+
+    Args:
+        press: (n,) number of the press of each place.
+        state: the places.
+        count: of the presses.
+        most: so many places a press at most.
+        margin: places whose objective is so much above the best are left out.
+    """
     kept: list[int] = []
     for k in range(count):
         mine: list[int] = []

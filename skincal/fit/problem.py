@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.fit.general_contacts import ContactMap
-from skincal.fit.observe import Observed, Readout, expected_counts, observe
+from skincal.fit.observe import Observed, Readout, clipped_share, observe
 from skincal.fit.types import Bools, Floats, Ints
 from skincal.model import Cylinder, Indenter, Surface, TaxelLayout
 
@@ -30,6 +30,7 @@ class Rig:
         readout: the converter.
         position_sigma_m: what the rig's contact position is worth, one sigma along each direction [m].
         slack_m: bound of the slack along each direction [m].
+        force_scale_sigma: what the scale of the forces is worth: relative error, one for all presses, one sigma.
         mesh_radius_m: on a mesh the R that relates arc and angle round the finger, arc = R beta [m].
     """
 
@@ -40,6 +41,7 @@ class Rig:
     position_sigma_m: float
     slack_m: float
     mesh_radius_m: float | None = None
+    force_scale_sigma: float = 0.0
 
     @property
     def arc_radius_m(self) -> float | None:
@@ -125,17 +127,16 @@ class FitProblem:
     def noise_sigma_counts(self) -> float:
         """Noise of a hold mean of a taxel away from the bounds [counts], from the scatter of untouched taxels.
 
-        Clipping halves the scatter of a taxel at rest on its bound; that is undone. Where no taxel is ever
-        untouched, one percent of the largest value stands in.
+        Clipping takes four tenths off the scatter of a taxel at rest on its bound; that is undone. Where no taxel is
+        ever untouched, one percent of the largest value stands in.
         """
         scatter, frame = self.observed.rest_sigma_counts, self.observed.frame_sigma_counts
         if not np.isfinite(scatter) or scatter <= 0:
             return max(0.1, 0.01 * float(self.values.max(initial=0.0)))
         if not np.isfinite(frame):
             return max(scatter, 0.05)
-        low = self.rig.readout.value_min or 0.0
-        around = expected_counts(np.array([low - 0.05, low + 0.05]), frame, self.rig.readout)
-        return max(scatter / max(float(around[1] - around[0]) / 0.1, 0.2), 0.05)
+        share = clipped_share(self.rig.readout.value_min or 0.0, frame, self.rig.readout)
+        return max(scatter / max(share, 0.2), 0.05)
 
     def subset(self, keep: Bools, reason: str) -> FitProblem:
         """The problem without some of its presses; those get ``reason`` for their status."""

@@ -15,10 +15,11 @@ from skincal.fit.grid import GridSlab, MacroGrid, span
 from skincal.fit.law import LawSpread, weigh_laws
 from skincal.fit.micro import MicroSettings
 from skincal.fit.options import GENERAL_STEPS, FitOptions, GridSteps, SearchBox
-from skincal.fit.posterior import Bounds, Draws, Peak, sample
+from skincal.fit.posterior import Bounds, Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import FitResult
 from skincal.fit.robust import dead_taxels, glitches
+from skincal.fit.sampling import Draws, sample
 from skincal.fit.tasks import (
     ClimbTask,
     DensityTask,

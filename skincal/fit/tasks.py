@@ -18,7 +18,8 @@ from skincal.fit.general_tabling import joined, run_table, table_tasks
 from skincal.fit.grid import GridSlab, MacroGrid
 from skincal.fit.images import KernelImages
 from skincal.fit.micro import MicroSettings
-from skincal.fit.posterior import Bounds, Peak, Places, climb, log_posterior
+from skincal.fit.places import Places
+from skincal.fit.posterior import Bounds, Peak, climb, log_posterior
 from skincal.fit.problem import FitProblem
 from skincal.fit.seen import Images
 from skincal.fit.types import Floats

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from skincal.fit.options import SearchBox
-from skincal.fit.posterior import Places, starting_nuisance
+from skincal.fit.places import Places, starting_nuisance
 from skincal.fit.presses import settle
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import GridResult
@@ -16,21 +16,6 @@ from skincal.fit.types import Floats
 
 UNBOUNDED_FROM = 0.9
 """A parameter whose interval fills this part of the searched range is not identified by the data."""
-
-
-WIDENING = np.array([1.15, 1.15, 1.15, 1.4, 1.8])
-"""How much wider than the sampled posterior the draws are kept, in the order of ``PARAMETERS``.
-
-Integrals over the places of a press are approximate and presses are chosen by their images, which leaves the sampled
-posterior of E and S too narrow: in seeded sessions S erred by 2.3 times less than the width of its interval, where 4.6
-is right. The factors are chosen by such sessions and checked on others (``benchmarks/coverage.py``).
-"""
-
-
-def widened(draws: Floats) -> Floats:
-    """Draws (W, 5) of the macro variables, moved away from their median by ``WIDENING``."""
-    middle = np.median(draws, axis=0)
-    return middle + (draws - middle) * WIDENING
 
 
 def interval(

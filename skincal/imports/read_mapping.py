@@ -15,13 +15,14 @@ from skincal.dataset.meta_tables import (
     TABLES,
     check_format,
     clock_from,
+    force_from,
     indenter_from,
     load_toml,
     mount_from,
     position_from,
     sensor_from,
     surface_from,
-    table_of,
+    tables_of,
 )
 from skincal.imports import mapping_taxels, targets
 from skincal.imports.mapping import FORMAT, BagFormat, CsvFormat, CutRules, Mapping, Quantity
@@ -140,7 +141,7 @@ def _check_required(
 
 
 def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
-    tables = {name: table_of(top, findings, file, name, optional=name == "clock") for name in TABLES}
+    tables = tables_of(top, findings, file)
     surface = surface_from(tables["surface"])
     created = top.raw("created")
     if isinstance(created, str):
@@ -155,6 +156,7 @@ def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
         indenter=indenter_from(tables["indenter"]),
         mount=mount_from(tables["mount"], surface.kind),
         position=position_from(tables["position"]),
+        force=force_from(tables["force"]) if top.has("force") else None,
         clock=clock_from(tables["clock"]) if top.has("clock") else None,
         created=created,
         source=top.text("source", "a text", default=""),

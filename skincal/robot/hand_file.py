@@ -15,13 +15,14 @@ from skincal.dataset.meta_tables import (
     TABLES,
     check_format,
     clock_from,
+    force_from,
     indenter_from,
     load_toml,
     mount_from,
     position_from,
     sensor_from,
     surface_from,
-    table_of,
+    tables_of,
 )
 from skincal.dataset.toml_table import TomlTable
 from skincal.robot.description import (
@@ -240,10 +241,7 @@ class _Reader:
                 )
 
     def _meta(self) -> DatasetMeta:
-        tables = {
-            name: table_of(self._top, self._findings, self._path.name, name, optional=name == "clock")
-            for name in TABLES
-        }
+        tables = tables_of(self._top, self._findings, self._path.name)
         surface = surface_from(tables["surface"])
         indenter = indenter_from(tables["indenter"])
         if surface.kind == "mesh":
@@ -263,6 +261,7 @@ class _Reader:
             indenter=indenter,
             mount=mount_from(tables["mount"], surface.kind),
             position=position_from(tables["position"]),
+            force=force_from(tables["force"]) if self._top.has("force") else None,
             clock=clock_from(tables["clock"]) if self._top.has("clock") else None,
         )
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skincal.fit.observe import Readout, expected_counts, noise_from_rest, observe
+from skincal.fit.observe import Readout, clipped_share, expected_counts, noise_from_rest, observe
 
 CONVERTER = Readout(0, 255, True)
 
@@ -79,3 +79,12 @@ def test_values_at_the_upper_bound_are_marked_and_dead_taxels_stay_nan() -> None
 def test_a_subtracted_level_at_rest_is_not_taken_off_twice() -> None:
     counts = np.full((20, 2), 0.4)
     assert observe(counts, Readout(0, 255, True, rest_subtracted=True)).values == pytest.approx(counts)
+
+
+@pytest.mark.parametrize("integer", [True, False])
+@pytest.mark.parametrize(("value", "sigma"), [(0.0, 0.5), (0.0, 1.0), (1.5, 2.0), (120.0, 1.0)])
+def test_clipping_takes_its_share_of_the_scatter(value: float, sigma: float, integer: bool) -> None:
+    frames = value + sigma * np.random.default_rng(5).standard_normal(200_000)
+    free = np.rint(frames) if integer else frames
+    share = np.clip(free, 0, 255).std() / free.std()
+    assert clipped_share(value, sigma, Readout(0, 255, integer)) == pytest.approx(share, rel=0.01)

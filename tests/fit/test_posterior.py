@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from skincal.fit.law import LawSpread, weigh_laws
-from skincal.fit.posterior import Bounds, Draws, climb, sample
+from skincal.fit.posterior import Bounds, climb
 from skincal.fit.presses import evaluate, settle
 from skincal.fit.problem import FitProblem, pose_problem
 from skincal.fit.robust import dead_taxels, glitches
+from skincal.fit.sampling import Draws, sample
 from skincal.fit.seen import from_patch, to_patch
 from skincal.fit.tasks import Neighbourhood
 from tests.fit.conftest import Truth, make_session, rig

@@ -178,3 +178,16 @@ def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
     result = _fit(pose_problem(rig(), make_session(turned, seed=15)[0]))
     low, high = result.intervals["alpha_rad"]
     assert low <= math.radians(12.0) <= high
+
+
+def test_a_scale_of_the_forces_that_is_not_known_widens_elasticity_and_scale_alone(truth: Truth) -> None:
+    sure = pose_problem(rig(), make_session(truth, seed=11)[0])
+    unsure = replace(sure, rig=replace(sure.rig, force_scale_sigma=0.05))
+    exact, wide = _fit(sure), _fit(unsure)
+    assert wide.best == exact.best
+    for name in ("across_m", "y_m", "alpha_rad"):
+        assert wide.intervals[name] == exact.intervals[name]
+    for name in ("elasticity_pa_per_m", "scale_per_n"):
+        relative = np.ptp(np.log(wide.intervals[name])) ** 2 - np.ptp(np.log(exact.intervals[name])) ** 2
+        # 98 % of a Gaussian of 5 %.
+        assert 0.15 < math.sqrt(relative) < 0.31

@@ -1,0 +1,125 @@
+"""Draws of a posterior by adaptive importance sampling (Cappe et al. 2008; mixture weights of Cornuet et al. 2012)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+
+from skincal.fit.posterior import Peak
+from skincal.fit.problem import FitProblem
+from skincal.fit.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Weighted draws of the posterior.
+
+    Attributes:
+        points: (W, 8) macro variables and log sigmas.
+        weight: (W,) normalised weights.
+    """
+
+    points: Floats
+    weight: Floats
+
+    @property
+    def effective(self) -> float:
+        """How many independent draws the weighted ones are worth."""
+        return float(1.0 / (self.weight**2).sum())
+
+    def resampled(self, rng: np.random.Generator, count: int) -> Floats:
+        """(count, 8) draws of equal weight, by systematic resampling."""
+        at = (rng.random() + np.arange(count)) / count
+        rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
+        return self.points[rng.permutation(rows)]
+
+
+Density = Callable[[Floats], Floats]
+"""Takes points (W, 8) to log densities (W,); may spread them over workers."""
+
+
+def sample(
+    peak: Peak,
+    problem: FitProblem,
+    density: Density,
+    rng: np.random.Generator,
+    *,
+    size: int,
+    enough: Callable[[int, Draws], bool],
+) -> Draws:
+    """Adaptive importance sampling round a peak.
+
+    Args:
+        peak: where to start.
+        problem: the presses.
+        density: the log posterior.
+        rng: the only source of chance.
+        size: draws in each round; after each the proposal is fitted to all draws so far.
+        enough: told the rounds done and the draws so far; says when to stop.
+
+    Returns:
+        All draws, weighted against the mixture of all proposals.
+    """
+    lit, presses = float(problem.lit.sum()), len(problem)
+    hyper = np.array([0.5 / presses**0.5, 0.5, 0.7 / lit**0.5]) ** 2
+    covariance = np.zeros((8, 8))
+    covariance[:5, :5] = peak.covariance
+    covariance[5:, 5:] = np.diag(hyper)
+    proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
+    points, values = np.empty((0, 8)), np.empty(0)
+    while True:
+        fresh = proposals[-1].draw(rng, size)
+        points, values = np.concatenate([points, fresh]), np.concatenate([values, density(fresh)])
+        weight = _mixture_weights(points, values, proposals)
+        draws = Draws(points, weight)
+        if enough(len(proposals), draws):
+            return draws
+        proposals.append(_adapted(points, weight, proposals[-1]))
+
+
+class _Student:
+    """A multivariate t distribution with 6 degrees of freedom: tails heavier than the target's."""
+
+    def __init__(self, mean: Floats, covariance: Floats, freedom: float = 6.0) -> None:
+        self.mean, self.freedom = mean, freedom
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+        correlation = covariance / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+        self.root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-6))
+        self.covariance = covariance
+
+    def draw(self, rng: np.random.Generator, count: int) -> Floats:
+        normal = rng.standard_normal((count, len(self.mean)))
+        stretch = np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
+        return self.mean + (normal * stretch[:, None]) @ self.root.T
+
+    def log_density(self, points: Floats) -> Floats:
+        d, v = len(self.mean), self.freedom
+        z = np.linalg.solve(self.root, (points - self.mean).T)
+        constant = gammaln((v + d) / 2) - gammaln(v / 2) - d / 2 * np.log(v * np.pi)
+        determinant = np.linalg.slogdet(self.root)[1]
+        return constant - determinant - (v + d) / 2 * np.log1p((z**2).sum(axis=0) / v)
+
+
+def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Student]) -> Floats:
+    """Weights against the mixture of all proposals, which have drawn equally many points."""
+    mixture = logsumexp([p.log_density(points) for p in proposals], axis=0)
+    log_weight = values - mixture
+    weight = np.exp(log_weight - log_weight.max())
+    return weight / weight.sum()
+
+
+def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
+    """A proposal with the moments of the draws so far; a single heavy draw is not trusted with the shape."""
+    tempered = np.minimum(weight, 1.0 / 40)
+    tempered = tempered / tempered.sum()
+    mean = tempered @ points
+    covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
+    effective = 1.0 / (tempered**2).sum()
+    trust = effective / (effective + 20.0)
+    return _Student(
+        trust * mean + (1 - trust) * last.mean, 1.15 * (trust * covariance + (1 - trust) * last.covariance)
+    )
