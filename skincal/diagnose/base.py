@@ -1,0 +1,86 @@
+"""The base model to start from: a calibration's, or a guess where there is none; and the noise of a dataset."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.calibration import Calibration
+from skincal.dataset import Dataset
+from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_of
+from skincal.fit.observe import observe
+from skincal.gap.base import BaseModel
+from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter
+from skincal.gap.session import GapSession
+from skincal.model.arrays import FloatArray
+
+GUESSED_PA_PER_M = 4.5e8
+"""E where no calibration says it [Pa/m]: the middle of the range that a fit searches, on a logarithmic scale."""
+
+GUESSED_PER_N = 70.0
+"""S where neither a calibration nor data say it [1/N]."""
+
+_LIT_COUNTS = 5.0
+_HOLD_FRAMES = 25.0
+
+
+def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
+    """The base model of a calibration, read out by a dataset's converter."""
+    parameters = calibration.parameters()
+    return BaseModel(
+        calibration.surface_model(),
+        calibration.layout(),
+        calibration.pose(),
+        parameters.elasticity_pa_per_m,
+        parameters.scale_per_n,
+        readout_of(dataset),
+    )
+
+
+def guessed_model(dataset: Dataset, session: GapSession) -> BaseModel:
+    """A base model for a dataset without a calibration: nominal pose, a middle E, and the S of these counts."""
+    readout = readout_of(dataset)
+    model = BaseModel(
+        dataset.surface(), dataset.layout(), dataset.nominal_pose(), GUESSED_PA_PER_M, 1.0, readout
+    )
+    if session.counts is None:
+        return _scaled(model, GUESSED_PER_N)
+    # Of the strongest taxel of each image, which hardly depends on where exactly the press was.
+    load = session.means(model.skin.values(session.samples)).max(axis=1)
+    seen = np.nan_to_num(session.counts).max(axis=1)
+    lit = (load > 0.1 * load.max(initial=0.0)) & (seen > _LIT_COUNTS)
+    return _scaled(model, float(np.median(seen[lit] / load[lit])) if lit.any() else GUESSED_PER_N)
+
+
+def _scaled(model: BaseModel, scale_per_n: float) -> BaseModel:
+    return replace(model, scale_per_n=scale_per_n)
+
+
+def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.Generator) -> NoiseFloor:
+    """The noise floor of a dataset.
+
+    Args:
+        dataset: the session.
+        press_slopes: (P, J, 3) slopes of hold images by place and force; None: repeats are not used.
+        rng: for intervals.
+    """
+    readout, nothing = readout_of(dataset), (np.zeros(0), np.zeros(0))
+    presses, frames = dataset.presses, dataset.frames
+    seen = observe(presses.counts, readout)
+    rest_mean, rest_scatter = rest_of(dataset, seen.rest_sigma_counts)
+    of_frames, of_repeats, hold_frames = nothing, nothing, 1.0
+    if frames is not None:
+        groups = hold_groups(dataset)
+        of_frames = frame_scatter(frames.counts, groups, readout)
+        held = np.bincount(groups[groups >= 0])
+        hold_frames = float(np.median(held[held > 0])) if held.any() else 1.0
+    elif np.isfinite(rest_scatter) and np.isfinite(seen.frame_sigma_counts) and rest_scatter > 0:
+        hold_frames = max(1.0, float((seen.frame_sigma_counts / rest_scatter) ** 2) / 3)
+    first, second = repeats(dataset)
+    if press_slopes is not None and len(first):
+        use = presses.counts > (readout.value_min or 0.0) + 4
+        if readout.value_max is not None:
+            use &= presses.counts < readout.value_max - 4
+        of_repeats = repeat_scatter(presses.counts, first, second, press_slopes, use)
+    return noise_floor(of_frames, of_repeats, rest_mean, rest_scatter, hold_frames, readout, rng)

@@ -1,0 +1,228 @@
+"""The noise floor: what no model can explain, from frames in the hold, frames at rest, repeats, and the converter.
+
+The noise sigma of a frame is that before rounding and clipping. What a frame shows of it depends on the value: at a
+bound of the converter both the noise and the sensitivity shrink, which :class:`Whitening` takes into account.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from skincal.fit.observe import Readout, clipped_share, expected_counts, noise_from_rest
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
+
+ROUNDING_COUNTS = float(1 / np.sqrt(12))
+"""Standard deviation of a value that was rounded to whole counts."""
+
+LEAST_COUNTS = 0.02
+_MARGIN = 4.0
+_FEWEST = 6
+_RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Noise of a session [counts]; intervals hold 95 %.
+
+    Attributes:
+        frame_counts: of a frame, before rounding and clipping.
+        frame_interval: where that lies.
+        frame_from: ``hold frames``, ``clipped rest``, ``hold means`` or ``assumed``.
+        mean_counts: of a hold mean.
+        mean_interval: where that lies.
+        mean_from: ``repeats``, or how the frame's noise was found.
+        rounding_counts: that rounding adds to a frame; zero where values are not whole numbers.
+    """
+
+    frame_counts: float
+    frame_interval: tuple[float, float]
+    frame_from: str
+    mean_counts: float
+    mean_interval: tuple[float, float]
+    mean_from: str
+    rounding_counts: float
+
+
+def rounding(readout: Readout) -> float:
+    """What rounding adds to the noise of a frame [counts]."""
+    return ROUNDING_COUNTS if readout.integer else 0.0
+
+
+def assumed_floor(readout: Readout, frame_counts: float = 1.0, hold_frames: float = 25.0) -> NoiseFloor:
+    """The floor of a session that has not been recorded."""
+    mean = float(np.hypot(frame_counts, rounding(readout)) / np.sqrt(hold_frames))
+    frame = (0.5 * frame_counts, 2 * frame_counts)
+    return NoiseFloor(
+        frame_counts, frame, "assumed", mean, (mean / 2, mean * 2), "assumed", rounding(readout)
+    )
+
+
+def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
+    """Squares and degrees of freedom (G,) of the scatter of frames about a straight line, group by group.
+
+    Args:
+        counts: (M, J) frames in the hold.
+        group: (M,) the hold that each belongs to, -1 for none.
+        readout: taxels near its bounds do not count.
+    """
+    squares: list[float] = []
+    freedom: list[float] = []
+    for number in np.unique(group[group >= 0]):
+        values = counts[group == number]
+        if len(values) < _FEWEST:
+            continue
+        inside = np.isfinite(values).all(axis=0)
+        inside &= values.min(axis=0, initial=np.inf) > (
+            -np.inf if readout.value_min is None else readout.value_min + _MARGIN
+        )
+        inside &= values.max(axis=0, initial=-np.inf) < (
+            np.inf if readout.value_max is None else readout.value_max - _MARGIN
+        )
+        if not inside.any():
+            continue
+        x = np.linspace(-1.0, 1.0, len(values))
+        line = np.linalg.qr(np.stack([np.ones_like(x), x], axis=1))[0]
+        left = values[:, inside] - line @ (line.T @ values[:, inside])
+        squares.append(float((left**2).sum()))
+        freedom.append(float((len(values) - 2) * inside.sum()))
+    return np.array(squares), np.array(freedom)
+
+
+def repeat_scatter(
+    means: FloatArray, first: IntArray, second: IntArray, slopes: FloatArray, use: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Squares and degrees of freedom of differences of exact repeats, what a place and a force explain left out.
+
+    Args:
+        means: (P, J) hold means.
+        first: (R,) rows of presses.
+        second: (R,) rows of their repeats.
+        slopes: (P, J, 3) of the image by place and force.
+        use: (P, J) taxels away from the bounds.
+
+    Returns:
+        Both (R,), as of one hold mean: half of the squares of the difference.
+    """
+    squares, freedom = np.zeros(len(first)), np.zeros(len(first))
+    for i, (a, b) in enumerate(zip(first, second, strict=True)):
+        taxels = use[a] & use[b] & np.isfinite(means[a] + means[b])
+        if taxels.sum() <= 3:
+            continue
+        basis = np.linalg.qr(slopes[a][taxels])[0]
+        difference = means[a][taxels] - means[b][taxels]
+        difference = difference - basis @ (basis.T @ difference)
+        squares[i] = float((difference**2).sum()) / 2
+        freedom[i] = float(taxels.sum() - 3)
+    return squares, freedom
+
+
+def pooled(
+    squares: FloatArray, freedom: FloatArray, rng: np.random.Generator
+) -> tuple[float, tuple[float, float]]:
+    """Standard deviation of groups pooled robustly, and its interval by drawing groups again.
+
+    A glitch in one group must not raise the floor: of the groups' variances the weighted median is taken.
+    """
+    keep = freedom > 0
+    squares, freedom = squares[keep], freedom[keep]
+    if not len(squares):
+        return float("nan"), (float("nan"), float("nan"))
+    best = _median_deviation(squares, freedom)
+    drawn = rng.integers(0, len(squares), (_RESAMPLES, len(squares)))
+    again = [_median_deviation(squares[d], freedom[d]) for d in drawn]
+    low, high = np.quantile(again, [0.025, 0.975])
+    return best, (float(min(low, best)), float(max(high, best)))
+
+
+def _median_deviation(squares: FloatArray, freedom: FloatArray) -> float:
+    variance = squares / freedom
+    order = np.argsort(variance)
+    weight = np.cumsum(freedom[order])
+    middle = variance[order][np.searchsorted(weight, weight[-1] / 2)]
+    # The median of a chi-square over its mean, for the usual number of degrees of freedom.
+    usual = float(np.median(freedom))
+    return float(np.sqrt(middle / (1 - 2 / (9 * usual)) ** 3))
+
+
+def noise_floor(
+    frames: tuple[FloatArray, FloatArray],
+    repeats: tuple[FloatArray, FloatArray],
+    rest_mean: float,
+    rest_scatter: float,
+    hold_frames: float,
+    readout: Readout,
+    rng: np.random.Generator,
+) -> NoiseFloor:
+    """The floor from all there is.
+
+    Args:
+        frames: of :func:`frame_scatter`; empty where there are no frames.
+        repeats: of :func:`repeat_scatter`; empty where there are none.
+        rest_mean: mean count of untouched taxels, which clipping lifts; NaN where not known.
+        rest_scatter: of hold means of untouched taxels [counts]; NaN where not known.
+        hold_frames: frames of a hold mean; 1 where not known.
+        readout: the converter.
+        rng: for intervals.
+    """
+    added = rounding(readout)
+    frame, interval = pooled(*frames, rng)
+    source = "hold frames"
+    if np.isfinite(frame):
+        frame, *ends = (_without(value, added) for value in (frame, *interval))
+        interval = (ends[0], ends[1])
+    elif np.isfinite(frame := noise_from_rest(rest_mean, readout)):
+        interval, source = (0.9 * frame, 1.1 * frame), "clipped rest"
+    else:
+        known = np.isfinite(rest_scatter) and rest_scatter > 0
+        frame, source = (float(rest_scatter), "hold means") if known else (1.0, "assumed")
+        interval = (0.5 * frame, 2.0 * frame)
+    means, means_interval = pooled(*repeats, rng)
+    if np.isfinite(means):
+        return NoiseFloor(frame, interval, source, means, means_interval, "repeats", added)
+    mean, *ends = (float(np.hypot(v, added) / np.sqrt(hold_frames)) for v in (frame, *interval))
+    return NoiseFloor(frame, interval, source, mean, (ends[0], ends[1]), source, added)
+
+
+def _without(deviation: float, added: float) -> float:
+    return float(np.sqrt(max(deviation**2 - added**2, LEAST_COUNTS**2)))
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """What a change of a value is worth in standard deviations of what is read.
+
+    Attributes:
+        sigma_counts: noise of one frame, before rounding and clipping.
+        readout: the converter.
+    """
+
+    sigma_counts: float
+    readout: Readout
+
+    def weight(self, values: FloatArray, frames: FloatArray) -> FloatArray:
+        """Weights (N, J) [1/counts] of observations.
+
+        Args:
+            values: (N, J) values before the converter [counts].
+            frames: (N,) frames that each is the mean of.
+        """
+        worth = np.interp(values, self._table[0], self._table[1])
+        return worth * np.sqrt(frames)[:, None]
+
+    @cached_property
+    def _table(self) -> tuple[FloatArray, FloatArray]:
+        """Slope of the mean count over its standard deviation, at values about the bounds."""
+        sigma, readout = self.sigma_counts, self.readout
+        full = float(np.hypot(sigma, rounding(readout)))
+        bounds = [b for b in (readout.value_min, readout.value_max) if b is not None]
+        near = np.linspace(-5.0, 5.0, 41) * max(sigma, 0.2)
+        knots = np.unique(np.concatenate([[0.0], *(b + near for b in bounds)]))
+        step = 0.05 * sigma
+        slope = (
+            expected_counts(knots + step, sigma, readout) - expected_counts(knots - step, sigma, readout)
+        ) / (2 * step)
+        share = np.array([clipped_share(float(k), sigma, readout) for k in knots])
+        return knots, np.clip(slope, 0.0, 1.0) / (full * np.maximum(share, 0.2))

@@ -1,0 +1,151 @@
+"""In words: why presses cannot show an effect, and what kind of press or covariate would."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from skincal.effects import COVARIATES
+from skincal.effects.samples import UNLOAD
+from skincal.gap.audit import EffectAudit
+from skincal.gap.session import GapSession
+from skincal.model.arrays import FloatArray
+
+_SAME_SPEED = 1.2
+_SHEAR_N = 0.05
+_FORCE_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What kind of presses a session has.
+
+    Attributes:
+        frames: loading and unloading were observed.
+        falling: some hold is reached from above, or unloading was observed.
+        clock: times were recorded.
+        speeds: the fastest loading over the slowest; 1 where not known.
+        poses: number of hand poses.
+        again: a site is touched again.
+        forces: the largest hold force over the smallest.
+        radii: number of different indenters.
+        shear_n: root mean square tangential force [N].
+    """
+
+    frames: bool
+    falling: bool
+    clock: bool
+    speeds: float
+    poses: int
+    again: bool
+    forces: float
+    radii: int
+    shear_n: float
+
+
+def facts_of(session: GapSession) -> Facts:
+    """Looks at the presses of a session."""
+    samples = session.samples
+    touched = samples.touching
+    peaks = np.zeros(session.presses)
+    np.maximum.at(peaks, session.row[touched], samples.contacts.force_n[touched])
+    peaks = peaks[peaks > 0]
+    speed, pose, cycle = samples.speed_m_per_s, samples.pose, samples.cycle
+    seen = samples[session.observation >= 0]
+    return Facts(
+        session.has_frames,
+        bool(np.isin(session.phase, [UNLOAD]).any()) or _from_above(session),
+        samples.time_s is not None,
+        1.0 if speed is None else _ratio(speed[touched]),
+        1 if pose is None else len(np.unique(pose[pose >= 0])),
+        cycle is not None and bool((cycle[touched] > 0).any()),
+        _ratio(peaks),
+        len(np.unique(seen.indenter[seen.touching])),
+        0.0 if samples.shear_n is None else float(np.sqrt(np.nanmean(samples.shear_n[touched] ** 2))),
+    )
+
+
+def _from_above(session: GapSession) -> bool:
+    """Whether a press without frames was loaded beyond its hold."""
+    if session.has_frames:
+        return False
+    force, row = session.samples.contacts.force_n, session.row
+    most, held = np.zeros(session.presses), np.full(session.presses, np.inf)
+    np.maximum.at(most, row, force)
+    seen = session.observation >= 0
+    np.minimum.at(held, row[seen], force[seen])
+    return bool((most > 1.05 * held).any())
+
+
+def _ratio(values: FloatArray) -> float:
+    known = values[np.isfinite(values) & (values > 0)]
+    return float(known.max() / known.min()) if len(known) else 1.0
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a session lacks, in words.
+
+    Attributes:
+        missing: whether it does.
+        text: what to say.
+        of: covariate that the rule looks at; where it was not recorded at all, that is said instead.
+    """
+
+    missing: Callable[[Facts], bool]
+    text: str
+    of: str = ""
+
+
+_NO_FRAMES = Rule(lambda f: not f.frames, "no frames: only the mean of each hold was recorded")
+_NO_CLOCK = Rule(lambda f: not f.clock, "no times of the presses were recorded")
+_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", "pose")
+_ONE_FORCE = Rule(lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard")
+_NO_UNLOADING = Rule(
+    lambda f: not f.falling, "no frames, and no hold that is reached from above: unloading is not seen"
+)
+_ONE_SPEED = Rule(
+    lambda f: f.speeds < _SAME_SPEED, "all presses are equally fast, which only moves the scale", "speed"
+)
+_ONE_TOUCH = Rule(lambda f: not f.again, "no site is touched a second time", "cycle")
+_NO_SHEAR = Rule(lambda f: f.shear_n < _SHEAR_N, "there is hardly any tangential force", "shear")
+_ONE_INDENTER = Rule(lambda f: f.radii < 2, "there is one indenter only")
+
+_RULES: Final[Mapping[str, tuple[Rule, ...]]] = MappingProxyType(
+    {
+        "hysteresis": (_NO_UNLOADING,),
+        "creep": (_NO_FRAMES, _NO_CLOCK),
+        "latency": (_NO_FRAMES, _NO_CLOCK),
+        "rate": (_ONE_SPEED, _NO_CLOCK),
+        "first_cycle": (_ONE_TOUCH,),
+        "baseline_drift": (_NO_CLOCK,),
+        "gain_drift": (_NO_CLOCK,),
+        "shear": (_NO_SHEAR,),
+        "force_bias": (_ONE_POSE, _ONE_FORCE),
+        "contact_offset": (_ONE_POSE,),
+        "indenter_radius": (_ONE_INDENTER,),
+        "cover": (_ONE_FORCE,),
+        "stiffening": (_ONE_FORCE,),
+        "response_curve": (_ONE_FORCE,),
+        "saturation": (_ONE_FORCE,),
+    }
+)
+
+
+def why_not(found: EffectAudit, facts: Facts) -> str:
+    """Why an effect cannot be seen: the covariates and kinds of press that are missing, else what hides it."""
+    columns = [COVARIATES[name] for name in found.lacking if name not in ("time", "phase") or facts.clock]
+    said = [f"no {' and no '.join(columns)} recorded"] if columns else []
+    rules = _RULES.get(found.name, ())
+    said += [rule.text for rule in rules if rule.missing(facts) and rule.of not in found.lacking]
+    if said:
+        return "; ".join(said)
+    if found.raw_distance < found.threshold:
+        return "in these presses it does less than the noise"
+    if found.lost.base > found.lost.presses:
+        return "another pose, E and scale of the base model look the same"
+    return "places, forces and the doubt of each press's image take it up"

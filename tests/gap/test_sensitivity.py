@@ -1,0 +1,95 @@
+"""Columns are finite differences of the model itself, and what is projected out is gone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gap.gap_sessions import MODEL, READOUT, full
+
+from skincal.effects import EFFECTS, EffectSkin
+from skincal.gap.audit import AuditOptions, linearise
+from skincal.gap.base import base_columns, shifted
+from skincal.gap.noise import assumed_floor
+from skincal.gap.projection import Projection
+from skincal.gap.sensitivity import STEP, Simulator, effect_columns
+from skincal.model import Patch, SensorPose, Skin, SkinParameters
+
+SESSION = full(10)
+SIMULATOR = Simulator.of(MODEL, SESSION)
+ONE = [
+    ("force_bias", "offset_n"),
+    ("indenter_radius", "scale"),
+    ("stiffening", "exponent"),
+    ("spread", "width_m"),
+    ("hysteresis", "height"),
+    ("creep", "amplitude"),
+    ("crosstalk", "leak"),
+    ("saturation", "inverse_ceiling_per_count"),
+]
+
+
+@pytest.mark.parametrize(("name", "parameter"), ONE)
+def test_columns_are_differences_of_the_skin(name: str, parameter: str):
+    columns = effect_columns(SIMULATOR, EFFECTS[name], np.random.default_rng(0))
+    p = EFFECTS[name].parameter(parameter)
+    changed = MODEL.skin.with_effects({name: {parameter: p.neutral + STEP * p.typical}})
+    expected = SESSION.means(changed.values(SESSION.samples) - MODEL.skin.values(SESSION.samples))
+    assert np.abs(columns.columns[..., columns.names.index(parameter)] - expected).max() < 1e-9
+    assert np.abs(expected).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", list(EFFECTS))
+def test_every_effect_has_columns_and_a_typical_case(name: str):
+    found = effect_columns(SIMULATOR, EFFECTS[name], np.random.default_rng(0))
+    assert found.columns.shape == (len(SESSION), 16, len(found.names))
+    assert np.isfinite(found.columns).all() and np.isfinite(found.typical).all()
+    assert np.abs(found.typical).max() > np.abs(found.half).max() > 0
+    assert (found.least <= 0).all() and (found.most >= 0).all()
+
+
+def test_base_columns_are_differences_of_the_skin():
+    columns, step = base_columns(MODEL, SESSION), 1e-5
+    skin, samples = MODEL.skin, SESSION.samples
+    for axis in (0, 1):
+        move = np.eye(2)[axis] * step
+        rise = SESSION.means(
+            skin.values(shifted(skin, samples, move)) - skin.values(shifted(skin, samples, -move))
+        )
+        assert np.abs(columns.press[..., axis] - rise / (2 * step)).max() < 0.15 * np.abs(columns.press).max()
+    patch = Patch.build(MODEL.surface, MODEL.layout, SensorPose(0.0235, 0.21, 0.05), 0.8e-3, MODEL.margin_m)
+    turned = EffectSkin(Skin(patch, SkinParameters(4e8, 70.0)), MODEL.surface)
+    change = SESSION.means(turned.values(samples)) - columns.values
+    close = np.corrcoef(change.ravel(), columns.base[..., 2].ravel())[0, 1]
+    assert close > 0.99
+    # A patch that moves one way is presses that move the other way: slopes of all presses together.
+    assert np.abs(columns.base[..., 1] + columns.press[..., 1]).max() < 0.15 * np.abs(columns.press).max()
+
+
+def test_projection_takes_out_base_and_nuisances():
+    options = AuditOptions(position_sigma_m=0.05, force_sigma=100.0)
+    linear = linearise(
+        MODEL, SESSION, assumed_floor(READOUT), options, np.random.default_rng(0), ("crosstalk",)
+    )
+    for change in (linear.base.base, linear.base.press[SESSION.press == 3][..., :1]):
+        whole = np.zeros((*linear.base.values.shape, change.shape[-1]))
+        whole[SESSION.press == 3 if len(change) < len(SESSION) else slice(None)] = change
+        white = linear.whitened(whole)
+        left = np.linalg.norm(linear.projection.apply(white), axis=0)
+        assert (left < 0.02 * np.linalg.norm(white, axis=0)).all()
+
+
+def test_projection_is_the_inverse_root_of_the_covariance():
+    rng = np.random.default_rng(2)
+    press = np.array([0, 1, 0, -1, 1])
+    nuisance, shape = rng.normal(size=(5, 3, 2)), np.abs(rng.normal(size=(5, 3)))
+    projection = Projection.of(press, nuisance, shape, np.zeros((5, 3, 1)))
+    covariance = np.eye(15)
+    for k in (0, 1):
+        own = (press == k).astype(float)[:, None]
+        for column in np.moveaxis(nuisance * own[..., None], -1, 0):
+            covariance += np.outer(column.ravel(), column.ravel())
+        for j in range(3):
+            column = shape * own * (np.arange(3) == j)
+            covariance += np.outer(column.ravel(), column.ravel())
+    root = projection.apply(np.eye(15))
+    assert np.allclose(root @ covariance @ root.T, np.eye(15), atol=1e-9)

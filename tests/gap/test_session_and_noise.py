@@ -1,0 +1,160 @@
+"""Bins, splits and the noise floor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gap.gap_sessions import READOUT, full, static
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.fit.observe import Readout
+from skincal.gap.noise import (
+    Whitening,
+    assumed_floor,
+    frame_scatter,
+    noise_floor,
+    pooled,
+    repeat_scatter,
+)
+from skincal.gap.session import Binning, bins_of
+from skincal.gap.split import FINAL, SELECTION, TRAIN, split_presses
+
+NOTHING = (np.zeros(0), np.zeros(0))
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 60), st.sampled_from([IDLE, LOAD, HOLD, UNLOAD])), min_size=1, max_size=8
+    )
+)
+def test_bins_keep_to_presses_phases_and_their_bound(stretches: list[tuple[int, int]]):
+    row = np.repeat(np.arange(len(stretches)), [n for n, _ in stretches])
+    phase = np.repeat([p for _, p in stretches], [n for n, _ in stretches])
+    bins = bins_of(row, phase, Binning())
+    assert (np.diff(bins) >= 0).all() and (np.diff(bins) <= 1).all() and bins[0] == 0
+    for k, (length, kind) in enumerate(stretches):
+        own = np.unique(bins[row == k])
+        assert 1 <= len(own) <= Binning().of_phase(kind)
+        assert not np.isin(bins[row != k], own).any()
+        if length <= Binning().of_phase(kind):
+            assert len(own) == length
+
+
+def test_hold_bins_grow():
+    bins = bins_of(np.zeros(100, dtype=int), np.full(100, HOLD), Binning())
+    sizes = np.bincount(bins)
+    assert len(sizes) == 6 and sizes[-1] > 3 * sizes[0]
+
+
+def test_binned_means_are_means():
+    session = full(6)
+    assert session.has_frames and (session.frames >= 1).all()
+    values = np.random.default_rng(0).normal(size=(len(session.samples), 3))
+    assert np.array_equal(session.means(values), values)
+    holds = static(4)
+    seen = holds.observation == 2
+    values = np.random.default_rng(0).normal(size=(len(holds.samples), 3))
+    assert np.allclose(holds.means(values)[2], values[seen].mean(axis=0))
+
+
+def test_memory_does_not_reach_over_presses_without_frames():
+    framed, holds = full(4), static(4, clock=True)
+    assert framed.remembered is framed.samples
+    assert static(4).remembered.time_s is None
+    before, after = holds.samples.time_s, holds.remembered.time_s
+    assert before is not None and after is not None
+    gap = np.diff(after)[np.diff(holds.row) > 0]
+    assert (gap > 1e5).all()
+    assert np.allclose(np.diff(after)[np.diff(holds.row) == 0], np.diff(before)[np.diff(holds.row) == 0])
+
+
+@pytest.mark.parametrize("presses", [3, 7, 60, 90])
+def test_split_has_three_parts_and_leaves_sites_out(presses: int):
+    site = np.random.default_rng(1).integers(0, max(2, presses // 2), presses)
+    split = split_presses(site, np.random.default_rng(7))
+    again = split_presses(site, np.random.default_rng(7))
+    assert np.array_equal(split.part, again.part)
+    counts = np.bincount(split.part, minlength=3)
+    assert len(counts) == 3 and (counts > 0).all()
+    if presses >= 60:
+        assert counts[TRAIN] >= 0.35 * presses
+        assert counts[SELECTION] >= 0.15 * presses and counts[FINAL] >= 0.15 * presses
+        alone = [s for s in np.unique(site) if set(split.part[site == s]) == {FINAL}]
+        assert len(alone) >= round(0.1 * len(np.unique(site)))
+
+
+def test_split_keeps_the_anchor():
+    site = np.concatenate([np.arange(1, 41), np.zeros(20, dtype=int)])
+    parts = [split_presses(site, np.random.default_rng(s)).part[site == 0] for s in range(5)]
+    assert all(len(set(part.tolist())) > 1 for part in parts)
+
+
+def test_too_few_presses_are_not_split():
+    with pytest.raises(ValueError, match="three presses"):
+        split_presses(np.arange(2), np.random.default_rng(0))
+
+
+def held(sigma: float, seed: int = 0, glitch: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Frames of 40 holds of 25 frames, rounded and clipped, on a slope as creep has."""
+    rng = np.random.default_rng(seed)
+    level = rng.uniform(0, 80, (40, 1, 5)) * (rng.uniform(size=(40, 1, 5)) < 0.6)
+    frames = level * np.linspace(1.0, 1.05, 25)[None, :, None] + rng.normal(0, sigma, (40, 25, 5))
+    counts = np.clip(np.round(frames), 0, 255).reshape(-1, 5)
+    if glitch:
+        counts[100:125] = rng.uniform(0, 200, (25, 5))
+    return counts, np.repeat(np.arange(40), 25)
+
+
+@pytest.mark.parametrize("sigma", [0.6, 1.0, 3.0])
+@pytest.mark.parametrize("glitch", [False, True])
+def test_noise_of_frames_is_found(sigma: float, glitch: bool):
+    counts, group = held(sigma, glitch=glitch)
+    scatter = frame_scatter(counts, group, READOUT)
+    floor = noise_floor(scatter, NOTHING, np.nan, np.nan, 25, READOUT, np.random.default_rng(0))
+    assert floor.frame_from == "hold frames"
+    assert floor.frame_counts == pytest.approx(sigma, rel=0.12)
+    low, high = floor.frame_interval
+    assert 0.9 * low < sigma < 1.1 * high
+    assert floor.mean_counts == pytest.approx(np.hypot(sigma, 1 / np.sqrt(12)) / 5, rel=0.12)
+
+
+def test_noise_of_repeats_leaves_place_and_force_out():
+    rng = np.random.default_rng(0)
+    slopes = rng.normal(0, 10, (60, 16, 3))
+    slopes[30:] = slopes[:30]
+    truth = rng.uniform(10, 60, (30, 16))
+    means = np.vstack([truth, truth]) + np.einsum("pjd,pd->pj", slopes, rng.normal(size=(60, 3)))
+    means += rng.normal(0, 0.3, means.shape)
+    scatter = repeat_scatter(means, np.arange(30), np.arange(30, 60), slopes, np.ones((60, 16), dtype=bool))
+    sigma, (low, high) = pooled(*scatter, rng)
+    assert sigma == pytest.approx(0.3, rel=0.15)
+    assert low < 0.3 < high
+
+
+def test_floor_from_clipped_rest_and_from_nothing():
+    rest = 0.4
+    clipped = noise_floor(NOTHING, NOTHING, rest, np.nan, 1.0, READOUT, np.random.default_rng(0))
+    assert clipped.frame_from == "clipped rest" and clipped.frame_counts == pytest.approx(1.0, abs=0.1)
+    open_ended = Readout(None, None, integer=False)
+    nothing = noise_floor(NOTHING, NOTHING, np.nan, np.nan, 1.0, open_ended, np.random.default_rng(0))
+    assert nothing.frame_from == "assumed" and nothing.rounding_counts == 0
+
+
+def test_whitening_is_that_of_simulated_counts():
+    rng = np.random.default_rng(0)
+    values = np.array([[0.0, 0.7, 20.0, 254.8]])
+    weight = Whitening(1.0, READOUT).weight(values, np.array([4.0]))[0]
+    step = 0.25
+    noise = rng.normal(size=(200000, 1))
+    low, high = (np.clip(np.round(values + s + noise), 0, 255) for s in (-step, step))
+    slope = (high.mean(axis=0) - low.mean(axis=0)) / (2 * step)
+    spread = np.clip(np.round(values + noise), 0, 255).std(axis=0) / 2
+    assert weight == pytest.approx(slope / spread, rel=0.08)
+
+
+def test_assumed_floor():
+    floor = assumed_floor(READOUT, 1.0, 25)
+    assert floor.frame_from == "assumed"
+    assert floor.mean_counts == pytest.approx(np.hypot(1, 12**-0.5) / 5)
