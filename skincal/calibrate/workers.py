@@ -8,6 +8,7 @@ import signal
 from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 
 from skincal.fit.tasks import Mapper
@@ -39,10 +40,11 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
     with _one_thread_each():
         pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
         try:
+            _start(pool, count)
             yield pool.map
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
             _end(pool)
+            pool.shutdown(wait=False, cancel_futures=True)
             raise
         pool.shutdown()
 
@@ -52,7 +54,22 @@ def _ignore_interrupt() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def _start(pool: ProcessPoolExecutor, count: int) -> None:
+    """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it.
+
+    An interrupt that comes meanwhile reaches this process afterwards.
+    """
+    resource_tracker.ensure_running()  # if it began with the first worker, it would undo the block
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        for _ in range(count):  # each makes one process
+            pool.submit(os.getpid)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _end(pool: ProcessPoolExecutor) -> None:
+    """Ends the workers in the middle of their work; before the shutdown, as the pool then forgets them."""
     processes: dict[int, BaseProcess] = getattr(pool, "_processes", None) or {}
     for process in list(processes.values()):
         process.terminate()

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import multiprocessing
+import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +26,24 @@ from tests.fit.conftest import QUICK
 @pytest.fixture(scope="module")
 def session() -> Dataset:
     return make_session(np.random.default_rng(5), presses=50)[0]
+
+
+def blocked(_: int) -> bool:
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_an_interrupt_of_the_terminal_reaches_no_worker_and_ends_them_all_at_once() -> None:
+    with pytest.raises(KeyboardInterrupt), mapper(2) as spread:
+        assert all(spread(blocked, range(4)))
+        assert not blocked(0)
+        workers = multiprocessing.active_children()
+        spread(time.sleep, [20.0, 20.0])
+        time.sleep(0.5)  # until they have begun
+        raise KeyboardInterrupt
+    for worker in workers:
+        worker.join(5)
+    assert workers
+    assert not any(worker.is_alive() for worker in workers)
 
 
 def test_unrolling_gives_arcs_round_a_finger_and_x_on_a_plane() -> None:
