@@ -21,13 +21,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
-import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.coverage import COARSE, strict_json
-from benchmarks.coverage_store import Store
+from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import wilson
 from skincal import __version__
 from skincal.calibrate import calibrate
@@ -264,31 +261,18 @@ def _covered(name: str, fits: Sequence[Record]) -> Record:
 def run_all(store: Store, jobs: Sequence[Job], workers: int) -> None:
     """Runs what is not done yet; each session is kept as soon as it is."""
     missing = [job for job in jobs if job.key not in store.done]
-    for number, record in enumerate(_finished(missing, workers), start=1):
+    for number, record in enumerate(finished(run_job, missing, workers), start=1):
         store.add(record)
         print(f"{number} of {len(missing)} sessions", file=sys.stderr)
-
-
-def _finished(jobs: Sequence[Job], workers: int) -> Iterator[Record]:
-    if workers == 1 or len(jobs) < 2:
-        yield from map(run_job, jobs)
-        return
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        try:
-            for done in as_completed([pool.submit(run_job, job) for job in jobs]):
-                yield done.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def tables(found: Record) -> Record:
     """The summary as tables, for a page: one of the protocols, and two for each of them."""
     inner = ("distributions", "coverage")
     content: Record = {
-        "sessions": {name: {k: v for k, v in group.items() if k not in inner} for name, group in found.items()}
+        "sessions": {
+            name: {k: v for k, v in group.items() if k not in inner} for name, group in found.items()
+        }
     }
     for name, group in found.items():
         content |= {f"{name}, {key}": group[key] for key in inner if key in group}

@@ -15,12 +15,9 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
-import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -28,7 +25,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.coverage_store import Store
+from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import as_text, summary
 from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make_session
 from skincal import __version__
@@ -153,23 +150,8 @@ def run_all(
     """Runs what is not done yet; each session is kept as soon as it is."""
     done = store.done
     missing = [job for job in jobs if job.key not in done]
-    for record in progress(_finished(missing, workers), len(missing)):
+    for record in progress(finished(run_job, missing, workers), len(missing)):
         store.add(record)
-
-
-def _finished(jobs: Sequence[Job], workers: int) -> Iterator[Record]:
-    if workers == 1 or len(jobs) < 2:
-        yield from map(run_job, jobs)
-        return
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        try:
-            for done in as_completed([pool.submit(run_job, job) for job in jobs]):
-                yield done.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def strict_json(value: Any) -> Any:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -56,3 +59,19 @@ class Store:
         """Records of these sessions, in their order."""
         by_key = {(r["law"], r["index"]): r for r in self.records}
         return [by_key[key] for key in keys]
+
+
+def finished(run: Callable[[Any], Record], jobs: Sequence[Any], workers: int) -> Iterator[Record]:
+    """The records of jobs as they are done, each job on one core."""
+    if workers == 1 or len(jobs) < 2:
+        yield from map(run, jobs)
+        return
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        try:
+            for done in as_completed([pool.submit(run, job) for job in jobs]):
+                yield done.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

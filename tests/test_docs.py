@@ -15,6 +15,7 @@ import typer
 from skincal.cli.main import app
 from skincal.dataset.columns import OPTIONAL, TIMES
 from skincal.fit import findings
+from skincal.fit.conclude import SCALE_WIDENING
 from skincal.fit.options import FitOptions, GridSteps
 from skincal.fit.places import MOST
 from skincal.fit.posterior import FORCE_SIGMA, FORCE_SPREAD, NOISE_SPREAD, POSITION_SPREAD
@@ -93,6 +94,7 @@ def test_fit_page_tells_the_defaults():
     assert FORCE_SPREAD == 1.0
     assert f"$\\sigma_f$ round {100 * FORCE_SIGMA:g} % (factor $e$)" in text
     assert f"round the scatter of untouched taxels (factor $e^{{{NOISE_SPREAD:g}}}$)" in text
+    assert f"moved away from their median by a factor of {SCALE_WIDENING:g}" in text
     assert MOST == 6
     assert "up to six are kept" in text
     assert f"the central {100 * options.level:g} % of its draws" in text

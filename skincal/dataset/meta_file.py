@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
 from skincal.dataset.findings import Findings
-from skincal.dataset.meta_tables import (
-    TABLES,
-    check_format,
-    clock_from,
-    force_from,
-    indenter_from,
-    load_toml,
-    mount_from,
-    plain_table,
-    position_from,
-    sensor_from,
-    surface_from,
-    tables_of,
-)
+from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, plain_table, tables_of
 from skincal.dataset.spec import FORMAT, DatasetMeta
 from skincal.dataset.toml_table import TomlTable
 
@@ -65,16 +53,8 @@ def write_meta(meta: DatasetMeta, path: Path) -> None:
 def _meta(values: Mapping[str, Any], findings: Findings) -> DatasetMeta:
     top = TomlTable(findings, FILE, "", values, TOP_KEYS)
     check_format(top, FORMAT)
-    tables = tables_of(top, findings, FILE)
-    surface = surface_from(tables["surface"])
-    return DatasetMeta(
-        sensor=sensor_from(tables["sensor"]),
-        surface=surface,
-        indenter=indenter_from(tables["indenter"]),
-        mount=mount_from(tables["mount"], surface.kind),
-        position=position_from(tables["position"]),
-        force=force_from(tables["force"]) if top.has("force") else None,
-        clock=clock_from(tables["clock"]) if top.has("clock") else None,
+    return replace(
+        meta_from(top, tables_of(top, findings, FILE)),
         created=_created(top, findings),
         source=top.text("source", "a text", default=""),
         assumed=_assumed(top),

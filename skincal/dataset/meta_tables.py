@@ -12,6 +12,7 @@ from typing import Any
 from skincal.dataset.findings import Findings
 from skincal.dataset.spec import (
     ClockSpec,
+    DatasetMeta,
     ForceSpec,
     IndenterSpec,
     MountSpec,
@@ -60,6 +61,20 @@ def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | 
 def tables_of(top: TomlTable, findings: Findings, file: str) -> dict[str, TomlTable]:
     """All shared tables of a file; an error for each that is missing and must be there."""
     return {name: table_of(top, findings, file, name, optional=name in OPTIONAL_TABLES) for name in TABLES}
+
+
+def meta_from(top: TomlTable, tables: Mapping[str, TomlTable]) -> DatasetMeta:
+    """What the shared tables say; who took the data, and when, is left to the caller."""
+    surface = surface_from(tables["surface"])
+    return DatasetMeta(
+        sensor=sensor_from(tables["sensor"]),
+        surface=surface,
+        indenter=indenter_from(tables["indenter"]),
+        mount=mount_from(tables["mount"], surface.kind),
+        position=position_from(tables["position"]),
+        force=force_from(tables["force"]) if top.has("force") else None,
+        clock=clock_from(tables["clock"]) if top.has("clock") else None,
+    )
 
 
 def table_of(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.fit.presses import PressStates, distinct, find_modes, settle
+from skincal.fit.presses import PressStates, settle
 from skincal.fit.problem import FitProblem
 from skincal.fit.seen import Images, from_patch, to_patch
 from skincal.fit.types import Bools, Floats, Ints
@@ -121,3 +121,90 @@ def mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bool
             if i != j:
                 found[:, i] |= np.abs(slack[:, j] - mirror[:, i]).max(axis=1) < reach[:, i]
     return found.reshape(-1)
+
+
+def find_modes(
+    problem: FitProblem,
+    images: Images,
+    macro: Floats,
+    sigmas: Floats,
+    *,
+    step_m: float = 0.25e-3,
+    most: int = 4,
+    margin: float = 30.0,
+) -> tuple[Ints, Floats]:
+    """All places within the slack where a press could have been, at one macro point.
+
+    Two or more taxels in a row tell one coordinate well and the other only by its size: a mirror image on the other
+    side of the row fits almost as well. All such places are kept, and weighed later.
+
+    Args:
+        problem: the presses.
+        images: kernels.
+        macro: (5,) macro variables.
+        sigmas: (3,) sigma_p, sigma_f, sigma_n.
+        step_m: lattice of starts [m].
+        most: so many places a press at most.
+        margin: places whose objective is so much above the best are left out.
+
+    Returns:
+        Number of the press (N,) and nuisance (N, 3) of every place, best first for each press.
+    """
+    half = int(problem.rig.slack_m / step_m + 1e-9)
+    axis = np.arange(-half, half + 1) * step_m
+    side, count = len(axis), len(problem)
+    lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    press = np.repeat(np.arange(count), len(lattice))
+    start = np.zeros((len(press), 3))
+    start[:, :2] = np.tile(lattice, (count, 1))
+    # A blunt noise keeps the basins wide enough for the lattice.
+    blunt = np.array([sigmas[0], max(sigmas[1], 0.02), max(sigmas[2], 4.0)])
+    many = np.broadcast_to
+    rough = settle(
+        problem,
+        images,
+        many(macro, (len(press), 5)),
+        many(blunt, (len(press), 3)),
+        press,
+        start,
+        iterations=1,
+        to_rest=False,
+    )
+    q = rough.objective.reshape(count, side, side)
+    padded = np.pad(q, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+    around = np.stack(
+        [
+            padded[:, 1 + i : 1 + i + side, 1 + j : 1 + j + side]
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+            if (i, j) != (0, 0)
+        ]
+    )
+    low = (q <= around.min(axis=0)).reshape(-1)
+    low &= (q - q.min(axis=(1, 2), keepdims=True)).reshape(-1) < 200.0
+    press, start = press[low], rough.nuisance[low]
+    sharp = many(sigmas, (len(press), 3))
+    state = settle(problem, images, many(macro, (len(press), 5)), sharp, press, start, iterations=12)
+    return distinct(press, state, count, most, margin)
+
+
+def distinct(press: Ints, state: PressStates, count: int, most: int, margin: float) -> tuple[Ints, Floats]:
+    """Press (N,) and nuisance (N, 3) of settled places, each once, best first for each press.
+
+    Args:
+        press: (n,) number of the press of each place.
+        state: the places.
+        count: of the presses.
+        most: so many places a press at most.
+        margin: places whose objective is so much above the best are left out.
+    """
+    kept: list[int] = []
+    for k in range(count):
+        mine: list[int] = []
+        for i in sorted(np.flatnonzero(press == k), key=lambda i: state.objective[i]):
+            if state.objective[i] > state.objective[mine[0] if mine else i] + margin or len(mine) == most:
+                break
+            if all(np.abs(state.uv_m[i] - state.uv_m[m]).max() > 0.05e-3 for m in mine):
+                mine.append(int(i))
+        kept += mine
+    return press[kept], state.nuisance[kept]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping as Map
 from contextlib import suppress
+from dataclasses import replace
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any
@@ -11,19 +12,7 @@ from typing import Any
 from skincal.dataset import DatasetMeta
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings
-from skincal.dataset.meta_tables import (
-    TABLES,
-    check_format,
-    clock_from,
-    force_from,
-    indenter_from,
-    load_toml,
-    mount_from,
-    position_from,
-    sensor_from,
-    surface_from,
-    tables_of,
-)
+from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
 from skincal.imports import mapping_taxels, targets
 from skincal.imports.mapping import FORMAT, BagFormat, CsvFormat, CutRules, Mapping, Quantity
 from skincal.imports.mapping_columns import read_columns
@@ -141,8 +130,7 @@ def _check_required(
 
 
 def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
-    tables = tables_of(top, findings, file)
-    surface = surface_from(tables["surface"])
+    meta = meta_from(top, tables_of(top, findings, file))
     created = top.raw("created")
     if isinstance(created, str):
         with suppress(ValueError):
@@ -150,14 +138,8 @@ def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
     if created is not None and not isinstance(created, date):
         top.error("created", "a date and time like 2026-11-20T12:00:00Z", created)
         created = None
-    return DatasetMeta(
-        sensor=sensor_from(tables["sensor"]),
-        surface=surface,
-        indenter=indenter_from(tables["indenter"]),
-        mount=mount_from(tables["mount"], surface.kind),
-        position=position_from(tables["position"]),
-        force=force_from(tables["force"]) if top.has("force") else None,
-        clock=clock_from(tables["clock"]) if top.has("clock") else None,
+    return replace(
+        meta,
         created=created,
         source=top.text("source", "a text", default=""),
         assumed=top.texts("assumed", 'a list of texts like ["force_n"]', default=())

@@ -11,19 +11,7 @@ import numpy as np
 
 from skincal.dataset import DatasetMeta
 from skincal.dataset.findings import Findings
-from skincal.dataset.meta_tables import (
-    TABLES,
-    check_format,
-    clock_from,
-    force_from,
-    indenter_from,
-    load_toml,
-    mount_from,
-    position_from,
-    sensor_from,
-    surface_from,
-    tables_of,
-)
+from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
 from skincal.dataset.toml_table import TomlTable
 from skincal.robot.description import (
     FingerDescription,
@@ -242,28 +230,18 @@ class _Reader:
 
     def _meta(self) -> DatasetMeta:
         tables = tables_of(self._top, self._findings, self._path.name)
-        surface = surface_from(tables["surface"])
-        indenter = indenter_from(tables["indenter"])
-        if surface.kind == "mesh":
+        meta = meta_from(self._top, tables)
+        if meta.surface.kind == "mesh":
             tables["surface"].error(
                 "kind", '"cylinder" or "plane": contacts are found in closed form', '"mesh"'
             )
-        if indenter.kind not in ("sphere", ""):
+        if meta.indenter.kind not in ("sphere", ""):
             tables["indenter"].error(
-                "kind", 'a "sphere": contacts are found from its centre', f'"{indenter.kind}"'
+                "kind", 'a "sphere": contacts are found from its centre', f'"{meta.indenter.kind}"'
             )
-        sensor = sensor_from(tables["sensor"])
-        if sensor.positions is not None:
-            tables["sensor"].error("positions", "a grid: taxel_size_m and pitch_m", sensor.positions)
-        return DatasetMeta(
-            sensor=sensor,
-            surface=surface,
-            indenter=indenter,
-            mount=mount_from(tables["mount"], surface.kind),
-            position=position_from(tables["position"]),
-            force=force_from(tables["force"]) if self._top.has("force") else None,
-            clock=clock_from(tables["clock"]) if self._top.has("clock") else None,
-        )
+        if meta.sensor.positions is not None:
+            tables["sensor"].error("positions", "a grid: taxel_size_m and pitch_m", meta.sensor.positions)
+        return meta
 
 
 def _shown(value: Any) -> object:
