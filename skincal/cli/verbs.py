@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from skincal.cli import collect, dataset, export_dr, fit, hand, imports, predict, serve_hand
+from skincal.cli import audit, collect, dataset, export_dr, fit, hand, imports, predict, serve_hand
 
 
 def register(app: typer.Typer) -> None:
@@ -16,4 +16,5 @@ def register(app: typer.Typer) -> None:
     app.command("collect", epilog=collect.EPILOG)(collect.collect)
     app.command("fit", epilog=fit.EPILOG)(fit.fit)
     app.command("predict", epilog=predict.EPILOG)(predict.predict)
+    app.command("audit", epilog=audit.EPILOG)(audit.audit)
     app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)

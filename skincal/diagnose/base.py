@@ -9,9 +9,9 @@ import numpy as np
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_of
-from skincal.fit.observe import observe
+from skincal.fit.observe import Readout, clipped_share, observe
 from skincal.gap.base import BaseModel
-from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter
+from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter, rounding
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray
 
@@ -75,8 +75,8 @@ def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.G
         of_frames = frame_scatter(frames.counts, groups, readout)
         held = np.bincount(groups[groups >= 0])
         hold_frames = float(np.median(held[held > 0])) if held.any() else 1.0
-    elif np.isfinite(rest_scatter) and np.isfinite(seen.frame_sigma_counts) and rest_scatter > 0:
-        hold_frames = max(1.0, float((seen.frame_sigma_counts / rest_scatter) ** 2) / 3)
+    elif np.isfinite(seen.frame_sigma_counts):
+        hold_frames = _frames_of_a_mean(seen.frame_sigma_counts, rest_scatter, readout)
     first, second = repeats(dataset)
     if press_slopes is not None and len(first):
         use = presses.counts > (readout.value_min or 0.0) + 4
@@ -84,3 +84,11 @@ def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.G
             use &= presses.counts < readout.value_max - 4
         of_repeats = repeat_scatter(presses.counts, first, second, press_slopes, use)
     return noise_floor(of_frames, of_repeats, rest_mean, rest_scatter, hold_frames, readout, rng)
+
+
+def _frames_of_a_mean(sigma: float, rest_scatter: float, readout: Readout) -> float:
+    """How many frames a hold mean stands for, from how much less untouched taxels scatter than a frame would."""
+    if not rest_scatter > 0:
+        return 1.0
+    share = clipped_share(readout.value_min or 0.0, sigma, readout)
+    return max(1.0, float(np.hypot(sigma, rounding(readout)) * share / rest_scatter) ** 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -98,7 +99,8 @@ def _of_presses(dataset: Dataset) -> GapSession:
     )
     branch = column("branch")
     played = hold_session(holds, times, down=None if branch is None else branch == "down")
-    return of_holds(played, presses.counts[use], clock=clock)
+    session = of_holds(played, presses.counts[use], clock=clock)
+    return replace(session, row=use[session.row], press=use[session.press])
 
 
 def _contacts(dataset: Dataset, place: Floats, force: Floats, normals: Floats | None) -> Contacts:

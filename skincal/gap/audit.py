@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import brentq, lsq_linear
 from scipy.stats import chi2, ncx2
 
-from skincal.gap.base import BaseColumns, BaseModel, base_columns
+from skincal.gap.base import BaseColumns, BaseModel
 from skincal.gap.noise import NoiseFloor, Whitening, rounding
 from skincal.gap.projection import Projection, orthonormal
 from skincal.gap.sensitivity import EffectColumns, all_columns, observed_mask
@@ -125,6 +125,7 @@ def weights(session: GapSession, floor: NoiseFloor, values: FloatArray, whitenin
 def linearise(
     model: BaseModel,
     session: GapSession,
+    base: BaseColumns,
     floor: NoiseFloor,
     options: AuditOptions,
     rng: np.random.Generator,
@@ -135,12 +136,12 @@ def linearise(
     Args:
         model: the base model.
         session: what was observed, or would be.
+        base: of :func:`skincal.gap.base.base_columns`.
         floor: its noise.
         options: priors of the nuisances.
         rng: for cases that vary from taxel to taxel.
         names: of the effects; None: all.
     """
-    base = base_columns(model, session)
     weight = weights(session, floor, base.values, Whitening(floor.frame_counts, model.readout))
     prior = np.array([min(options.position_sigma_m, 0.05)] * 2 + [options.force_sigma])
     known = np.nan_to_num

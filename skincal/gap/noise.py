@@ -34,6 +34,10 @@ class NoiseFloor:
         mean_counts: of a hold mean.
         mean_interval: where that lies.
         mean_from: ``repeats``, or how the frame's noise was found.
+        repeat_counts: by how much hold means of exact repeats differ beyond what place and force explain to first
+            order, as of one of them: a bound from above, NaN where there are no repeats. Where presses do not come
+            back to the same place within a few tenths of a millimetre it is far above the noise.
+        repeat_interval: where that lies.
         rounding_counts: that rounding adds to a frame; zero where values are not whole numbers.
     """
 
@@ -44,6 +48,8 @@ class NoiseFloor:
     mean_interval: tuple[float, float]
     mean_from: str
     rounding_counts: float
+    repeat_counts: float = float("nan")
+    repeat_interval: tuple[float, float] = (float("nan"), float("nan"))
 
 
 def rounding(readout: Readout) -> float:
@@ -179,11 +185,12 @@ def noise_floor(
         known = np.isfinite(rest_scatter) and rest_scatter > 0
         frame, source = (float(rest_scatter), "hold means") if known else (1.0, "assumed")
         interval = (0.5 * frame, 2.0 * frame)
-    means, means_interval = pooled(*repeats, rng)
-    if np.isfinite(means):
-        return NoiseFloor(frame, interval, source, means, means_interval, "repeats", added)
+    repeat, repeat_interval = pooled(*repeats, rng)
     mean, *ends = (float(np.hypot(v, added) / np.sqrt(hold_frames)) for v in (frame, *interval))
-    return NoiseFloor(frame, interval, source, mean, (ends[0], ends[1]), source, added)
+    mean_interval, mean_from = (ends[0], ends[1]), source
+    if repeat < mean and source != "hold frames":
+        mean, mean_interval, mean_from = repeat, repeat_interval, "repeats"
+    return NoiseFloor(frame, interval, source, mean, mean_interval, mean_from, added, repeat, repeat_interval)
 
 
 def _without(deviation: float, added: float) -> float:

@@ -15,6 +15,7 @@ from skincal.gap.audit import EffectAudit
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray
 
+_COLUMNS = {"shear": "shear_u_n and shear_v_n"}
 _SAME_SPEED = 1.2
 _SHEAR_N = 0.05
 _FORCE_RATIO = 2.0
@@ -138,10 +139,13 @@ _RULES: Final[Mapping[str, tuple[Rule, ...]]] = MappingProxyType(
 
 def why_not(found: EffectAudit, facts: Facts) -> str:
     """Why an effect cannot be seen: the covariates and kinds of press that are missing, else what hides it."""
-    columns = [COVARIATES[name] for name in found.lacking if name not in ("time", "phase") or facts.clock]
-    said = [f"no {' and no '.join(columns)} recorded"] if columns else []
     rules = _RULES.get(found.name, ())
-    said += [rule.text for rule in rules if rule.missing(facts) and rule.of not in found.lacking]
+    said = [rule.text for rule in rules if rule.missing(facts) and rule.of not in found.lacking]
+    # Without a clock that is said already, and a temperature only adds to what a clock shows.
+    told = {"time", "phase", "temperature"} if said else set[str]()
+    columns = [_COLUMNS.get(name, COVARIATES[name]) for name in found.lacking if name not in told]
+    if columns:
+        said.insert(0, f"no {' and no '.join(columns)} recorded")
     if said:
         return "; ".join(said)
     if found.raw_distance < found.threshold:

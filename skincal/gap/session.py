@@ -81,7 +81,8 @@ class GapSession:
         """The samples for effects with memory: without frames presses lie so far apart that all is forgotten."""
         if self.has_frames or self.samples.time_s is None:
             return self.samples
-        return replace(self.samples, time_s=self.samples.time_s + _APART_S * np.maximum(self.row, 0))
+        number = np.cumsum(np.diff(self.row, prepend=self.row[:1]) != 0)
+        return replace(self.samples, time_s=self.samples.time_s + _APART_S * number)
 
     def means(self, values: FloatArray) -> FloatArray:
         """Observations (N, J) from values of all samples (K, J)."""

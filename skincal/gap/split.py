@@ -58,15 +58,14 @@ def split_presses(site: IntArray, rng: np.random.Generator, options: SplitOption
     count = len(site)
     if count < 3:
         raise ValueError(f"split: expected three presses at least; got {count}")
-    part = np.full(count, -1, dtype=np.int64)
+    part: IntArray = np.full(count, -1, dtype=np.int64)
     part[_left_out(site, rng, options)] = FINAL
     length = max(1, min(options.block, count // 6))
-    blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
-
+    blocks: list[IntArray] = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
     wanted = {FINAL: options.final * count, SELECTION: options.selection * count}
-    for i in rng.permutation(len(blocks)).tolist():
-        block: IntArray = blocks[i]
-        free = block[part[block] < 0]
+    for i in rng.permutation(len(blocks)):
+        block = blocks[int(i)]
+        free: IntArray = block[part[block] < 0]
         short = {p: w - int((part == p).sum()) for p, w in wanted.items()}
         most = max(short, key=lambda p: short[p])
         part[free] = most if short[most] >= len(free) / 2 else TRAIN

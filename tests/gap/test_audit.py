@@ -18,6 +18,7 @@ from skincal.gap.audit import (
     smallest_strength,
     threshold,
 )
+from skincal.gap.base import base_columns
 from skincal.gap.noise import assumed_floor
 from skincal.gap.reasons import facts_of, why_not
 from skincal.gap.session import GapSession
@@ -28,7 +29,9 @@ FLOOR = assumed_floor(READOUT)
 def audited(session: GapSession, *names: str, **options: float) -> dict[str, EffectAudit]:
     chosen = replace(AuditOptions(), **options)
     rng = np.random.default_rng(0)
-    return audit(linearise(MODEL, session, FLOOR, chosen, rng, names or None), chosen)
+    return audit(
+        linearise(MODEL, session, base_columns(MODEL, session), FLOOR, chosen, rng, names or None), chosen
+    )
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +75,8 @@ def test_reasons_name_what_is_missing(of_static: dict[str, EffectAudit]):
     assert "reached from above" in why_not(of_static["hysteresis"], facts)
     assert "speed_m_per_s" in why_not(of_static["rate"], facts)
     assert "cycle" in why_not(of_static["first_cycle"], facts)
-    assert "shear_n" in why_not(of_static["shear"], facts)
-    assert "times" in why_not(of_static["gain_drift"], facts)
+    assert why_not(of_static["shear"], facts) == "no shear_u_n and shear_v_n recorded"
+    assert why_not(of_static["gain_drift"], facts) == "no times of the presses were recorded"
 
 
 def test_one_speed_takes_rate_away():

@@ -68,7 +68,13 @@ def test_base_columns_are_differences_of_the_skin():
 def test_projection_takes_out_base_and_nuisances():
     options = AuditOptions(position_sigma_m=0.05, force_sigma=100.0)
     linear = linearise(
-        MODEL, SESSION, assumed_floor(READOUT), options, np.random.default_rng(0), ("crosstalk",)
+        MODEL,
+        SESSION,
+        base_columns(MODEL, SESSION),
+        assumed_floor(READOUT),
+        options,
+        np.random.default_rng(0),
+        ("crosstalk",),
     )
     for change in (linear.base.base, linear.base.press[SESSION.press == 3][..., :1]):
         whole = np.zeros((*linear.base.values.shape, change.shape[-1]))

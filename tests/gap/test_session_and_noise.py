@@ -133,6 +133,20 @@ def test_noise_of_repeats_leaves_place_and_force_out():
     assert low < 0.3 < high
 
 
+def test_repeats_are_a_bound_from_above():
+    far, near = [np.full(30, s**2 * 10.0) for s in (2.0, 0.1)], np.full(30, 10.0)
+    counts, group = held(1.0)
+    scatter = frame_scatter(counts, group, READOUT)
+    for squares in far:
+        floor = noise_floor(scatter, (squares, near), 0.4, np.nan, 25, READOUT, np.random.default_rng(0))
+        assert floor.mean_from == "hold frames" and floor.mean_counts == pytest.approx(0.208, rel=0.1)
+        assert floor.repeat_counts == pytest.approx(np.sqrt(squares[0] / 10), rel=0.1)
+    still = noise_floor(
+        NOTHING, (np.full(30, 0.1), near), 0.4, np.nan, 1.0, READOUT, np.random.default_rng(0)
+    )
+    assert still.mean_from == "repeats" and still.mean_counts == pytest.approx(0.1, rel=0.1)
+
+
 def test_floor_from_clipped_rest_and_from_nothing():
     rest = 0.4
     clipped = noise_floor(NOTHING, NOTHING, rest, np.nan, 1.0, READOUT, np.random.default_rng(0))

@@ -1,0 +1,188 @@
+"""``skincal audit``: what the presses of a dataset, or of a plan, can show at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json, say, warn
+
+if TYPE_CHECKING:
+    from skincal.calibration import Calibration
+    from skincal.diagnose.audit import AuditReport
+    from skincal.gap.noise import NoiseFloor
+
+EPILOG = example("skincal audit data/paper-like", "skincal audit run-plan.toml --out audit --json")
+
+PICTURE = "audit.png"
+
+
+def audit(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DATASET_OR_PLAN",
+            help="Folder of a dataset, or a plan (TOML, CSV) that has not been collected yet.",
+            show_default=False,
+        ),
+    ],
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            "--calibration",
+            metavar="CAL",
+            help="Folder of a calibration of this sensor: pose, E, S, and what positions are worth. Without it they "
+            "are guessed.",
+            show_default=False,
+        ),
+    ] = None,
+    hand: Annotated[
+        str | None,
+        typer.Option(
+            "--hand", help="For a plan: the hand that would press, its name or hand.toml.", show_default=False
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help=f"Folder for a picture, {PICTURE}.", show_default=False),
+    ] = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Tell which effects presses can show, how strong they must be, and which look the same.
+
+    Nothing is fitted, and of measured counts only the noise is used: the audit looks at where, when and how hard was
+    pressed, and what was recorded. Strength 1 of an effect is a typical, clearly visible case of it.
+    """
+    from skincal.files import refuse_existing
+
+    if out is not None:
+        refuse_existing(out, force=force, marker=PICTURE)
+    report = _audited(source, calibration, hand, seed)
+    picture = None if out is None else _draw(report, out, force)
+    if as_json:
+        print_json(_as_json(report, picture))
+        return
+    typer.echo(_told(report))
+    if picture is not None:
+        say(f"picture: {picture}")
+
+
+def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int) -> AuditReport:
+    import numpy as np
+
+    from skincal.calibration import read_calibration
+    from skincal.dataset import read_dataset
+    from skincal.diagnose.audit import audit_dataset
+    from skincal.errors import InputError, Problem
+
+    cal = None if calibration is None else read_calibration(calibration)
+    rng = np.random.default_rng(seed)
+    if source.suffix.lower() in (".toml", ".csv") and source.name not in ("dataset.toml", "presses.csv"):
+        return _of_plan(source, cal, hand, rng)
+    if hand is not None:
+        raise InputError([Problem("--hand", "a plan", f"the dataset {source}", "Leave --hand out.")])
+    dataset = read_dataset(source)
+    warn((*dataset.warnings, *(() if cal is None else cal.warnings)))
+    return audit_dataset(dataset, cal, rng)
+
+
+def _of_plan(source: Path, calibration: Calibration | None, hand: str | None, rng: Any) -> AuditReport:
+    from skincal.collect import Mount, read_plan
+    from skincal.diagnose.audit import audit_plan
+    from skincal.hand.hands import hand_named
+
+    description = hand_named() if hand is None else hand_named(hand)
+    return audit_plan(read_plan(source, Mount.of(description.meta)), description, calibration, rng)
+
+
+def _draw(report: AuditReport, out: Path, force: bool) -> Path:
+    from skincal.files import whole_folder
+    from skincal.report.audit import audit_figure
+    from skincal.report.style import save
+
+    with whole_folder(out, force=force, marker=PICTURE) as folder:
+        save(audit_figure(report), folder / PICTURE)
+    return out / PICTURE
+
+
+def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
+    options = report.options
+    return {
+        "presses": report.presses,
+        "observations": report.observations,
+        "frames": report.has_frames,
+        "planned": report.planned,
+        "calibrated": report.calibrated,
+        "visible": report.visible,
+        "cannot_see": report.cannot_see,
+        "effects": [
+            {
+                "name": name,
+                "visible": one.visible,
+                "distance": one.distance,
+                "smallest_strength": one.smallest_strength,
+                "consistent_with": one.consistent_with,
+                "lacking": one.lacking,
+                "reason": report.reasons.get(name),
+            }
+            for name, one in report.effects.items()
+        ],
+        "noise": vars(report.floor),
+        "false_alarm": options.false_alarm,
+        "power": options.power,
+        "alike": options.alike,
+        "position_sigma_m": options.position_sigma_m,
+        "force_sigma": options.force_sigma,
+        "shape_sigma": options.shape_sigma,
+        "picture": picture,
+    }
+
+
+def _told(report: AuditReport) -> str:
+    of = "frames in bins" if report.has_frames else "hold means"
+    what = "planned presses" if report.planned else "presses"
+    lines = [f"{report.presses} {what}, {report.observations} images ({of})", _noise(report.floor)]
+    if not report.calibrated:
+        lines.append("pose, E and S are guessed; --calibration CAL gives those of a fit")
+    lines += ["", f"{'visible':<17}{'smallest strength':>18}   looks the same as"]
+    for name in report.visible:
+        one = report.effects[name]
+        same = ", ".join(one.consistent_with[1:]) or "–"
+        lines.append(f"{name:<17}{_strength(one.smallest_strength):>18}   {same}")
+    if report.cannot_see:
+        lines += ["", "not visible      why"]
+        lines += [f"{name:<17}{report.reasons[name]}{_beyond(report, name)}" for name in report.cannot_see]
+    options = report.options
+    lines += [
+        "",
+        f"Strength 1 is a typical case. The smallest is found with {100 * options.power:.0f} % of cases at "
+        f"{100 * options.false_alarm:.0f} % false",
+        "alarms over all effects, for a base model that fits to the noise; a contact law that does not asks for more.",
+    ]
+    return "\n".join(lines)
+
+
+def _strength(value: float) -> str:
+    return f"{value:.2g}" if value >= 0.01 else "< 0.01"
+
+
+def _beyond(report: AuditReport, name: str) -> str:
+    """The strength at which an effect would be seen all the same."""
+    value = report.effects[name].smallest_strength
+    return f" (seen from strength {value:.2g})" if value < 10 else ""
+
+
+def _noise(floor: NoiseFloor) -> str:
+    low, high = floor.frame_interval
+    mean_low, mean_high = floor.mean_interval
+    repeats = ""
+    if floor.repeat_counts == floor.repeat_counts:  # there are some
+        repeats = f"; exact repeats differ by {floor.repeat_counts:.2f}"
+    return (
+        f"noise of a frame {floor.frame_counts:.2f} counts ({low:.2f} to {high:.2f}, from {floor.frame_from}), "
+        f"of a hold mean {floor.mean_counts:.2f} ({mean_low:.2f} to {mean_high:.2f}, from {floor.mean_from}){repeats}"
+    )

@@ -1,0 +1,174 @@
+"""The audit of a dataset or of a plan: what its presses can show, what not, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skincal.calibration import Calibration
+from skincal.collect import Mount, Plan
+from skincal.dataset import Dataset
+from skincal.diagnose.base import GUESSED_PA_PER_M, GUESSED_PER_N, calibrated_model, floor_of, guessed_model
+from skincal.diagnose.plan import plan_session
+from skincal.diagnose.session import gap_session
+from skincal.effects.samples import HOLD
+from skincal.errors import WorkError
+from skincal.fit.observe import Readout
+from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
+from skincal.gap.base import BaseColumns, BaseModel, base_columns
+from skincal.gap.noise import NoiseFloor, assumed_floor
+from skincal.gap.reasons import facts_of, why_not
+from skincal.gap.session import GapSession
+from skincal.model.arrays import FloatArray
+from skincal.predict.matching import check_same_sensor
+from skincal.robot import HandDescription
+
+
+@dataclass(frozen=True, eq=False)
+class AuditReport:
+    """What a session can show.
+
+    Attributes:
+        effects: what was found of each effect, in the order of the chain.
+        reasons: why an effect is not visible, by name.
+        floor: the noise.
+        presses: number of presses.
+        observations: number of images that were looked at, means over a few frames each.
+        has_frames: whether they are of frames; else hold means.
+        calibrated: whether pose, E and S are a calibration's; else they are guessed.
+        planned: whether there are no data yet, and the noise is assumed.
+        options: false alarm, power, and what positions and forces are worth.
+    """
+
+    effects: Mapping[str, EffectAudit]
+    reasons: Mapping[str, str]
+    floor: NoiseFloor
+    presses: int
+    observations: int
+    has_frames: bool
+    calibrated: bool
+    planned: bool
+    options: AuditOptions
+
+    @property
+    def visible(self) -> tuple[str, ...]:
+        """Effects whose typical case is found."""
+        return tuple(name for name, found in self.effects.items() if found.visible)
+
+    @property
+    def cannot_see(self) -> tuple[str, ...]:
+        """The other effects."""
+        return tuple(name for name, found in self.effects.items() if not found.visible)
+
+
+def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.random.Generator) -> AuditReport:
+    """Audits a dataset.
+
+    Args:
+        dataset: the session.
+        calibration: gives pose, E and S, and what positions and forces are worth; None: they are guessed.
+        rng: for intervals, and for cases that vary from taxel to taxel.
+
+    Raises:
+        InputError: the calibration is of another sensor.
+        WorkError: no press has a place and a force.
+    """
+    if calibration is not None:
+        check_same_sensor(calibration, dataset)
+    session = gap_session(dataset)
+    if not (session.press >= 0).any():
+        raise WorkError("no press of the dataset has a known place and a force: there is nothing to audit")
+    model = guessed_model(dataset, session) if calibration is None else calibrated_model(calibration, dataset)
+    base = base_columns(model, session)
+    floor = floor_of(dataset, _hold_slopes(session, base, len(dataset.presses)), rng)
+    options = _options(dataset.meta.position.sigma_m, calibration)
+    return _report(model, session, base, floor, options, rng, calibration, planned=False)
+
+
+def audit_plan(
+    plan: Plan, description: HandDescription, calibration: Calibration | None, rng: np.random.Generator
+) -> AuditReport:
+    """Audits a plan, with the noise of one count a frame that the simulated hand has.
+
+    Args:
+        plan: the presses.
+        description: the hand that would press.
+        calibration: gives pose, E and S; None: they are guessed.
+        rng: for cases that vary from taxel to taxel.
+
+    Raises:
+        InputError: the plan's poses do not suit the hand.
+    """
+    meta, mount = description.meta, Mount.of(description.meta)
+    readout = Readout(meta.sensor.value_min, meta.sensor.value_max, meta.sensor.integer)
+    if calibration is None:
+        model = BaseModel(mount.surface, mount.layout, mount.pose, GUESSED_PA_PER_M, GUESSED_PER_N, readout)
+    else:
+        own = calibration.parameters()
+        model = BaseModel(
+            calibration.surface_model(),
+            calibration.layout(),
+            calibration.pose(),
+            own.elasticity_pa_per_m,
+            own.scale_per_n,
+            readout,
+        )
+    session = plan_session(plan, description)
+    options = _options(meta.position.sigma_m, calibration)
+    base = base_columns(model, session)
+    return _report(model, session, base, assumed_floor(readout), options, rng, calibration, planned=True)
+
+
+def _report(
+    model: BaseModel,
+    session: GapSession,
+    base: BaseColumns,
+    floor: NoiseFloor,
+    options: AuditOptions,
+    rng: np.random.Generator,
+    calibration: Calibration | None,
+    *,
+    planned: bool,
+) -> AuditReport:
+    found = audit(linearise(model, session, base, floor, options, rng), options)
+    facts = facts_of(session)
+    reasons = {name: why_not(one, facts) for name, one in found.items() if not one.visible}
+    if planned and "shear" in reasons:
+        reasons["shear"] = "a plan does not say which tangential forces there will be"
+    presses = len(np.unique(session.press[session.press >= 0]))
+    return AuditReport(
+        found,
+        reasons,
+        floor,
+        presses,
+        len(session),
+        session.has_frames,
+        calibration is not None,
+        planned,
+        options,
+    )
+
+
+def _options(position_sigma_m: float, calibration: Calibration | None) -> AuditOptions:
+    """What positions and forces are worth: what the fit found, else what the data say."""
+    usual = AuditOptions()
+    found: Mapping[str, Any] = {} if calibration is None else calibration.loss.extra
+    return AuditOptions(
+        position_sigma_m=_positive(found.get("position_sigma_m"), position_sigma_m),
+        force_sigma=_positive(found.get("force_sigma_relative"), usual.force_sigma),
+    )
+
+
+def _positive(value: object, otherwise: float) -> float:
+    return float(value) if isinstance(value, int | float) and 0 < value < np.inf else otherwise
+
+
+def _hold_slopes(session: GapSession, base: BaseColumns, presses: int) -> FloatArray:
+    """Slopes (P, J, 3) of the hold images by place and force: the last part of each hold."""
+    slopes = np.zeros((presses, *base.press.shape[1:]))
+    held = np.flatnonzero((session.phase == HOLD) & (session.press >= 0))
+    slopes[session.press[held]] = np.nan_to_num(base.press[held])
+    return slopes

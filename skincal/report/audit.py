@@ -1,0 +1,74 @@
+"""The picture of an audit: how small each effect is still seen, and which look the same."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from skincal.diagnose.audit import AuditReport
+from skincal.report.style import BLACK, BLUE, GREY, RED, SEQUENTIAL, new_figure, style
+
+WEAKEST, STRONGEST = 1e-3, 30.0
+"""Ends of the axis of strengths; beyond them bars end there."""
+
+
+def audit_figure(report: AuditReport) -> Figure:
+    """Draws an audit.
+
+    Args:
+        report: of :mod:`skincal.diagnose.audit`.
+
+    Returns:
+        A figure with the smallest strengths as bars, and the matrix of cosines.
+    """
+    what = "planned presses" if report.planned else "presses"
+    title = f"{len(report.visible)} of {len(report.effects)} effects can be seen in {report.presses} {what}"
+    with style():
+        figure = new_figure(13.5, 6.6, title)
+        bars, matrix = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+        _draw_strengths(bars, report)
+        _draw_overlaps(figure, matrix, report)
+    return figure
+
+
+def _draw_strengths(axes: Axes, report: AuditReport) -> None:
+    names = list(report.effects)
+    place = np.arange(len(names))
+    smallest = np.array([report.effects[name].smallest_strength for name in names])
+    ends = np.clip(smallest, WEAKEST, STRONGEST)
+    colours = [BLUE if name in report.visible else RED for name in names]
+    axes.set_xscale("log")
+    axes.barh(place, 1 / ends, color=colours, height=0.7)
+    axes.set_xlim(1 / STRONGEST, 1 / WEAKEST)
+    axes.axvline(1.0, color=BLACK, linewidth=1)
+    for k, value in enumerate(smallest):
+        text = (
+            "never" if not np.isfinite(value) else f"{value:.2g}" if value < STRONGEST else f"> {STRONGEST:g}"
+        )
+        axes.annotate(text, (max(1 / ends[k], 1.15 / STRONGEST), k), (3, 0), textcoords="offset points",
+                      va="center", fontsize=7.5, color=BLACK)  # fmt: skip
+    axes.set_yticks(place, names)
+    axes.invert_yaxis()
+    axes.set_xlabel("typical strength over the smallest that is seen; right of the line: visible")
+    axes.set_title("Smallest strength that is seen (number)")
+    axes.grid(axis="x")
+
+
+def _draw_overlaps(figure: Figure, axes: Axes, report: AuditReport) -> None:
+    names = list(report.effects)
+    cosines = np.full((len(names), len(names)), np.nan)
+    for i, name in enumerate(names):
+        if report.effects[name].distance > 0:
+            cosines[i] = [report.effects[name].overlaps.get(other, 1.0) for other in names]
+    shown = axes.imshow(cosines, vmin=0, vmax=1, cmap=SEQUENTIAL)
+    for i, name in enumerate(names):
+        for other in report.effects[name].consistent_with[1:]:
+            corner = (names.index(other) - 0.5, i - 0.5)
+            axes.add_patch(Rectangle(corner, 1, 1, fill=False, edgecolor=RED, linewidth=1.8))
+    axes.set_facecolor(GREY)
+    axes.set_xticks(np.arange(len(names)), names, rotation=90)
+    axes.set_yticks(np.arange(len(names)), names)
+    axes.set_title(f"How well the column imitates the row; red: cosine above {report.options.alike:g}")
+    figure.colorbar(shown, ax=axes, shrink=0.8, label="cosine")

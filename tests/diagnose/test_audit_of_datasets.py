@@ -1,0 +1,94 @@
+"""The audit of datasets and plans."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibrations import make_calibration
+from diagnose.diagnose_data import moving, still
+
+from skincal.collect import Mount, full_plan, paper_plan
+from skincal.dataset import SurfaceSpec
+from skincal.diagnose.audit import AuditReport, audit_dataset, audit_plan
+from skincal.diagnose.plan import plan_session
+from skincal.effects import EFFECTS
+from skincal.effects.samples import HOLD
+from skincal.errors import InputError, WorkError
+from skincal.hand.hands import hand_named
+from skincal.report.audit import audit_figure
+
+HAND = hand_named()
+MOUNT = Mount.of(HAND.meta)
+DYNAMIC = {"hysteresis", "creep", "rate", "latency", "first_cycle", "baseline_drift", "gain_drift"}
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="module")
+def framed() -> AuditReport:
+    return audit_dataset(moving(), None, rng())
+
+
+@pytest.fixture(scope="module")
+def static() -> AuditReport:
+    return audit_dataset(still(), None, rng())
+
+
+def test_frames_show_what_changes_in_time(framed: AuditReport):
+    assert DYNAMIC - {"first_cycle", "gain_drift"} <= set(framed.visible)
+    assert framed.presses == 16 and framed.has_frames and not framed.calibrated
+    assert set(framed.visible) | set(framed.cannot_see) == set(EFFECTS)
+
+
+def test_static_presses_do_not(static: AuditReport):
+    assert set(static.cannot_see) >= DYNAMIC | {"shear"}
+    assert set(static.reasons) == set(static.cannot_see)
+    assert {"crosstalk", "ghosting", "taxel_offset"} <= set(static.visible)
+
+
+def test_times_alone_do_not_show_memory():
+    clocked = audit_dataset(still(clock=True), None, rng())
+    assert {"hysteresis", "rate", "latency"} <= set(clocked.cannot_see)
+    assert "baseline_drift" in clocked.visible
+
+
+def test_same_seed_same_audit(static: AuditReport):
+    again = audit_dataset(still(), None, rng())
+    assert all(again.effects[n].distance == one.distance for n, one in static.effects.items())
+
+
+def test_calibration_is_used_and_checked():
+    calibration = make_calibration()
+    report = audit_dataset(still(), calibration, rng())
+    assert report.calibrated
+    other = replace(still(), meta=replace(still().meta, surface=SurfaceSpec("cylinder", 0.02)))
+    with pytest.raises(InputError, match="radius_m"):
+        audit_dataset(other, calibration, rng())
+
+
+def test_nothing_to_audit():
+    data = still()
+    nowhere = replace(data.presses, position_m=np.full_like(data.presses.position_m, np.nan))
+    with pytest.raises(WorkError, match="nothing to audit"):
+        audit_dataset(replace(data, presses=nowhere), None, rng())
+
+
+def test_plans_have_the_frames_that_collect_would_take():
+    plan = paper_plan(rng(), MOUNT.layout)
+    session = plan_session(plan, HAND)
+    held = session.phase == HOLD
+    assert session.presses == len(plan)
+    assert session.frames[held].sum() == pytest.approx(25 * sum(p.hold_s for p in plan.presses), rel=0.01)
+    assert (np.diff(session.samples.time_s) >= 0).all()
+
+
+def test_full_plan_shows_all_but_what_is_not_planned():
+    report = audit_plan(full_plan(rng(), MOUNT.layout), HAND, None, rng())
+    assert report.cannot_see == ("shear",)
+    assert "plan" in report.reasons["shear"] and report.planned
+    figure = audit_figure(report)
+    assert len(figure.axes) == 3 and "21 of 22" in figure.get_suptitle()
