@@ -243,7 +243,7 @@ def _resumable(out: Path) -> Generator[None]:
         yield
     except KeyboardInterrupt:
         say(f"skincal: interrupted; the hand was stopped. {_kept(out)}")
-        raise typer.Exit(130) from None
+        raise SystemExit(130) from None
     except WorkError:
         say(f"skincal: the session ended early. {_kept(out)}")
         raise

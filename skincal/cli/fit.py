@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
 
 Pair = tuple[float, float]
+
+LARGEST_E_MPA_PER_M = 1e6
+"""Far stiffer than any skin: 0.1 mm of a hard plastic has 3e7 Pa / 1e-4 m = 3e5 MPa/m."""
 
 
 def _range(name: str, what: str) -> typer.models.OptionInfo:
@@ -118,12 +123,12 @@ def fit(
     box = search_box(
         data,
         y_m=_scaled(y_range_mm, 1e-3),
-        across=_scaled(x_range_mm, 1e-3) if data.meta.surface.kind == "plane" else beta_range_deg,
+        across=_across(data.meta.surface.kind, x_range_mm, beta_range_deg),
         alpha_deg=alpha_range_deg,
-        elasticity_pa_per_m=_scaled(elasticity_range, 1e6),
+        elasticity_pa_per_m=_elasticity(elasticity_range),
     )
     checkpoint = out.parent / f".{out.name}.fit"
-    with stage_bars() as told:
+    with _resumable(checkpoint), stage_bars() as told:
         outcome = calibrate(
             data,
             options=options,
@@ -209,6 +214,44 @@ def _bound(text: str) -> float | None:
 
 def _scaled(pair: Pair | None, factor: float) -> Pair | None:
     return None if pair is None else (pair[0] * factor, pair[1] * factor)
+
+
+def _across(kind: str, x_mm: Pair | None, beta_deg: Pair | None) -> Pair | None:
+    """The range across the finger: of x [m] on a plane, else of beta [°]."""
+    from skincal.errors import InputError, Problem
+
+    wrong, right = (
+        ("--beta-range-deg", "--x-range-mm") if kind == "plane" else ("--x-range-mm", "--beta-range-deg")
+    )
+    if (beta_deg if kind == "plane" else x_mm) is not None:
+        raise InputError([Problem(wrong, f"no such range on a {kind}", "one", f"Give {right} instead.")])
+    return _scaled(x_mm, 1e-3) if kind == "plane" else beta_deg
+
+
+def _elasticity(range_mpa_per_m: Pair | None) -> Pair | None:
+    """The range of E [Pa/m]."""
+    from skincal.errors import InputError, Problem
+
+    if range_mpa_per_m is not None and max(range_mpa_per_m) > LARGEST_E_MPA_PER_M:
+        low, high = range_mpa_per_m
+        what = f"low and high [MPa/m], at most {LARGEST_E_MPA_PER_M:g}"
+        fix = "Are they in Pa/m? Divide by 1e6."
+        raise InputError([Problem("--e-range-mpa-per-m", what, f"{low:g} and {high:g}", fix)])
+    return _scaled(range_mpa_per_m, 1e6)
+
+
+@contextmanager
+def _resumable(checkpoint: Path) -> Generator[None]:
+    """An interrupt says what is kept and how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not any(checkpoint.glob("turn-*")):
+            raise
+        say(
+            f"skincal: interrupted. The grid so far is kept in {checkpoint}; the same command goes on from there."
+        )
+        raise SystemExit(130) from None
 
 
 def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:

@@ -12,6 +12,7 @@ import typer
 
 from skincal import __version__
 from skincal.cli import verbs
+from skincal.cli.interrupt import after_imports
 from skincal.errors import SkincalError
 
 app = typer.Typer(
@@ -54,7 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
     try:
-        status = app(args=arguments, prog_name="skincal", standalone_mode=False)
+        with after_imports():
+            status = app(args=arguments, prog_name="skincal", standalone_mode=False)
+        if status == 130:  # what typer makes of Ctrl-C; a verb that has said more about it raises SystemExit
+            typer.echo("skincal: interrupted", err=True)
     except typer.Abort:
         status = 130
     except USAGE_ERROR as error:

@@ -108,6 +108,24 @@ def test_a_session_without_active_taxels_is_status_1_and_says_why(
     assert not (tmp_path / "cal").exists()
 
 
+def test_a_range_that_would_be_ignored_or_is_in_another_unit_is_refused(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = {
+        (
+            "--x-range-mm",
+            "-1",
+            "1",
+        ): "--x-range-mm: expected no such range on a cylinder; got one. Give --beta-range-deg",
+        ("--e-range-mpa-per-m", "1e8", "2e9"): "got 1e+08 and 2e+09. Are they in Pa/m? Divide by 1e6.",
+    }
+    for options, text in wrong.items():
+        status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *options)
+        assert status == 2
+        assert text in err
+    assert not list(tmp_path.glob(".cal*"))
+
+
 def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "skincal", "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK]
     command += ["--workers", "1", "--alpha-step-deg", "2.5"]
@@ -127,6 +145,7 @@ def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) 
     _, err = first.communicate(timeout=60)
     assert first.returncode == 130, err
     assert "Traceback" not in err
+    assert f"interrupted. The grid so far is kept in {kept}" in err
     assert kept.is_dir() and not (tmp_path / "cal").exists()
     second = subprocess.run(command, capture_output=True, text=True, timeout=300, env=os.environ)
     assert second.returncode == 0, second.stderr

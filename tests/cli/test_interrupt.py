@@ -1,0 +1,55 @@
+"""Ctrl-C while modules are being loaded."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from skincal.cli.interrupt import after_imports
+
+HANDLERS = (signal.SIGINT, signal.SIGALRM)
+
+
+def _module(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nloaded = True\n"
+    (folder / f"{name}.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(folder)
+
+
+def test_an_interrupt_waits_until_a_module_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = [signal.getsignal(number) for number in HANDLERS]
+    _module(tmp_path, "interrupted_import", monkeypatch)
+    with pytest.raises(KeyboardInterrupt), after_imports():
+        importlib.import_module("interrupted_import")
+        time.sleep(5)
+    assert sys.modules["interrupted_import"].loaded
+    assert [signal.getsignal(number) for number in HANDLERS] == before
+
+
+def test_an_interrupt_that_somebody_else_handles_is_left_to_them() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with after_imports():
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupted_verb_says_so_and_exits_with_130(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skincal.dataset.read_dataset", interrupt)
+    from skincal.cli.main import main
+
+    with pytest.raises(SystemExit) as left:
+        main(["fit", str(tmp_path), "--out", str(tmp_path / "cal")])
+    assert left.value.code == 130
+    assert capsys.readouterr().err.strip() == "skincal: interrupted"
