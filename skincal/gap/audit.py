@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
@@ -187,7 +188,7 @@ def _reduce(linear: Linearised) -> dict[str, _Reduced]:
         lengths[name] = (_rms_length(white[:, own]), _rms_length(pressed[:, own]))
     stacked = np.concatenate(parts, axis=1)
     tall = len(stacked) > stacked.shape[1]
-    turned: FloatArray = np.asarray(np.linalg.qr(stacked)[1]) if tall else stacked
+    turned = np.asarray(cast("FloatArray", np.linalg.qr(stacked, mode="r"))) if tall else stacked
     found: dict[str, _Reduced] = {}
     at = 0
     for name, one in linear.effects.items():

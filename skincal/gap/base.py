@@ -12,7 +12,7 @@ import numpy as np
 from skincal.effects import EffectSkin, Samples
 from skincal.fit.observe import Readout
 from skincal.gap.session import GapSession
-from skincal.model import Patch, Plane, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
+from skincal.model import Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray
 
 Direction = Literal["across", "along", "alpha"]
@@ -73,13 +73,6 @@ class BaseModel:
             pose = _centred(self.surface, pose, centre)
         return self._at(pose, self.elasticity_pa_per_m)
 
-    def stiffer(self, step: float) -> EffectSkin:
-        """The skin with E larger by a relative step."""
-        parameters = replace(
-            self.skin.skin.parameters, elasticity_pa_per_m=self.elasticity_pa_per_m * (1 + step)
-        )
-        return replace(self.skin, skin=replace(self.skin.skin, parameters=parameters))
-
 
 def _centred(surface: Surface, pose: SensorPose, centre_m: FloatArray) -> SensorPose:
     """The pose with its centre at a point near its present one, found by its angle and x about the finger."""
@@ -117,18 +110,22 @@ def base_columns(model: BaseModel, session: GapSession) -> BaseColumns:
         return (get(step) - get(-step)) / (2 * step)
 
     values = seen(skin, samples)
-    directions: tuple[Direction, ...] = ("across", "along", "alpha")
-    base = [
-        central(lambda s, d=d: seen(model.moved(d, s), samples), STEP_RAD if d == "alpha" else STEP_M)
-        for d in directions
-    ]
-    base.append(central(lambda s: seen(model.stiffer(s), samples), STEP_RELATIVE))
-    press = [
+    across, along = (
         central(lambda s, d=d: seen(skin, shifted(skin, samples, d * s)), STEP_M)
         for d in (np.array([1.0, 0.0]), np.array([0.0, 1.0]))
-    ]
-    press.append(central(lambda s: seen(skin, with_force(samples, s)), STEP_RELATIVE))
-    return BaseColumns(values, np.stack([*base, values], axis=-1), np.stack(press, axis=-1))
+    )
+    force = central(lambda s: seen(skin, with_force(samples, s)), STEP_RELATIVE)
+    if isinstance(model.surface, Cylinder | Plane):
+        # Everywhere alike: a patch that moves one way is presses that move the other way.
+        moved = [-across, -along]
+    else:
+        directions: tuple[Direction, ...] = ("across", "along")
+        moved = [central(lambda s, d=d: seen(model.moved(d, s), samples), STEP_M) for d in directions]
+    turned = central(lambda s: seen(model.moved("alpha", s), samples), STEP_RAD)
+    # Loads are F times a function of F / E: what E does follows from what F does, in the linear law.
+    stiffer = values - force
+    base = np.stack([*moved, turned, stiffer, values], axis=-1)
+    return BaseColumns(values, base, np.stack([across, along, force], axis=-1))
 
 
 def shifted(skin: EffectSkin, samples: Samples, move_m: FloatArray) -> Samples:

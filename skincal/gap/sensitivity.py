@@ -67,11 +67,13 @@ class Simulator:
         skin: without effects.
         session: that is simulated.
         cache: contacts by what they depend on; filled as needed.
+        last: observations under slow effects, by their parameters; filled as needed.
     """
 
     skin: EffectSkin
     session: GapSession
     cache: dict[tuple[bool, bool], Contacted] = field(default_factory=dict[tuple[bool, bool], Contacted])
+    last: dict[tuple[object, ...], FloatArray] = field(default_factory=dict[tuple[object, ...], FloatArray])
 
     @classmethod
     def of(cls, model: BaseModel, session: GapSession) -> Simulator:
@@ -84,7 +86,10 @@ class Simulator:
         memory = isinstance(effect, MemoryEffect)
         samples = self.session.remembered if memory else self.session.samples
         if effect is not None and effect.stage <= Stage.CONTACT:
-            return self.session.means(skin.values(samples))
+            asked = skin.effects[0].key
+            if asked not in self.last:
+                self.last[asked] = self.session.means(skin.values(samples))
+            return self.last[asked]
         key = (memory, isinstance(effect, SpreadEffect))
         if key not in self.cache:
             self.cache[key] = self.skin.contact(samples, points=key[1])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap.gap_sessions import MODEL, READOUT, full
 
 from skincal.effects import EFFECTS, EffectSkin
 from skincal.gap.audit import AuditOptions, linearise
-from skincal.gap.base import base_columns, shifted
+from skincal.gap.base import STEP_M, base_columns, shifted
 from skincal.gap.noise import assumed_floor
 from skincal.gap.projection import Projection
 from skincal.gap.sensitivity import STEP, Simulator, effect_columns
@@ -61,8 +63,19 @@ def test_base_columns_are_differences_of_the_skin():
     change = SESSION.means(turned.values(samples)) - columns.values
     close = np.corrcoef(change.ravel(), columns.base[..., 2].ravel())[0, 1]
     assert close > 0.99
-    # A patch that moves one way is presses that move the other way: slopes of all presses together.
-    assert np.abs(columns.base[..., 1] + columns.press[..., 1]).max() < 0.15 * np.abs(columns.press).max()
+    soft, stiff = (replace(MODEL, elasticity_pa_per_m=4e8 * (1 + s)).skin for s in (-0.01, 0.01))
+    change = SESSION.means(stiff.values(samples) - soft.values(samples)) / 0.02
+    assert np.abs(change - columns.base[..., 3]).max() < 0.02 * np.abs(change).max()
+
+
+def test_a_patch_that_moves_is_presses_that_move_the_other_way():
+    columns = base_columns(MODEL, SESSION)
+    for axis, direction in enumerate(("across", "along")):
+        one, other = (
+            SESSION.means(MODEL.moved(direction, s).values(SESSION.samples)) for s in (STEP_M, -STEP_M)
+        )
+        slope = (one - other) / (2 * STEP_M)
+        assert np.abs(slope - columns.base[..., axis]).max() < 1e-3 * np.abs(slope).max()
 
 
 def test_projection_takes_out_base_and_nuisances():
