@@ -8,7 +8,7 @@ import numpy as np
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
-from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_of
+from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
 from skincal.fit.observe import Readout, clipped_share, observe
 from skincal.gap.base import BaseModel
 from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter, rounding
@@ -68,7 +68,7 @@ def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.G
     readout, nothing = readout_of(dataset), (np.zeros(0), np.zeros(0))
     presses, frames = dataset.presses, dataset.frames
     seen = observe(presses.counts, readout)
-    rest_mean, rest_scatter = rest_of(dataset, seen.rest_sigma_counts)
+    rest_scatter = seen.rest_sigma_counts
     of_frames, of_repeats, hold_frames = nothing, nothing, 1.0
     if frames is not None:
         groups = hold_groups(dataset)
@@ -83,7 +83,7 @@ def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.G
         if readout.value_max is not None:
             use &= presses.counts < readout.value_max - 4
         of_repeats = repeat_scatter(presses.counts, first, second, press_slopes, use)
-    return noise_floor(of_frames, of_repeats, rest_mean, rest_scatter, hold_frames, readout, rng)
+    return noise_floor(of_frames, of_repeats, rest_means(dataset), rest_scatter, hold_frames, readout, rng)
 
 
 def _frames_of_a_mean(sigma: float, rest_scatter: float, readout: Readout) -> float:

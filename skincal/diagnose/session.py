@@ -15,6 +15,7 @@ from skincal.effects.samples import UNKNOWN
 from skincal.fit.observe import Readout
 from skincal.gap.session import GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
+from skincal.model.rest import rest_from_presses
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -172,15 +173,10 @@ def repeats(dataset: Dataset) -> tuple[Ints, Ints]:
     return both[:, 0], both[:, 1]
 
 
-def rest_of(dataset: Dataset, scatter: float) -> tuple[float, float]:
-    """Mean count of untouched taxels and scatter of hold means of untouched ones [counts]; NaN where not known."""
+def rest_means(dataset: Dataset) -> Floats:
+    """Mean counts (J,) of untouched taxels, from idle frames, else from the presses that leave them dark."""
     rest = idle_means(dataset)
-    if rest is None:
-        from skincal.model.rest import rest_from_presses
-
-        rest = rest_from_presses(dataset.presses.counts)[0]
-    known = np.isfinite(rest)
-    return (float(np.median(rest[known])) if known.any() else float("nan")), scatter
+    return rest_from_presses(dataset.presses.counts)[0] if rest is None else rest
 
 
 def hold_groups(dataset: Dataset) -> Ints:

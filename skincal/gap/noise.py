@@ -156,7 +156,7 @@ def _median_deviation(squares: FloatArray, freedom: FloatArray) -> float:
 def noise_floor(
     frames: tuple[FloatArray, FloatArray],
     repeats: tuple[FloatArray, FloatArray],
-    rest_mean: float,
+    rest_means: FloatArray,
     rest_scatter: float,
     hold_frames: float,
     readout: Readout,
@@ -167,7 +167,7 @@ def noise_floor(
     Args:
         frames: of :func:`frame_scatter`; empty where there are no frames.
         repeats: of :func:`repeat_scatter`; empty where there are none.
-        rest_mean: mean count of untouched taxels, which clipping lifts; NaN where not known.
+        rest_means: (J,) mean counts of untouched taxels, which clipping lifts; NaN where not known.
         rest_scatter: of hold means of untouched taxels [counts]; NaN where not known.
         hold_frames: frames of a hold mean; 1 where not known.
         readout: the converter.
@@ -179,8 +179,12 @@ def noise_floor(
     if np.isfinite(frame):
         frame, *ends = (_without(value, added) for value in (frame, *interval))
         interval = (ends[0], ends[1])
-    elif np.isfinite(frame := noise_from_rest(rest_mean, readout)):
-        interval, source = (0.9 * frame, 1.1 * frame), "clipped rest"
+    elif np.isfinite(frame := noise_from_rest(_middle(rest_means), readout)):
+        source = "clipped rest"
+        drawn = rng.integers(0, len(rest_means), (_RESAMPLES, len(rest_means)))
+        low, high = np.quantile([_middle(rest_means[d]) for d in drawn], [0.025, 0.975])
+        ends = [noise_from_rest(float(end), readout) for end in (low, high)]
+        interval = (float(np.fmin(ends[0], frame)), float(np.fmax(ends[1], frame)))
     else:
         known = np.isfinite(rest_scatter) and rest_scatter > 0
         frame, source = (float(rest_scatter), "hold means") if known else (1.0, "assumed")
@@ -191,6 +195,11 @@ def noise_floor(
     if repeat < mean and source != "hold frames":
         mean, mean_interval, mean_from = repeat, repeat_interval, "repeats"
     return NoiseFloor(frame, interval, source, mean, mean_interval, mean_from, added, repeat, repeat_interval)
+
+
+def _middle(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _without(deviation: float, added: float) -> float:

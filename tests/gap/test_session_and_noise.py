@@ -22,6 +22,7 @@ from skincal.gap.session import Binning, bins_of
 from skincal.gap.split import FINAL, SELECTION, TRAIN, split_presses
 
 NOTHING = (np.zeros(0), np.zeros(0))
+UNKNOWN, REST = np.full(16, np.nan), np.full(16, 0.4)
 
 
 @given(
@@ -112,7 +113,7 @@ def held(sigma: float, seed: int = 0, glitch: bool = False) -> tuple[np.ndarray,
 def test_noise_of_frames_is_found(sigma: float, glitch: bool):
     counts, group = held(sigma, glitch=glitch)
     scatter = frame_scatter(counts, group, READOUT)
-    floor = noise_floor(scatter, NOTHING, np.nan, np.nan, 25, READOUT, np.random.default_rng(0))
+    floor = noise_floor(scatter, NOTHING, UNKNOWN, np.nan, 25, READOUT, np.random.default_rng(0))
     assert floor.frame_from == "hold frames"
     assert floor.frame_counts == pytest.approx(sigma, rel=0.12)
     low, high = floor.frame_interval
@@ -138,21 +139,23 @@ def test_repeats_are_a_bound_from_above():
     counts, group = held(1.0)
     scatter = frame_scatter(counts, group, READOUT)
     for squares in far:
-        floor = noise_floor(scatter, (squares, near), 0.4, np.nan, 25, READOUT, np.random.default_rng(0))
+        floor = noise_floor(scatter, (squares, near), REST, np.nan, 25, READOUT, np.random.default_rng(0))
         assert floor.mean_from == "hold frames" and floor.mean_counts == pytest.approx(0.208, rel=0.1)
         assert floor.repeat_counts == pytest.approx(np.sqrt(squares[0] / 10), rel=0.1)
     still = noise_floor(
-        NOTHING, (np.full(30, 0.1), near), 0.4, np.nan, 1.0, READOUT, np.random.default_rng(0)
+        NOTHING, (np.full(30, 0.1), near), REST, np.nan, 1.0, READOUT, np.random.default_rng(0)
     )
     assert still.mean_from == "repeats" and still.mean_counts == pytest.approx(0.1, rel=0.1)
 
 
 def test_floor_from_clipped_rest_and_from_nothing():
-    rest = 0.4
+    rest = np.random.default_rng(1).normal(0.4, 0.05, 16)
     clipped = noise_floor(NOTHING, NOTHING, rest, np.nan, 1.0, READOUT, np.random.default_rng(0))
     assert clipped.frame_from == "clipped rest" and clipped.frame_counts == pytest.approx(1.0, abs=0.1)
+    low, high = clipped.frame_interval
+    assert 0.8 < low < clipped.frame_counts < high < 1.2
     open_ended = Readout(None, None, integer=False)
-    nothing = noise_floor(NOTHING, NOTHING, np.nan, np.nan, 1.0, open_ended, np.random.default_rng(0))
+    nothing = noise_floor(NOTHING, NOTHING, UNKNOWN, np.nan, 1.0, open_ended, np.random.default_rng(0))
     assert nothing.frame_from == "assumed" and nothing.rounding_counts == 0
 
 
