@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -44,7 +45,6 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
             yield pool.map
         except BaseException:
             _end(pool)
-            pool.shutdown(wait=False, cancel_futures=True)
             raise
         pool.shutdown()
 
@@ -55,24 +55,46 @@ def _ignore_interrupt() -> None:
 
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
-    """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it.
-
-    An interrupt that comes meanwhile reaches this process afterwards.
-    """
+    """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
     resource_tracker.ensure_running()  # if it began with the first worker, it would undo the block
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with _interrupt_afterwards():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            for _ in range(count):  # each makes one process
+                pool.submit(os.getpid)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _interrupt_afterwards() -> Generator[None]:
+    """No worker is left half-begun: an interrupt, whichever thread it reaches, waits for the end of the block."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     try:
-        for _ in range(count):  # each makes one process
-            pool.submit(os.getpid)
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, before)
+    if came:
+        signal.raise_signal(signal.SIGINT)
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """Ends the workers in the middle of their work; before the shutdown, as the pool then forgets them."""
+    """Ends the workers in the middle of their work.
+
+    The order matters: the pool forgets its workers when it is shut down, and its thread complains of workers that are
+    gone while it still has work that was cancelled, or when nobody holds the pool any longer.
+    """
     processes: dict[int, BaseProcess] = getattr(pool, "_processes", None) or {}
-    for process in list(processes.values()):
-        process.terminate()
+    workers, thread = list(processes.values()), getattr(pool, "_executor_manager_thread", None)
+    pool.shutdown(wait=False, cancel_futures=True)
+    for worker in workers:
+        worker.terminate()
+    if isinstance(thread, threading.Thread):
+        thread.join()
 
 
 @contextmanager

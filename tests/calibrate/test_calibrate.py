@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import time
 from dataclasses import replace
@@ -13,7 +14,10 @@ from benchmarks.sessions import make_session
 from skincal.calibrate import calibrate, search_box
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.problem import fit_problem, unroll
-from skincal.calibrate.workers import mapper
+from skincal.calibrate.workers import (
+    _interrupt_afterwards,  # pyright: ignore[reportPrivateUsage]
+    mapper,
+)
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import Dataset
 from skincal.errors import InputError, WorkError
@@ -44,6 +48,26 @@ def test_an_interrupt_of_the_terminal_reaches_no_worker_and_ends_them_all_at_onc
         worker.join(5)
     assert workers
     assert not any(worker.is_alive() for worker in workers)
+
+
+def test_an_interrupt_while_workers_start_comes_afterwards() -> None:
+    begun = False
+    with pytest.raises(KeyboardInterrupt), _interrupt_afterwards():
+        os.kill(os.getpid(), signal.SIGINT)
+        begun = True
+    assert begun
+
+
+def test_an_interrupt_with_cancelled_work_is_quiet(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(KeyboardInterrupt), mapper(2) as spread:
+        results = iter(spread(time.sleep, [0.01] + [20.0] * 12))
+        next(results)
+        del results  # as when a loop over them is interrupted: what has not begun is cancelled
+        raise KeyboardInterrupt
+    for worker in multiprocessing.active_children():
+        worker.join(5)
+    time.sleep(0.2)
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_unrolling_gives_arcs_round_a_finger_and_x_on_a_plane() -> None:
