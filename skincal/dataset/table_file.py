@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +51,7 @@ def read_table(path: Path, findings: Findings) -> RawTable | None:
         table = reader(path, findings)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
-        reason = " ".join(str(error).split())[:200]
+        reason = " ".join(str(error).split())[:200].rstrip(".")
         findings.error(path.name, what, reason, "Was it cut short while it was copied or written?")
         return None
     if table is None:
@@ -115,6 +116,11 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     if not path.stat().st_size:
         findings.error(path.name, "a header line and rows", "an empty file")
         return None
+    if not _begins_as_text(path):
+        findings.error(
+            path.name, "text in UTF-8", "other bytes", "Is it another kind of file, or of another encoding?"
+        )
+        return None
     table = read(threads=True)
     if bad:
         # Only a single thread knows the line numbers.
@@ -122,6 +128,16 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
         table = read(threads=False)
         _report_ragged(path.name, bad, findings)
     return table
+
+
+def _begins_as_text(path: Path) -> bool:
+    """Whether the first bytes are UTF-8; the reader of CSV files prints a traceback for rows that are not."""
+    with path.open("rb") as file:
+        try:
+            codecs.getincrementaldecoder("utf-8")().decode(file.read(1 << 16))
+        except UnicodeDecodeError:
+            return False
+    return True
 
 
 def _report_ragged(file: str, bad: Sequence[Any], findings: Findings) -> None:

@@ -233,7 +233,7 @@ def test_a_truncated_parquet_file(folder: Path, session: Callable, tmp_path: Pat
         path.write_bytes(content[: int(keep if keep > 1 else keep * len(content))])
     said = errors(tmp_path / "p")
     assert [text.split(":")[0] for text in said] == ["presses.parquet", "frames.parquet"]
-    assert all("a whole Parquet file" in text for text in said)
+    assert all("a whole Parquet file" in text and ".." not in text for text in said)
 
 
 def test_a_parquet_file_damaged_inside(session: Callable, tmp_path: Path) -> None:
@@ -277,6 +277,12 @@ def test_a_column_twice(folder: Path) -> None:
 def test_binary_rubbish_for_a_description(folder: Path) -> None:
     (folder / "dataset.toml").write_bytes(b"\xff\xfe\x00\x01")
     assert errors(folder)[0].startswith("dataset.toml: expected a readable text file")
+
+
+def test_binary_rubbish_for_presses(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "presses.csv").write_bytes(b"a,b,c\n\xd3\x00,1\n\xff\xfe\n" * 50)
+    assert errors(folder)[0].startswith("presses.csv: expected text in UTF-8")
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_both_kinds_of_a_table(folder: Path) -> None:
