@@ -6,6 +6,7 @@ disk, an error or an interrupt leaves the destination as it was.
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import tempfile
 from collections.abc import Generator
@@ -28,16 +29,10 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
         InputError: it exists and may not be replaced, or its parent folder does not exist.
     """
     if not path.parent.is_dir():
-        raise InputError(
-            [
-                Problem(
-                    str(path),
-                    "an output inside an existing folder",
-                    "no such folder",
-                    f"mkdir -p {path.parent}",
-                )
-            ]
-        )
+        file = next((above for above in path.parents if above.exists() and not above.is_dir()), None)
+        got = "no such folder" if file is None else f"{file}, which is a file"
+        fix = f"mkdir -p {shlex.quote(str(path.parent))}" if file is None else "Choose another name."
+        raise InputError([Problem(str(path), "an output inside an existing folder", got, fix)])
     if not (path.exists() or path.is_symlink()):
         return
     if not force:

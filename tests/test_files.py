@@ -38,7 +38,12 @@ def test_what_exists_is_refused_before_any_work(tmp_path: Path) -> None:
         pytest.fail("the work was begun")
     with pytest.raises(InputError, match="a folder"), whole_file(tmp_path, force=True):
         pytest.fail("the work was begun")
-    with pytest.raises(InputError, match="mkdir -p"), whole_file(tmp_path / "no" / "out.txt"):
+    with (
+        pytest.raises(InputError, match=r"mkdir -p '.*my folder'"),
+        whole_file(tmp_path / "my folder" / "out.txt"),
+    ):
+        pytest.fail("the work was begun")
+    with pytest.raises(InputError, match=r"out\.txt, which is a file"), whole_file(path / "no" / "out.txt"):
         pytest.fail("the work was begun")
     with pytest.raises(InputError, match="a file"), whole_folder(path, force=True, marker="m"):
         pytest.fail("the work was begun")
