@@ -60,9 +60,11 @@ class Journal:
             return journal
         was, now = found.head["key"], _plain(key)
         changed = [name for name in now if was.get(name) != now[name]]
-        if changed or found.head.get("format") != FORMAT:
-            raise InputError([_another(folder, was, now, changed, len(found.presses()))])
-        return found
+        if not changed and found.head.get("format") == FORMAT:
+            return found
+        if not any(folder.glob("*.npz")):
+            return cls.open(folder, key, notes, restart=True)  # the hand was never reached, say
+        raise InputError([_another(folder, was, now, changed, len(found.presses()))])
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
@@ -151,10 +153,14 @@ def digest_of(text: str) -> str:
 def _durably(path: Path, content: bytes) -> None:
     """Writes a file that is whole or not there, whatever happens, and on the disk when this returns."""
     temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
+    try:
+        with temporary.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        error.filename = str(path)  # a full disk does not say which file
+        raise
     temporary.replace(path)
     descriptor = os.open(path.parent, os.O_RDONLY)
     try:

@@ -48,7 +48,8 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     findings = Findings()
     read = {".toml": _read_toml, ".csv": _read_csv}.get(path.suffix.lower())
     if read is None:
-        raise InputError([Problem(str(path), "a plan in .toml or .csv", f'"{path.suffix}"')])
+        got = "a folder" if path.is_dir() else f'"{path.suffix}"'
+        raise InputError([Problem(str(path), "a plan in .toml or .csv", got)])
     try:
         name, poses, rows = read(path, findings)
     except FileNotFoundError:
@@ -191,7 +192,9 @@ def _press(table: TomlTable, mount: Mount) -> PlannedPress:
     return PlannedPress(
         u,
         v,
-        table.number("force_n", "a force [N] above 0", low=1e-3, high=LARGEST_FORCE_N),
+        table.number(
+            "force_n", f"a force [N] above 0, up to {LARGEST_FORCE_N:g}", low=1e-3, high=LARGEST_FORCE_N
+        ),
         table.number(
             "speed_m_per_s",
             "a speed [m/s], 0.0005 to 0.1",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,24 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path):
 def test_a_folder_in_which_nothing_was_begun_is_used(tmp_path: Path):
     (tmp_path / ".run.collect").mkdir()
     assert open_journal(tmp_path).presses() == {}
+
+
+def test_a_session_that_recorded_nothing_gives_way_to_another(tmp_path: Path):
+    open_journal(tmp_path)
+    assert open_journal(tmp_path, seed=8).head["key"]["seed"] == 8
+    assert open_journal(tmp_path, seed=8).head["key"]["seed"] == 8
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    journal = open_journal(tmp_path)
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space") as caught:
+        journal.keep_press(0, {"a": np.ones(1)})
+    assert caught.value.filename == str(journal.folder / "press-00000.npz")
 
 
 def test_removing_leaves_nothing(tmp_path: Path):

@@ -94,6 +94,7 @@ force_n = nan
         ("plan.csv", "u_m,v_m,force_n,force_n\n0,0,1,1\n", "each column once"),
         ("plan.csv", "u_m,v_m,force_n\n0,0,two\n", '"two"'),
         ("plan.csv", "u_m,v_m,force_n\n", "at least one press"),
+        ("plan.csv", "u_m,v_m,force_n\n0,0,1500\n", "up to 100; got 1500"),
     ],
 )
 def test_a_bad_file_is_named(tmp_path: Path, name: str, content: str, message: str):
