@@ -25,6 +25,7 @@ from skincal.report.style import (
 
 COLOURS = dict(zip(KINDS, (BLUE, RED, GREEN, ORANGE), strict=True))
 LARGEST_MARK_PT2 = 110.0
+MARKERS = {"o": "circles", "s": "squares", "D": "diamonds", "^": "triangles up", "v": "triangles down"}
 
 
 def plan_figure(plan: Plan, mount: Mount) -> Figure:
@@ -70,12 +71,13 @@ def _draw_order(axes: Axes, plan: Plan) -> None:
     force = np.array([press.force_n for press in plan.presses])
     speeds = sorted({press.speed_m_per_s for press in plan.presses})
     for kind in KINDS:
-        for speed, marker in zip(speeds, "osD^v" * len(speeds), strict=False):
+        for speed, marker in zip(speeds, [*MARKERS] * len(speeds), strict=False):
             rows = np.array([p.kind == kind and p.speed_m_per_s == speed for p in plan.presses])
             axes.plot(number[rows], force[rows], marker, color=COLOURS[kind], markersize=4)
     _draw_poses(axes, plan)
     axes.set_title(
-        "Order; " + ", ".join(f"{m}: {1e3 * s:g} mm/s" for s, m in zip(speeds, "osD^v", strict=False))
+        "Order; "
+        + ", ".join(f"{m}: {1e3 * s:g} mm/s" for s, m in zip(speeds, MARKERS.values(), strict=False))
     )
     axes.set_xlabel("press")
     axes.set_ylabel("force [N]")
