@@ -114,6 +114,7 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
     return {
         "presses": report.presses,
         "observations": report.observations,
+        "taxels": report.taxels,
         "frames": report.has_frames,
         "planned": report.planned,
         "calibrated": report.calibrated,
@@ -145,7 +146,10 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
 def _told(report: AuditReport) -> str:
     of = "frames in bins" if report.has_frames else "hold means"
     what = "planned presses" if report.planned else "presses"
-    lines = [f"{report.presses} {what}, {report.observations} images ({of})", _noise(report.floor)]
+    lines = [
+        f"{report.presses} {what}, {report.observations} images ({of}) of {report.taxels} taxels",
+        _noise(report.floor),
+    ]
     if not report.calibrated:
         lines.append("pose, E and S are guessed; --calibration CAL gives those of a fit")
     lines += ["", f"{'visible':<17}{'smallest strength':>18}   looks the same as"]

@@ -11,14 +11,21 @@ import numpy as np
 from skincal.calibration import Calibration
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
-from skincal.diagnose.base import GUESSED_PA_PER_M, GUESSED_PER_N, calibrated_model, floor_of, guessed_model
+from skincal.diagnose.base import (
+    GUESSED_PA_PER_M,
+    GUESSED_PER_N,
+    calibrated_model,
+    floor_of,
+    guessed_model,
+    thinned,
+)
 from skincal.diagnose.plan import plan_session
 from skincal.diagnose.session import gap_session
 from skincal.effects.samples import HOLD
 from skincal.errors import WorkError
 from skincal.fit.observe import Readout
 from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
-from skincal.gap.base import BaseColumns, BaseModel, base_columns
+from skincal.gap.base import BaseColumns, BaseModel, base_columns, resolution_of
 from skincal.gap.noise import NoiseFloor, assumed_floor
 from skincal.gap.reasons import facts_of, why_not
 from skincal.gap.session import GapSession
@@ -37,6 +44,7 @@ class AuditReport:
         floor: the noise.
         presses: number of presses.
         observations: number of images that were looked at, means over a few frames each.
+        taxels: number of taxels that were looked at, even ones of those that presses reach.
         has_frames: whether they are of frames; else hold means.
         calibrated: whether pose, E and S are a calibration's; else they are guessed.
         planned: whether there are no data yet, and the noise is assumed.
@@ -48,6 +56,7 @@ class AuditReport:
     floor: NoiseFloor
     presses: int
     observations: int
+    taxels: int
     has_frames: bool
     calibrated: bool
     planned: bool
@@ -82,8 +91,10 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
     if not (session.press >= 0).any():
         raise WorkError("no press of the dataset has a known place and a force: there is nothing to audit")
     model = guessed_model(dataset, session) if calibration is None else calibrated_model(calibration, dataset)
+    session = thinned(model, session)
     base = base_columns(model, session)
-    floor = floor_of(dataset, _hold_slopes(session, base, len(dataset.presses)), rng)
+    slopes = _hold_slopes(session, base, len(dataset.presses))
+    floor = floor_of(dataset, slopes, rng, session.taxels)
     options = _options(dataset.meta.position.sigma_m, calibration)
     return _report(model, session, base, floor, options, rng, calibration, planned=False)
 
@@ -105,7 +116,15 @@ def audit_plan(
     meta, mount = description.meta, Mount.of(description.meta)
     readout = Readout(meta.sensor.value_min, meta.sensor.value_max, meta.sensor.integer)
     if calibration is None:
-        model = BaseModel(mount.surface, mount.layout, mount.pose, GUESSED_PA_PER_M, GUESSED_PER_N, readout)
+        model = BaseModel(
+            mount.surface,
+            mount.layout,
+            mount.pose,
+            GUESSED_PA_PER_M,
+            GUESSED_PER_N,
+            readout,
+            resolution_of(mount.layout),
+        )
     else:
         own = calibration.parameters()
         model = BaseModel(
@@ -115,8 +134,9 @@ def audit_plan(
             own.elasticity_pa_per_m,
             own.scale_per_n,
             readout,
+            resolution_of(calibration.layout()),
         )
-    session = plan_session(plan, description)
+    session = thinned(model, plan_session(plan, description))
     options = _options(meta.position.sigma_m, calibration)
     base = base_columns(model, session)
     return _report(model, session, base, assumed_floor(readout), options, rng, calibration, planned=True)
@@ -145,6 +165,7 @@ def _report(
         floor,
         presses,
         len(session),
+        base.values.shape[1],
         session.has_frames,
         calibration is not None,
         planned,

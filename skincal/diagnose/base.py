@@ -10,10 +10,10 @@ from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
 from skincal.fit.observe import Readout, clipped_share, observe
-from skincal.gap.base import BaseModel
+from skincal.gap.base import BaseModel, resolution_of
 from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter, rounding
 from skincal.gap.session import GapSession
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, IntArray
 
 GUESSED_PA_PER_M = 4.5e8
 """E where no calibration says it [Pa/m]: the middle of the range that a fit searches, on a logarithmic scale."""
@@ -21,8 +21,10 @@ GUESSED_PA_PER_M = 4.5e8
 GUESSED_PER_N = 70.0
 """S where neither a calibration nor data say it [1/N]."""
 
+MOST_TAXELS = 48
+"""So many taxels of a large sensor are looked at."""
+
 _LIT_COUNTS = 5.0
-_HOLD_FRAMES = 25.0
 
 
 def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
@@ -35,14 +37,22 @@ def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
         parameters.elasticity_pa_per_m,
         parameters.scale_per_n,
         readout_of(dataset),
+        resolution_of(calibration.layout()),
     )
 
 
 def guessed_model(dataset: Dataset, session: GapSession) -> BaseModel:
     """A base model for a dataset without a calibration: nominal pose, a middle E, and the S of these counts."""
     readout = readout_of(dataset)
+    layout = dataset.layout()
     model = BaseModel(
-        dataset.surface(), dataset.layout(), dataset.nominal_pose(), GUESSED_PA_PER_M, 1.0, readout
+        dataset.surface(),
+        layout,
+        dataset.nominal_pose(),
+        GUESSED_PA_PER_M,
+        1.0,
+        readout,
+        resolution_of(layout),
     )
     if session.counts is None:
         return _scaled(model, GUESSED_PER_N)
@@ -57,13 +67,36 @@ def _scaled(model: BaseModel, scale_per_n: float) -> BaseModel:
     return replace(model, scale_per_n=scale_per_n)
 
 
-def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.Generator) -> NoiseFloor:
+def thinned(model: BaseModel, session: GapSession, most: int = MOST_TAXELS) -> GapSession:
+    """The session as not too many taxels see it: even ones of those that the presses reach.
+
+    Args:
+        model: the base model.
+        session: of all taxels.
+        most: how many are kept at most.
+    """
+    taxels = model.layout.taxels
+    if taxels <= most:
+        return session
+    reached = np.flatnonzero((model.skin.values(session.samples) > _LIT_COUNTS).any(axis=0))
+    reached = reached if len(reached) else np.arange(taxels)
+    places = np.linspace(0, len(reached) - 1, min(most, len(reached)))
+    return session.of_taxels(reached[np.rint(places).astype(np.int64)])
+
+
+def floor_of(
+    dataset: Dataset,
+    press_slopes: FloatArray | None,
+    rng: np.random.Generator,
+    taxels: IntArray | None = None,
+) -> NoiseFloor:
     """The noise floor of a dataset.
 
     Args:
         dataset: the session.
         press_slopes: (P, J, 3) slopes of hold images by place and force; None: repeats are not used.
         rng: for intervals.
+        taxels: (J,) those that the slopes are of; None for all.
     """
     readout, nothing = readout_of(dataset), (np.zeros(0), np.zeros(0))
     presses, frames = dataset.presses, dataset.frames
@@ -79,10 +112,11 @@ def floor_of(dataset: Dataset, press_slopes: FloatArray | None, rng: np.random.G
         hold_frames = _frames_of_a_mean(seen.frame_sigma_counts, rest_scatter, readout)
     first, second = repeats(dataset)
     if press_slopes is not None and len(first):
-        use = presses.counts > (readout.value_min or 0.0) + 4
+        counts = presses.counts if taxels is None else presses.counts[:, taxels]
+        use = counts > (readout.value_min or 0.0) + 4
         if readout.value_max is not None:
-            use &= presses.counts < readout.value_max - 4
-        of_repeats = repeat_scatter(presses.counts, first, second, press_slopes, use)
+            use &= counts < readout.value_max - 4
+        of_repeats = repeat_scatter(counts, first, second, press_slopes, use)
     return noise_floor(of_frames, of_repeats, rest_means(dataset), rest_scatter, hold_frames, readout, rng)
 
 

@@ -20,6 +20,9 @@ Direction = Literal["across", "along", "alpha"]
 BASE = ("across", "along", "alpha", "elasticity", "scale")
 """Parameters of the base model, in the order of its columns."""
 
+_FINEST_M = 0.5e-3
+_MOST_CELLS = 6000
+
 STEP_M = 5e-5
 """Step of differences by places [m]."""
 STEP_RAD = 0.01
@@ -48,7 +51,7 @@ class BaseModel:
     elasticity_pa_per_m: float
     scale_per_n: float | FloatArray
     readout: Readout = field(default_factory=lambda: Readout(None, None, integer=False))
-    resolution_m: float = 0.5e-3
+    resolution_m: float = _FINEST_M
     margin_m: float = 6e-3
 
     @cached_property
@@ -72,6 +75,13 @@ class BaseModel:
             centre = self.surface.wrap(replace(pose, alpha_rad=0.0), way)[0][0]
             pose = _centred(self.surface, pose, centre)
         return self._at(pose, self.elasticity_pa_per_m)
+
+
+def resolution_of(layout: TaxelLayout) -> float:
+    """A resolution [m] at which a large patch has not too many points, and a small taxel still has some."""
+    across, along = np.diff(layout.bounds_m, axis=0).ravel().tolist()
+    fewest = (across * along / _MOST_CELLS) ** 0.5
+    return max(_FINEST_M, min(fewest, float(layout.sizes_m.min()) / 4))
 
 
 def _centred(surface: Surface, pose: SensorPose, centre_m: FloatArray) -> SensorPose:

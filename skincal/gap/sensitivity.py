@@ -26,7 +26,7 @@ from skincal.effects.base import MemoryEffect
 from skincal.gap.base import BaseModel
 from skincal.gap.session import GapSession
 from skincal.model import FlatPunch, Sphere
-from skincal.model.arrays import BoolArray, FloatArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 STEP = 0.25
 """Step of a strength's column, in typical values."""
@@ -94,6 +94,12 @@ class Simulator:
         if key not in self.cache:
             self.cache[key] = self.skin.contact(samples, points=key[1])
         return self.session.means(skin.finish(self.cache[key]))
+
+    @property
+    def looked_at(self) -> IntArray:
+        """The taxels of the layout that the session looks at."""
+        some = self.session.taxels
+        return np.arange(self.skin.skin.patch.layout.taxels) if some is None else some
 
     @property
     def poses(self) -> int:
@@ -197,8 +203,12 @@ def _strengths(
         ends = sorted(
             ((parameter.low - parameter.neutral) / step, (parameter.high - parameter.neutral) / step)
         )
-        size = {"scalar": 1, "per-taxel": zero.shape[1], "per-pose": simulator.poses}[parameter.shape]
-        for i in range(size):
+        size = {
+            "scalar": 1,
+            "per-taxel": simulator.skin.skin.patch.layout.taxels,
+            "per-pose": simulator.poses,
+        }[parameter.shape]
+        for i in simulator.looked_at.tolist() if parameter.shape == "per-taxel" else range(size):
             value: FloatArray = np.full(size, parameter.neutral)
             value[i] += step
             given = value[0] if parameter.shape == "scalar" else value

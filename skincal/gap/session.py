@@ -57,6 +57,7 @@ class GapSession:
         frames: (N,) frames that each observation is the mean of.
         counts: (N, J) measured means [counts], NaN where not read; None for a plan.
         has_frames: whether loading and unloading were observed.
+        taxels: (J,) which of the layout's taxels are looked at; None for all of them.
     """
 
     samples: Samples
@@ -67,6 +68,7 @@ class GapSession:
     frames: FloatArray
     counts: FloatArray | None = None
     has_frames: bool = True
+    taxels: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.press)
@@ -84,8 +86,15 @@ class GapSession:
         number = np.cumsum(np.diff(self.row, prepend=self.row[:1]) != 0)
         return replace(self.samples, time_s=self.samples.time_s + _APART_S * number)
 
+    def of_taxels(self, taxels: IntArray) -> GapSession:
+        """The session as some of the layout's taxels see it."""
+        assert self.taxels is None
+        counts = None if self.counts is None else self.counts[:, taxels]
+        return replace(self, counts=counts, taxels=taxels)
+
     def means(self, values: FloatArray) -> FloatArray:
-        """Observations (N, J) from values of all samples (K, J)."""
+        """Observations (N, J) of the taxels looked at, from values of all samples and taxels (K, all of them)."""
+        values = values if self.taxels is None else values[:, self.taxels]
         seen = self.observation >= 0
         owner = self.observation[seen]
         total = np.zeros((len(self), values.shape[1]))

@@ -112,3 +112,15 @@ def test_projection_is_the_inverse_root_of_the_covariance():
             covariance += np.outer(column.ravel(), column.ravel())
     root = projection.apply(np.eye(15))
     assert np.allclose(root @ covariance @ root.T, np.eye(15), atol=1e-9)
+
+
+def test_some_taxels_see_what_they_see_among_all():
+    some = np.array([1, 5, 6, 10])
+    few = Simulator.of(MODEL, SESSION.of_taxels(some))
+    for name in ("taxel_gain", "crosstalk", "spread"):
+        whole = effect_columns(SIMULATOR, EFFECTS[name], np.random.default_rng(0))
+        part = effect_columns(few, EFFECTS[name], np.random.default_rng(0))
+        of = [whole.names.index(n) for n in part.names]
+        assert np.allclose(part.columns, whole.columns[:, some][..., of])
+        assert np.allclose(part.typical, whole.typical[:, :, some])
+    assert base_columns(MODEL, few.session).press.shape[1] == 4
