@@ -9,6 +9,7 @@ import pytest
 from gap.gap_sessions import MODEL, READOUT, full
 
 from skincal.effects import EFFECTS, EffectSkin
+from skincal.fit.observe import Readout
 from skincal.gap.audit import AuditOptions, linearise
 from skincal.gap.base import STEP_M, base_columns, shifted
 from skincal.gap.noise import assumed_floor
@@ -124,3 +125,24 @@ def test_some_taxels_see_what_they_see_among_all():
         assert np.allclose(part.columns, whole.columns[:, some][..., of])
         assert np.allclose(part.typical, whole.typical[:, :, some])
     assert base_columns(MODEL, few.session).press.shape[1] == 4
+
+
+def test_projected_residuals_of_a_true_model_are_noise():
+    """Places, forces, pose and E differ from what is believed; what is left has the noise's own size."""
+    rng, session = np.random.default_rng(3), full(20)
+    believed = replace(MODEL, readout=Readout(None, None, integer=False))
+    true = replace(believed, pose=SensorPose(0.0235 + 5e-5, 0.203, 0.052), elasticity_pa_per_m=4.1e8).skin
+    row, sigma_p, sigma_f = np.maximum(session.row, 0), 6e-5, 0.005
+    across, along = (rng.normal(0, sigma_p, session.presses)[row] for _ in range(2))
+    samples = true.setting.moved(session.samples, across, along)
+    force = samples.contacts.force_n * np.exp(rng.normal(0, sigma_f, session.presses)[row])
+    felt = replace(samples, contacts=replace(samples.contacts, force_n=force))
+    noise = rng.normal(size=(len(session), 16)) / np.sqrt(session.frames)[:, None]
+    options = AuditOptions(position_sigma_m=sigma_p, force_sigma=sigma_f, shape_sigma=0.0)
+    base = base_columns(believed, session)
+    floor = assumed_floor(believed.readout, 1.0)
+    linear = linearise(believed, session, base, floor, options, rng, ("crosstalk",))
+    residual = linear.whitened((session.means(true.values(felt)) + noise - base.values)[..., None])
+    left = linear.projection.apply(residual)
+    assert np.mean(residual**2) > 1.5
+    assert np.mean(left**2) == pytest.approx(1.0, abs=0.06)
