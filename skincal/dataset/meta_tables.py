@@ -47,9 +47,8 @@ def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | 
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        findings.error(
-            str(path), f"the description of the {what}", "no such file", f"Is this a {what}'s folder?"
-        )
+        fix = "" if what == "mapping" else f"Is this a {what}'s folder?"
+        findings.error(str(path), f"the description of the {what}", "no such file", fix)
     except tomllib.TOMLDecodeError as error:
         # The message holds the line and the column.
         findings.error(path.name, "TOML", str(error))

@@ -26,6 +26,7 @@ def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
     _remark_on_stuck(dataset, sheet, findings)
     _remark_on_repeats(dataset, sheet)
     _remark_on_normals(dataset, sheet)
+    _remark_on_slack(dataset, findings)
     force = dataset.presses.force_n
     sheet.bad_rows("force_n", force <= 0, force, "a positive normal force", "A glitch?", warning=True)
 
@@ -39,6 +40,18 @@ def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> N
     elif not np.any(active.sum(axis=1) >= 2):
         findings.warn(
             sheet.file, f"two {expected} in a press", "at most one in any press", "The fit needs two."
+        )
+
+
+def _remark_on_slack(dataset: Dataset, findings: Findings) -> None:
+    """No press can be further off than its slack, whatever the sigma."""
+    position = dataset.meta.position
+    if np.isfinite(position.sigma_m) and position.slack_m < position.sigma_m:
+        findings.warn(
+            "dataset.toml, [position] slack_m",
+            f"more than sigma_m = {position.sigma_m:g}",
+            f"{position.slack_m:g}",
+            "Twice sigma_m is usual. Are both in metres?",
         )
 
 

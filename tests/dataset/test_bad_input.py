@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -305,6 +306,14 @@ def test_what_cannot_be_used_but_is_well_formed_is_a_warning(folder: Path) -> No
     check = check_dataset(folder)
     assert not check.errors
     assert any("none in any press" in str(w) for w in check.warnings)
+
+
+def test_a_slack_below_sigma_is_a_warning(folder: Path) -> None:
+    path = folder / "dataset.toml"
+    path.write_text(re.sub(r"(?m)^slack_m = .*$", "slack_m = 2e-6", path.read_text()))
+    check = check_dataset(folder)
+    assert not check.errors
+    assert any("slack_m: expected more than sigma_m" in str(w) for w in check.warnings)
 
 
 WARNED: list[tuple[Edit, str]] = [

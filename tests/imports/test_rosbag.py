@@ -87,6 +87,8 @@ def test_topics_are_listed(tmp_path: Path, recording: Recorded):
     topics = bag_topics(write_bag(tmp_path / "s.bag", recording))
     assert topics["/skin"] == ("std_msgs/msg/Float32MultiArray", len(recording.time_s))
     assert list(topics) == ["/force", "/joints", "/skin", "/tip"]
+    with pytest.raises(InputError, match=r"no\.bag: expected a bag to read; got no such file"):
+        bag_topics(tmp_path / "no.bag")
 
 
 @pytest.mark.parametrize("name", ["s.bag", "s"])
