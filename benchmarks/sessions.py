@@ -121,6 +121,7 @@ def make_session(
     *,
     position_sigma_m: float | tuple[float, float] = (0.5e-3, 1e-3),
     layers: LayerRanges | None = None,
+    resolution_m: float = RESOLUTION_M,
     source: str = "",
 ) -> tuple[Dataset, Truth]:
     """A session and its truth.
@@ -132,6 +133,7 @@ def make_session(
         position_sigma_m: random error of measured positions along each direction [m], or low and high to draw it
             from. An error that would, with the constant one, go beyond the slack is drawn anew.
         layers: what a layer is drawn from; None for the default ranges.
+        resolution_m: distance of the tactile points that a foundation is summed over [m].
         source: for ``dataset.toml``.
 
     Returns:
@@ -148,7 +150,7 @@ def make_session(
     )
     measured_y = y + truth.constant_y_m + _errors(rng, truth.position_sigma_m, truth.constant_y_m, presses)
     measured_force = force * (1 + FORCE_ERROR * rng.standard_normal(presses))
-    values = truth.scale_per_n * taxel_loads(truth, arc, y, force)
+    values = truth.scale_per_n * taxel_loads(truth, arc, y, force, resolution_m)
     table = Presses(
         np.arange(presses),
         np.round(_on_cylinder(measured_arc, measured_y), 7),
@@ -158,12 +160,14 @@ def make_session(
     return Dataset(_meta(source or f"skincal's benchmark sessions, {law} law"), table), truth
 
 
-def taxel_loads(truth: Truth, arc_m: Floats, y_m: Floats, force_n: Floats) -> Floats:
+def taxel_loads(
+    truth: Truth, arc_m: Floats, y_m: Floats, force_n: Floats, resolution_m: float = RESOLUTION_M
+) -> Floats:
     """Loads (K, J) [N] of presses at true places round and along the finger (K,) [m], with forces (K,) [N]."""
     if truth.law == "foundation":
         pose = SensorPose(truth.y_m, float(np.radians(truth.alpha_deg)), float(np.radians(truth.beta_deg)))
         surface = Cylinder(CYLINDER_RADIUS_M)
-        patch = Patch.build(surface, layout(), pose, resolution_m=RESOLUTION_M)
+        patch = Patch.build(surface, layout(), pose, resolution_m=resolution_m)
         skin = Skin(patch, SkinParameters(truth.elasticity_pa_per_m, 1.0), Converter.none())
         points = _on_cylinder(arc_m, y_m)
         return skin.loads(Sphere(SPHERE_RADIUS_M), Contacts(points, surface.normal_at(points), force_n))

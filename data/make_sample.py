@@ -18,6 +18,7 @@ from skincal.errors import SkincalError
 
 SEED = 2024
 POSITION_SIGMA_M = 0.6e-3
+RESOLUTION_M = 0.25e-3
 SOURCE = (
     "Synthetic, no measurement: made by data/make_sample.py with skincal's own skin model and the protocol of "
     "Kasolowsky & Baeuml, IROS 2024. Licence: MIT, as skincal."
@@ -35,7 +36,10 @@ def main() -> None:
     parser.add_argument("--force", action="store_true", help="replace a dataset that is there")
     arguments = parser.parse_args()
     session, truth = make_session(
-        np.random.default_rng(SEED), position_sigma_m=POSITION_SIGMA_M, source=SOURCE
+        np.random.default_rng(SEED),
+        position_sigma_m=POSITION_SIGMA_M,
+        resolution_m=RESOLUTION_M,
+        source=SOURCE,
     )
     try:
         write_dataset(session, arguments.out, force=arguments.force)
