@@ -18,10 +18,11 @@ from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration, Provenance
 from skincal.dataset import Dataset
 from skincal.errors import WorkError
+from skincal.fit.errors import FitError
 from skincal.fit.options import FitOptions, SearchBox
 from skincal.fit.problem import USED, FitProblem
 from skincal.fit.result import FitResult
-from skincal.fit.solve import FitError, Progress, default_steps, plan_fit, solve
+from skincal.fit.solve import Progress, default_steps, plan_fit, solve
 
 
 @dataclass(frozen=True, eq=False)

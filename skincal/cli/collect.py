@@ -160,6 +160,8 @@ def _effects(given: list[str] | None) -> dict[str, float]:
     effects: dict[str, float] = {}
     for text in given or []:
         name, _, strength = text.partition("=")
+        if name.strip() in effects:
+            raise InputError([Problem("--effect", "each effect once", f"{name.strip()} twice")])
         try:
             effects[name.strip()] = float(strength)
         except ValueError:

@@ -8,9 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
+from skincal.fit.errors import FitError
 from skincal.fit.posterior import Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.types import Floats
+
+_NOWHERE = (
+    "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
+    "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +68,12 @@ def sample(
 
     Returns:
         All draws, weighted against the mixture of all proposals.
+
+    Raises:
+        FitError: the presses have no density anywhere near the peak.
     """
+    if not np.isfinite(peak.covariance).all():
+        raise FitError(_NOWHERE)
     lit, presses = float(problem.lit.sum()), len(problem)
     hyper = np.array([0.5 / presses**0.5, 0.5, 0.7 / lit**0.5]) ** 2
     covariance = np.zeros((8, 8))
@@ -72,7 +83,11 @@ def sample(
     points, values = np.empty((0, 8)), np.empty(0)
     while True:
         fresh = proposals[-1].draw(rng, size)
-        points, values = np.concatenate([points, fresh]), np.concatenate([values, density(fresh)])
+        found = density(fresh)
+        found = np.where(np.isfinite(found), found, -np.inf)
+        points, values = np.concatenate([points, fresh]), np.concatenate([values, found])
+        if not np.isfinite(values).any():
+            raise FitError(_NOWHERE)
         weight = _mixture_weights(points, values, proposals)
         draws = Draws(points, weight)
         if enough(len(proposals), draws):

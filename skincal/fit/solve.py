@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fit.conclude import Evidence, conclude
+from skincal.fit.errors import FitError
 from skincal.fit.general_table import SkinTable
 from skincal.fit.general_tabling import joined, reach_of, run_table, table_tasks
 from skincal.fit.grid import GridSlab, MacroGrid, span
@@ -35,15 +36,14 @@ from skincal.fit.types import Floats
 SCALES = (1e-3, 1e5)
 """Any scale S [1/N] within these is considered."""
 
+MOST_COMBINATIONS = 5_000_000
+"""A grid of more would need hours and gigabytes."""
+
 TABLES = 3
 """A peak of the general way that leaves the table it was climbed on is tabled anew so many times at most."""
 
 Progress = Callable[[str, int, int], None]
 """Told the stage, how much of it is done, and of how much."""
-
-
-class FitError(ValueError):
-    """The presses do not allow a fit."""
 
 
 def _silent(_stage: str, _done: int, _total: int) -> None:
@@ -87,6 +87,11 @@ def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPla
         span(*box.alpha_rad, steps.alpha_rad),
         np.log(np.geomspace(*box.elasticity_pa_per_m, steps.elasticities)),
     )
+    if grid.combinations > MOST_COMBINATIONS:
+        raise FitError(
+            f"a grid of {grid.combinations:.2g} combinations is asked for, and {MOST_COMBINATIONS:.0g} is the most: "
+            "take coarser steps or narrower ranges; what follows the grid is continuous and needs no finer one"
+        )
     sigma = max(0.5, problem.noise_sigma_counts)
     return FitPlan(problem, grid, MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m))
 

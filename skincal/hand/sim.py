@@ -35,7 +35,7 @@ class SimDriver(HandDriver):
         seed: draws the truth and all noise.
         effects: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
         hand: name of a hand that comes with skincal, or the path of a ``hand.toml``.
-        truth_path: file for the truth (JSON), written when the hand is connected.
+        truth_path: file for the truth (JSON), written when the hand is connected, and again at the end of the session.
         rate_hz: states and commands [Hz].
         start_s: where the hand's clock begins [s], for a session that goes on: its noise is new, and it drifts on.
         options: physics.
@@ -106,7 +106,7 @@ class SimDriver(HandDriver):
             rng = np.random.default_rng([self._seed, _NOISE_STREAM, *later])
             self._hand = SimulatedHand(self._description, self.truth, rng, self._options, self._start_s)
             if self._truth_path is not None:
-                self._write_truth(self._truth_path)
+                self._write_truth(self._truth_path, self._hand)
 
     def observe(self) -> HandState:
         """Moves the hand on by one period and says what its sensors say."""
@@ -142,16 +142,22 @@ class SimDriver(HandDriver):
                 self._moving.release()
 
     def close(self) -> None:
-        """Ends the session."""
+        """Ends the session; the truth is told anew, with what the session's contacts say of the positions."""
         hand, self._hand = self._hand, None
-        if hand is not None:
-            hand.close()
+        if hand is None:
+            return
+        if self._truth_path is not None:
+            self._write_truth(self._truth_path, hand)
+        hand.close()
 
     def truth_dict(self) -> dict[str, object]:
         """What is hidden from the fit, as plain numbers, lists and texts."""
-        head = {"format": TRUTH_FORMAT, "seed": self._seed, "hand": self._description.name}
-        return {**head, **self.simulated.truth_dict()}
+        return self._truth_dict(self.simulated)
 
-    def _write_truth(self, path: Path) -> None:
+    def _truth_dict(self, hand: SimulatedHand) -> dict[str, object]:
+        head = {"format": TRUTH_FORMAT, "seed": self._seed, "hand": self._description.name}
+        return {**head, **hand.truth_dict()}
+
+    def _write_truth(self, path: Path, hand: SimulatedHand) -> None:
         with whole_file(path, force=True) as file:
-            file.write_text(json.dumps(self.truth_dict(), indent=2) + "\n", encoding="utf-8")
+            file.write_text(json.dumps(self._truth_dict(hand), indent=2) + "\n", encoding="utf-8")

@@ -61,6 +61,24 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
     )
 
 
+def surface_error(radius_m: float | None, measured_m: FloatArray, true_m: FloatArray) -> FloatArray:
+    """Measured less true points (K, 3) of a cylinder about y, or of the plane z = 0, along the surface.
+
+    Args:
+        radius_m: of the cylinder [m]; None on a plane.
+        measured_m: (K, 3) [m].
+        true_m: (K, 3) [m].
+
+    Returns:
+        (K, 2) towards growing beta (on a plane +x) and along +y [m].
+    """
+    along = measured_m[:, 1] - true_m[:, 1]
+    if radius_m is None:
+        return np.stack([measured_m[:, 0] - true_m[:, 0], along], axis=1)
+    turns = [np.arctan2(p[:, 0], p[:, 2]) for p in (measured_m, true_m)]
+    return np.stack([radius_m * (turns[0] - turns[1]), along], axis=1)
+
+
 def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
     """Points (3,) and normals (3,) of a grid round the nominal centre."""
     meta = kinematics.description.meta

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,16 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.errors import WorkError
-from skincal.robot import HandDescription, Kinematics
+from skincal.robot import HandDescription, Kinematics, contact_from_joints
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
 from skincal.sim.options import SimOptions
-from skincal.sim.position_error import position_error
+from skincal.sim.position_error import position_error, surface_error
 from skincal.sim.reference_skin import ReferenceSkin
 from skincal.sim.touch import TrueContact, contact_stiffness, true_contact
 from skincal.sim.truth import Truth
 
 FloatArray = NDArray[np.float64]
+
+_TOUCH_N = 0.3
+"""Contacts from this force on tell how far the measured places of a session are off [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,7 @@ class SimulatedHand:
         self.description = description
         self.truth = truth
         self.truth_log: list[TrueContact] = []
+        self._touches: list[tuple[FloatArray, FloatArray, TrueContact]] = []
         self._options = options
         self._kinematics = Kinematics(description)
         self._rng, skin_rng = rng.spawn(2)
@@ -159,6 +164,28 @@ class SimulatedHand:
             "effects": truth.effects_list(),
             "joints": truth.joints.as_dict(),
             "position_error": position_error(self._kinematics, truth).as_dict(),
+            "session": self._session_dict(),
+        }
+
+    def _session_dict(self) -> dict[str, Any]:
+        """How far the measured places of the contacts so far are off on average, and the pose with that error in it."""
+        if not self._touches:
+            return {"contacts": 0}
+        angles, torques, contacts = zip(*self._touches, strict=True)
+        found = contact_from_joints(self._kinematics, np.array(angles), np.array(torques))
+        true = np.array([contact.point_m for contact in contacts])
+        radius = self.description.meta.surface.radius_m
+        across, along = surface_error(radius, found.points_m, true).mean(axis=0)
+        model = self.truth.model_dict(plane=radius is None)
+        told = {"y_m": model["y_m"] + float(along)}
+        if radius is None:
+            told["x_m"] = model["x_m"] + float(across)
+        else:
+            told["beta_deg"] = model["beta_deg"] + math.degrees(float(across) / radius)
+        return {
+            "contacts": len(contacts),
+            "constant_position_error_m": {"across": float(across), "along": float(along)},
+            "truth_as_the_positions_tell_it": told,
         }
 
     def close(self) -> None:
@@ -168,6 +195,8 @@ class SimulatedHand:
     def _look(self, q: list[float]) -> None:
         contact = self._contact(q)
         self.truth_log.append(contact)
+        if contact.force_n > _TOUCH_N:
+            self._touches.append((self._measured_angles(), np.array(self._drives.torque_nm), contact))
         self._image, self._image_time_s = self._skin.image(contact), contact.time_s
 
     def _contact(self, q: list[float]) -> TrueContact:

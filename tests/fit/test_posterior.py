@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from skincal.fit.errors import FitError
 from skincal.fit.law import LawSpread, weigh_laws
 from skincal.fit.posterior import Bounds, climb
 from skincal.fit.presses import evaluate, settle
@@ -172,3 +173,14 @@ def test_the_contact_law_widens_elasticity_and_scale_but_not_the_pose(
     assert (
         LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5))).shifted(draws, np.random.default_rng(0)) == draws
     ).all()
+
+
+def test_a_density_that_is_nowhere_finite_is_a_failure_of_the_fit(problem: FitProblem, truth: Truth) -> None:
+    start = _macro(truth)
+    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+
+    def nowhere(points: np.ndarray) -> np.ndarray:
+        return np.full(len(points), np.nan)
+
+    with pytest.raises(FitError, match="do not belong together"):
+        sample(peak, problem, nowhere, np.random.default_rng(0), size=20, enough=lambda _n, _draws: True)

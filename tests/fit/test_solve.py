@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skincal.fit.options import SearchBox
+from skincal.fit.errors import FitError
+from skincal.fit.options import GridSteps, SearchBox
 from skincal.fit.problem import FitProblem, PressTable, pose_problem
 from skincal.fit.result import PARAMETERS, FitResult
-from skincal.fit.solve import FitError, plan_fit, solve
+from skincal.fit.solve import plan_fit, solve
 from tests.fit.conftest import BOX, QUICK, Truth, make_session, rig
 
 
@@ -191,3 +192,10 @@ def test_a_scale_of_the_forces_that_is_not_known_widens_elasticity_and_scale_alo
         relative = np.ptp(np.log(wide.intervals[name])) ** 2 - np.ptp(np.log(exact.intervals[name])) ** 2
         # 98 % of a Gaussian of 5 %.
         assert 0.15 < math.sqrt(relative) < 0.31
+
+
+def test_a_grid_without_end_is_refused(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, presses=30)[0])
+    fine = replace(QUICK, steps=GridSteps(1e-5, 1e-5, math.radians(0.05), 24))
+    with pytest.raises(FitError, match="coarser steps"):
+        plan_fit(problem, BOX, fine)

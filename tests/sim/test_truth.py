@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hands import other_hand
-from sessions import exact, session
+from sessions import exact, press, session
 
 from skincal.errors import InputError
 from skincal.robot import Kinematics, bundled_hand, read_hand
@@ -92,6 +93,24 @@ def test_the_truth_is_plain_and_whole() -> None:
     assert truth["effects"] == []
     assert len(truth["joints"]["offset_rad"]) == 6
     assert set(truth["position_error"]) == {"mean_across_m", "mean_along_m", "rms_m", "scatter_m"}
+
+
+def test_the_truth_of_a_session_has_its_position_error_in_the_pose() -> None:
+    with session(3) as hand:
+        assert json.loads(json.dumps(hand.truth_dict()))["session"] == {"contacts": 0}
+        press(hand)
+        truth = json.loads(json.dumps(hand.truth_dict()))
+    told, error = (
+        truth["session"]["truth_as_the_positions_tell_it"],
+        truth["session"]["constant_position_error_m"],
+    )
+    assert truth["session"]["contacts"] > 5
+    assert told["y_m"] - truth["model"]["y_m"] == pytest.approx(error["along"])
+    turned = math.radians(told["beta_deg"] - truth["model"]["beta_deg"]) * 0.0115
+    assert turned == pytest.approx(error["across"])
+    # One place and the mean over a grid of them are off alike.
+    assert error["along"] == pytest.approx(truth["position_error"]["mean_along_m"], abs=0.5e-3)
+    assert error["across"] == pytest.approx(truth["position_error"]["mean_across_m"], abs=0.5e-3)
 
 
 def test_ranges_can_be_chosen() -> None:
