@@ -137,7 +137,7 @@ def linearise(
     Args:
         model: the base model.
         session: what was observed, or would be.
-        base: of :func:`skincal.gap.base.base_columns`.
+        base: of ``base_columns``.
         floor: its noise.
         options: priors of the nuisances.
         rng: for cases that vary from taxel to taxel.

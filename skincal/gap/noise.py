@@ -165,8 +165,8 @@ def noise_floor(
     """The floor from all there is.
 
     Args:
-        frames: of :func:`frame_scatter`; empty where there are no frames.
-        repeats: of :func:`repeat_scatter`; empty where there are none.
+        frames: of ``frame_scatter``; empty where there are no frames.
+        repeats: of ``repeat_scatter``; empty where there are none.
         rest_means: (J,) mean counts of untouched taxels, which clipping lifts; NaN where not known.
         rest_scatter: of hold means of untouched taxels [counts]; NaN where not known.
         hold_frames: frames of a hold mean; 1 where not known.

@@ -18,7 +18,7 @@ def audit_figure(report: AuditReport) -> Figure:
     """Draws an audit.
 
     Args:
-        report: of :mod:`skincal.diagnose.audit`.
+        report: of ``skincal.diagnose``.
 
     Returns:
         A figure with the smallest strengths as bars, and the matrix of cosines.
