@@ -6,6 +6,7 @@ Run it with ``python benchmarks/dataset_load.py``; ``--frames`` sets the length 
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 import time
 from pathlib import Path
@@ -71,9 +72,12 @@ def session(frames: int, seed: int = 0) -> Dataset:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000)
-    frames = parser.parse_args().frames
+    parser.add_argument("--out", type=Path, help="file for the figures (JSON)")
+    given = parser.parse_args()
+    frames = given.frames
     dataset = session(frames)
     print(f"{frames} frames, {len(dataset.presses)} presses, {dataset.meta.sensor.taxels} taxels")
+    found: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for frames_as in ("parquet", "csv"):
             path = Path(folder) / frames_as
@@ -85,6 +89,14 @@ def main() -> None:
             size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
             times = f"write {written - start:5.2f} s   read and check {read - written:5.2f} s"
             print(f"{frames_as:8s} {times}   {size:5.0f} MB")
+            found[frames_as] = {
+                "write_s": round(written - start, 2),
+                "read_and_check_s": round(read - written, 2),
+                "size_mb": round(size),
+            }
+    if given.out is not None:
+        content = {"study": {"frames": frames, "presses": len(dataset.presses)}, "files": found}
+        given.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

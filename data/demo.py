@@ -28,13 +28,6 @@ UNITS = {
     "scale_per_n": ("S", 1.0, "counts/N"),
 }
 
-MEASURED = {
-    "y_m": "with what the positions are off",
-    "beta_deg": "with what the positions are off",
-    "scale_per_n": "with what the forces are off",
-}
-"""What a fit cannot tell from the truth: errors of the joints that are the same in every press."""
-
 
 def main() -> None:
     """Runs the demonstration."""
@@ -73,7 +66,8 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
 
 def story(fitted: dict[str, Any], out: Path, seconds: float) -> None:
     """Prints what was found, against the truth."""
-    truth: dict[str, float] = json.loads((out / "truth.json").read_text(encoding="utf-8"))["model"]
+    hidden = json.loads((out / "truth.json").read_text(encoding="utf-8"))
+    truth: dict[str, float] = hidden["model"] | hidden["session"]["truth_as_the_positions_tell_it"]
     print(f"\nWhat happened, in {seconds:.0f} s\n")
     print(
         f"The simulated hand pressed its skin 60 times. {fitted['presses_used']} presses touched two taxels or more "
@@ -85,13 +79,17 @@ def story(fitted: dict[str, Any], out: Path, seconds: float) -> None:
         low, high = fitted["intervals"][name]
         span = f"[{low * factor:.4g}, {high * factor:.4g}]"
         inside = low <= truth[name] <= high
-        note = f"   ({MEASURED[name]})" if name in MEASURED else "" if inside else "   outside"
+        note = "" if inside else "   outside"
         best = fitted["best"][name] * factor
         print(f"{label:8}{best:>10.4g}{span:>24}{truth[name] * factor:>10.4g} {unit}{note}")
+    off = hidden["session"]["constant_position_error_m"]
+    across, along = (f"{1e3 * off[name]:.1f} mm" for name in ("across", "along"))
     print(
-        "\nThe joints' sensors have constant errors, as a real hand's. Positions that are all off by the same are\n"
-        "taken for a sensor that sits elsewhere, which is what a policy on this hand needs: it sees through the same\n"
-        "joints. Forces that are all off by a per cent are taken for a scale that is.\n"
+        "\nThe joints' sensors have constant errors, as a real hand's: measured positions are off by\n"
+        f"{across} round the finger and {along} along it. They are taken for a sensor that sits\n"
+        "elsewhere, which is what a policy on this hand needs: it sees through the same joints. The truth\n"
+        "of y and beta is therefore told with that error in it. The scale of the forces is known to 1 %,\n"
+        "which the intervals of E and S allow for.\n"
     )
     print(f"report    {out / 'cal' / 'report.html'}")
     print(f"ranges    {out / 'ranges.toml'}")
