@@ -138,7 +138,7 @@ class Fingers:
 def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: float) -> FloatArray:
     """The force on a link (3,) [N] as the sum over PyBullet's contact points.
 
-    PyBullet now and then gives a force or a normal that is NaN, infinite or absurd (bullet3 issue 4232): such a point
+    PyBullet now and then gives a force or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point
     is left out, as is one that pulls.
 
     Args:

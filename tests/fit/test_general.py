@@ -253,7 +253,8 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     general = run_climb(ClimbTask(problem, _bounds(BOX), start, table=tabled))
     fast = run_climb(ClimbTask(pose_problem(rig(), table), _bounds(BOX), start))
     sigma = np.sqrt(np.diag(fast.covariance))
-    # The skin model sums over cells of 0.25 mm, kernels are continuous; with noise this small that shows in E and S.
+    # E and S differ by more than their errors at equal density. The skin model's cells of 0.25 mm against continuous
+    # kernels may be why; that has not been checked.
     off = np.abs(general.macro - fast.macro)
     assert (off[:3] < 0.7 * sigma[:3]).all()
     assert off[3] < 0.08
