@@ -3,7 +3,9 @@
 from skincal.calibration.calibration import Calibration, Columns
 from skincal.calibration.effects import EFFECT_NAMES
 from skincal.calibration.files import read_calibration, write_calibration
+from skincal.calibration.matching import check_same_sensor, sensor_differences
 from skincal.calibration.parts import Effect, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.skin import effect_from, effects_of, skin_of, stream_of
 from skincal.calibration.tables import SLACK_COLUMNS
 from skincal.calibration.toml_file import FORMAT
 
@@ -19,6 +21,12 @@ __all__ = [
     "Loss",
     "ModelParameters",
     "Provenance",
+    "check_same_sensor",
+    "effect_from",
+    "effects_of",
     "read_calibration",
+    "sensor_differences",
+    "skin_of",
+    "stream_of",
     "write_calibration",
 ]

@@ -166,22 +166,33 @@ class Calibration:
         )
 
     def skin(self, resolution_m: float = 0.25e-3, margin_m: float = 8e-3) -> Skin:
-        """The best skin, ready for the simulator.
+        """The best skin, of a calibration without effects; :func:`skincal.calibration.skin_of` takes any.
 
         Args:
             resolution_m: longest edge of a tactile point's cell [m].
             margin_m: how far the skin goes on around the taxels [m].
 
         Raises:
-            WorkError: the calibration has an effect that this version of skincal cannot simulate; without it
-                the images would not be those that the calibration stands for.
+            WorkError: the calibration has effects; without them the images would not be those that it stands for.
         """
         if self.effects:
             names = ", ".join(effect.name for effect in self.effects)
             raise WorkError(
-                f"the calibration has effects that this version of skincal cannot simulate: {names}. "
-                "Use a newer version, or the calibration from before they were added."
+                f"the calibration has effects beyond the base model: {names}. "
+                "Use skincal.calibration.skin_of(calibration), which has them."
             )
+        return self.base_skin(resolution_m, margin_m)
+
+    def base_skin(self, resolution_m: float = 0.25e-3, margin_m: float = 8e-3) -> Skin:
+        """The best skin without its effects.
+
+        Args:
+            resolution_m: longest edge of a tactile point's cell [m].
+            margin_m: how far the skin goes on around the taxels [m].
+
+        Raises:
+            ValueError: the patch has no place on its surface.
+        """
         patch = Patch.build(self.surface_model(), self.layout(), self.pose(), resolution_m, margin_m)
         return Skin(patch, self.parameters(), self.converter())
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, cast
 
-from skincal.calibration.effects import EFFECT_NAMES
+from skincal.calibration.effect_checks import check_effect, check_name
 from skincal.calibration.parts import SEVERITIES, Effect, Finding, Numbers
 from skincal.calibration.values import is_number, number_list, shown
 from skincal.dataset.findings import Findings
 from skincal.dataset.toml_table import TomlTable
 
-_EFFECT: Final = ("name", "parameters", "intervals")
+_EFFECT: Final = ("name", "parameters", "intervals", "poses")
 _FINDING: Final = ("code", "severity", "text", "advice")
 
 Range = tuple[Numbers, Numbers]
@@ -26,6 +25,8 @@ def plain_effect(effect: Effect) -> dict[str, Any]:
     }
     if effect.intervals:
         plain["intervals"] = {name: [_plain(v) for v in pair] for name, pair in effect.intervals.items()}
+    if effect.poses:
+        plain["poses"] = list(effect.poses)
     return plain | dict(effect.extra)
 
 
@@ -33,10 +34,22 @@ def _plain(numbers: Numbers) -> float | list[float]:
     return list(numbers) if isinstance(numbers, tuple) else numbers
 
 
-def effects_from(top: TomlTable, findings: Findings, file: str) -> tuple[Effect, ...]:
-    """The effects; what is wrong adds an error."""
-    entries = _entries(top, findings, file, "effects", _EFFECT)
-    return tuple(_effect(table, others) for table, others in entries)
+def effects_from(top: TomlTable, findings: Findings, file: str, taxels: int) -> tuple[Effect, ...]:
+    """The effects; what is wrong adds an error.
+
+    Args:
+        top: the file.
+        findings: where errors go.
+        file: its name.
+        taxels: number of taxels J; 0 where that is not known.
+    """
+    found: list[Effect] = []
+    for table, others in _entries(top, findings, file, "effects", _EFFECT):
+        effect = _effect(table, others)
+        if check_name(table, effect.name, [one.name for one in found]):
+            check_effect(table, effect, taxels)
+        found.append(effect)
+    return tuple(found)
 
 
 def findings_from(top: TomlTable, findings: Findings, file: str) -> tuple[Finding, ...]:
@@ -71,10 +84,6 @@ def _entries(
 
 def _effect(table: TomlTable, extra: Mapping[str, Any]) -> Effect:
     name = table.text("name", "the name of an effect")
-    if name and name not in EFFECT_NAMES:
-        close = difflib.get_close_matches(name, EFFECT_NAMES, n=1)
-        fix = f'Did you mean "{close[0]}"?' if close else ""
-        table.error("name", f"one of {', '.join(EFFECT_NAMES)}", f'"{name}"', fix)
     parameters = {
         key: numbers
         for key, value in _table(table, "parameters").items()
@@ -85,7 +94,19 @@ def _effect(table: TomlTable, extra: Mapping[str, Any]) -> Effect:
         for key, value in _table(table, "intervals").items()
         if (pair := _range(table, key, value, parameters)) is not None
     }
-    return Effect(name, parameters, intervals, extra)
+    return Effect(name, parameters, intervals, extra, _poses(table))
+
+
+def _poses(table: TomlTable) -> tuple[str, ...]:
+    """Names of the hand poses, each once."""
+    value = table.raw("poses")
+    if value is None:
+        return ()
+    names = cast("list[object]", value) if isinstance(value, list) else []
+    if not names or not all(isinstance(n, str) and n for n in names) or len(set(names)) != len(names):
+        table.error("poses", "names of hand poses, each once", shown(value))
+        return ()
+    return tuple(cast("list[str]", names))
 
 
 def _table(table: TomlTable, key: str) -> Mapping[str, Any]:

@@ -75,9 +75,12 @@ class Effect:
 
     Attributes:
         name: one of the contract's names, a key of :data:`skincal.calibration.EFFECT_NAMES`.
-        parameters: a number, or one number a taxel, by a name with its unit.
+        parameters: a number, or one number a taxel or a hand pose, by a name with its unit; what is left out is
+            neutral.
         intervals: low and high of some of the parameters, of the same shape as the parameter.
         extra: what else is said of the effect.
+        poses: names of the hand poses that lists with one number a pose are of. Empty where there are none; a list
+            then is of the poses of the data at hand, in the order of their names.
     """
 
     name: str
@@ -86,6 +89,7 @@ class Effect:
         default_factory=dict[str, tuple[Numbers, Numbers]]
     )
     extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    poses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibration.calibration import Columns
-from skincal.calibration.effects import EFFECT_NAMES
 from skincal.dataset.columns import ANY, NOT_NEGATIVE, ColumnReader
 from skincal.dataset.findings import Findings, Sheet
 from skincal.dataset.table_file import RawTable, read_table
+from skincal.effects import EFFECTS
 
 TABLE_FILES: Final = {"grid": "grid.parquet", "slack": "slack.csv", "draws": "draws.parquet"}
 """File of each table."""
@@ -82,7 +82,7 @@ def check_draws(table: RawTable) -> Columns:
     reader = ColumnReader(table)
     unknown = [name for name in table.columns if not _is_parameter(name)]
     if unknown or not table.columns:
-        expected = f"columns {', '.join(PARAMETERS)}, or effects.NAME.PARAMETER"
+        expected = f"columns {', '.join(PARAMETERS)}, or effects.NAME.PARAMETER with single numbers"
         reader.sheet.findings.error(reader.sheet.file, expected, ", ".join(unknown) or "no columns")
     if not reader.rows:
         reader.sheet.findings.error(reader.sheet.file, "one draw or more", "no rows")
@@ -122,5 +122,6 @@ def _flag(reader: ColumnReader, name: str, column: NDArray[Any]) -> NDArray[np.b
 
 def _is_parameter(name: str) -> bool:
     head, _, parameter = name.removeprefix("effects.").partition(".")
-    is_effect = name.startswith("effects.") and head in EFFECT_NAMES and bool(parameter)
-    return name in PARAMETERS or is_effect
+    if name.startswith("effects.") and head in EFFECTS:
+        return any(p.name == parameter and p.shape == "scalar" for p in EFFECTS[head].parameters)
+    return name in PARAMETERS

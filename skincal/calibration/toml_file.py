@@ -79,7 +79,7 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
         model=_model(_own(top, findings, "model", _MODEL), surface.kind, sensor.taxels),
         intervals=_intervals(_own(top, findings, "intervals", _MODEL[:-1]), surface.kind),
         loss=_loss(_own(top, findings, "loss", _LOSS), _others(top, "loss", _LOSS)),
-        effects=effects_from(top, findings, FILE),
+        effects=effects_from(top, findings, FILE, sensor.taxels),
         findings=findings_from(top, findings, FILE),
         provenance=_provenance(
             _own(top, findings, "provenance", _PROVENANCE), _others(top, "provenance", _PROVENANCE)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, check_same_sensor
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.diagnose.base import (
@@ -30,7 +30,6 @@ from skincal.gap.noise import NoiseFloor, assumed_floor
 from skincal.gap.reasons import facts_of, why_not
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray
-from skincal.predict.matching import check_same_sensor
 from skincal.robot import HandDescription
 
 

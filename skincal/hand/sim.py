@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
+from skincal.calibration import read_calibration
 from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 from skincal.hand.driver import HandCommand, HandDriver, HandState
@@ -35,6 +36,8 @@ class SimDriver(HandDriver):
         seed: draws the truth and all noise.
         effects: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
         hand: name of a hand that comes with skincal, or the path of a ``hand.toml``.
+        calibration: folder of a calibration of this hand's sensor: the skin is its, effects included. Without it pose,
+            E and S are drawn.
         truth_path: file for the truth (JSON), written when the hand is connected, and again at the end of the session.
         rate_hz: states and commands [Hz].
         start_s: where the hand's clock begins [s], for a session that goes on: its noise is new, and it drifts on.
@@ -42,7 +45,8 @@ class SimDriver(HandDriver):
         truth_options: ranges of the truth.
 
     Raises:
-        InputError: a rate that does not fit the physics, a hand that cannot be read, or an effect that is not known.
+        InputError: a rate that does not fit the physics, a hand or a calibration that cannot be read or do not fit each
+            other, or an effect that is not known.
     """
 
     name = "sim"
@@ -53,6 +57,7 @@ class SimDriver(HandDriver):
         seed: Annotated[int, "draws the hidden truth and all noise"] = 0,
         effects: Annotated[Mapping[str, float] | None, "strengths of effects, 1 is a typical case"] = None,
         hand: Annotated[str, "the hand: its name, or its hand.toml"] = "dlr_hand_2",
+        calibration: Annotated[Path | None, "a calibration whose skin the hand has"] = None,
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
         start_s: Annotated[float, "where the hand's clock begins [s]"] = 0.0,
@@ -73,6 +78,8 @@ class SimDriver(HandDriver):
         self.truth = Truth.draw(
             np.random.default_rng([seed, _TRUTH_STREAM]), self._description, truth_options, effects
         )
+        if calibration is not None:
+            self.truth = self.truth.with_skin(read_calibration(calibration), self._description)
         self._hand: SimulatedHand | None = None
         self._moving = threading.Lock()
         self._halted = threading.Event()

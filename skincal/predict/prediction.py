@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal import __version__
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, check_same_sensor
 from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
 from skincal.fit.observe import Observed
-from skincal.predict.matching import check_same_sensor
 from skincal.predict.mismatch import Mismatch, mismatch, observed_images, rms, within_range
 from skincal.predict.places import Seen, best_places
 from skincal.predict.touches import CalibratedSkin, Touches, frame_presses, touching

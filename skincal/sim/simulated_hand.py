@@ -160,7 +160,7 @@ class SimulatedHand:
         truth = self.truth
         return {
             "model": truth.model_dict(plane=self.description.meta.surface.kind == "plane"),
-            "skin": {"noise_counts": truth.noise_counts, "rest_counts": truth.rest_counts},
+            "skin": truth.skin_dict(),
             "effects": truth.effects_list(),
             "joints": truth.joints.as_dict(),
             "position_error": position_error(self._kinematics, truth).as_dict(),

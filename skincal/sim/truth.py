@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.calibration import Calibration, effects_of, sensor_differences
 from skincal.dataset.model_objects import layout_of
 from skincal.effects import effect
+from skincal.errors import InputError, Problem
 from skincal.model import SensorPose
 from skincal.robot import HandDescription
 from skincal.sim.options import Range, TruthOptions
@@ -67,17 +69,17 @@ class Truth:
     Attributes:
         pose: where the sensor sits.
         elasticity_pa_per_m: E [Pa/m].
-        scale_per_n: S [1/N].
+        scale_per_n: S [1/N]: one number, or one for each taxel (J,).
         noise_counts: noise of a taxel value [counts].
         rest_counts: level at rest [counts].
         joints: errors of the joints.
-        strengths: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
-        effects: their parameters by name.
+        strengths: strength of each effect that was drawn, by name; 1 is a typical case.
+        effects: parameters of all effects that the skin has beyond the base model, by name.
     """
 
     pose: SensorPose
     elasticity_pa_per_m: float
-    scale_per_n: float
+    scale_per_n: float | FloatArray
     noise_counts: float
     rest_counts: float
     joints: JointTruth
@@ -119,26 +121,62 @@ class Truth:
         )
         return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
 
+    def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
+        """The same joints and noise under the skin of a calibration, its effects beside those that were drawn.
+
+        Args:
+            calibration: of the hand's sensor.
+            description: the hand.
+
+        Raises:
+            InputError: the calibration is of another sensor, or has an effect that was drawn as well.
+        """
+        meta, place = description.meta, f"hand {description.name}"
+        layout = layout_of(meta.sensor, None)
+        found = sensor_differences(calibration, meta.sensor, layout, meta.surface, {}, place=place)
+        own = effects_of(calibration)
+        found += [
+            Problem(f"effect {name}", "either drawn or the calibration's", "both", "Take one of them out.")
+            for name in own
+            if name in self.effects
+        ]
+        if found:
+            raise InputError(found)
+        parameters = calibration.parameters()
+        return replace(
+            self,
+            pose=calibration.pose(),
+            elasticity_pa_per_m=parameters.elasticity_pa_per_m,
+            scale_per_n=parameters.scale_per_n,
+            effects={**self.effects, **own},
+        )
+
     def effects_list(self) -> list[dict[str, Any]]:
         """The effects as plain numbers, lists and texts."""
         return [
             {
                 "name": name,
-                "strength": self.strengths[name],
+                "strength": self.strengths.get(name),
                 "parameters": {key: value.tolist() for key, value in parameters.items()},
             }
             for name, parameters in self.effects.items()
         ]
 
+    def skin_dict(self) -> dict[str, Any]:
+        """What else is true of the skin, as plain numbers and lists."""
+        scale = np.asarray(self.scale_per_n)
+        each = {"scale_per_taxel_per_n": scale.tolist()} if scale.ndim else {}
+        return {"noise_counts": self.noise_counts, "rest_counts": self.rest_counts, **each}
+
     def model_dict(self, *, plane: bool) -> dict[str, float]:
-        """The fitted parameters by the names of ``calibration.toml``."""
+        """The fitted parameters by the names of ``calibration.toml``; the mean scale, where taxels have their own."""
         place = {"x_m": self.pose.x_m} if plane else {"beta_deg": math.degrees(self.pose.beta_rad)}
         return {
             "y_m": self.pose.y_m,
             **place,
             "alpha_deg": math.degrees(self.pose.alpha_rad),
             "elasticity_pa_per_m": self.elasticity_pa_per_m,
-            "scale_per_n": self.scale_per_n,
+            "scale_per_n": float(np.mean(self.scale_per_n)),
         }
 
 

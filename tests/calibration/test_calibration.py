@@ -60,10 +60,11 @@ def test_on_a_plane():
     np.testing.assert_allclose(patch.points_m.mean(axis=0), [0.0005, 0.0235, 0.0], atol=1e-9)
 
 
-def test_effects_that_cannot_be_simulated_are_refused():
-    calibration = make_calibration(effects=(Effect("creep", {"tau_s": 2.0}), Effect("spread")))
-    with pytest.raises(WorkError, match="creep, spread"):
+def test_a_skin_without_effects_is_refused_where_there_are_some():
+    calibration = make_calibration(effects=(Effect("creep", {"amplitude": 0.2}), Effect("spread")))
+    with pytest.raises(WorkError, match=r"creep, spread.*skin_of"):
         calibration.skin()
+    assert calibration.base_skin(resolution_m=1e-3).parameters.scale_per_n == 68.0
     assert calibration.pose() == make_calibration().pose()
 
 
@@ -112,7 +113,8 @@ def test_the_public_names():
 
     assert public.__all__ == [
         "EFFECT_NAMES", "FORMAT", "SLACK_COLUMNS", "Calibration", "Columns", "Effect", "Finding", "Interval",
-        "Loss", "ModelParameters", "Provenance", "read_calibration", "write_calibration",
+        "Loss", "ModelParameters", "Provenance", "check_same_sensor", "effect_from", "effects_of",
+        "read_calibration", "sensor_differences", "skin_of", "stream_of", "write_calibration",
     ]  # fmt: skip
     assert len(public.EFFECT_NAMES) == 22
     assert all(hasattr(public, name) for name in public.__all__)

@@ -21,10 +21,14 @@ from skincal.calibration import (
     write_calibration,
 )
 from skincal.dataset import IndenterSpec, SurfaceSpec, TaxelPositions
+from skincal.effects import EFFECTS
 from skincal.errors import InputError
 
 PARTS = ("sensor", "surface", "indenter", "mount", "position", "model", "intervals", "loss", "effects",
          "findings", "provenance", "extra")  # fmt: skip
+
+
+GAINS = tuple(0.9 + 0.02 * j for j in range(16))
 
 
 def assert_same(one, two):
@@ -50,7 +54,8 @@ def test_what_is_written_is_read_exactly(tmp_path, make):
     calibration = make(
         effects=(
             Effect("hysteresis", {"width": 0.1}, {"width": (0.05, 0.2)}, {"p_value": 0.002}),
-            Effect("taxel_gain", {"gain": (1.0, 0.9)}, {"gain": ((0.9, 0.8), (1.1, np.inf))}),
+            Effect("taxel_gain", {"gain": GAINS}, {"gain": ((0.8,) * 16, (1.4,) * 15 + (np.inf,))}),
+            Effect("force_bias", {"offset_n": 0.2, "pose_scale": (1.1, 0.9)}, poses=("bent", "straight")),
         ),
         extra={"note": "made by hand"},
     )
@@ -81,7 +86,7 @@ def test_any_figures_come_back(tmp_path, y_m, alpha_deg, elasticity, bounds, tex
         model=ModelParameters(y_m, alpha_deg, elasticity, 68.0, beta_deg=1.0),
         intervals=make_calibration().intervals | {"alpha_deg": bounds},
         provenance=Provenance(text, dataset=text, options={"a": {"b": [1, 2]}}),
-        effects=(Effect(name, {"p": tuple(draws)}),),
+        effects=(Effect(name, {p.name: p.neutral for p in EFFECTS[name].parameters}, extra={"e": draws}),),
         draws={"y_m": np.array(draws)},
     )
     write_calibration(calibration, tmp_path / "cal", force=True)
@@ -91,7 +96,7 @@ def test_any_figures_come_back(tmp_path, y_m, alpha_deg, elasticity, bounds, tex
 def test_the_file_is_the_contracts(tmp_path):
     calibration = make_calibration(
         intervals=make_calibration().intervals | {"scale_per_n": (-np.inf, np.inf)},
-        effects=(Effect("creep", {"tau_s": 2.0}),),
+        effects=(Effect("creep", {"time_constant_s": 2.0}),),
     )
     write_calibration(calibration, tmp_path / "cal")
     values = tomllib.loads((tmp_path / "cal" / "calibration.toml").read_text())
@@ -108,7 +113,7 @@ def test_the_file_is_the_contracts(tmp_path):
     assert values["loss"] == {
         "mse_counts2": 9.1, "valley_mse_counts2": 25.0, "presses_used": 24, "noise_counts": 1.1,
     }  # fmt: skip
-    assert values["effects"] == [{"name": "creep", "parameters": {"tau_s": 2.0}}]
+    assert values["effects"] == [{"name": "creep", "parameters": {"time_constant_s": 2.0}}]
     assert values["provenance"]["dataset_sha256"] == "ab" * 32
     assert values["sensor"]["taxel_size_m"] == 0.0025
     header = (tmp_path / "cal" / "slack.csv").read_text().splitlines()[0]
@@ -174,7 +179,9 @@ def test_a_mesh_and_taxel_positions_come_along(tmp_path):
 
 def edited(tmp_path, *changes):
     """A calibration on disk with some text of its TOML replaced."""
-    write_calibration(make_calibration(effects=(Effect("creep", {"tau_s": 2.0}),)), tmp_path / "cal")
+    write_calibration(
+        make_calibration(effects=(Effect("creep", {"time_constant_s": 2.0}),)), tmp_path / "cal"
+    )
     path = tmp_path / "cal" / "calibration.toml"
     text = path.read_text()
     for old, new in changes:
@@ -241,15 +248,57 @@ def test_every_fault_is_named_at_once(tmp_path):
         ("time = 2026", "time = 'now' #", "calibration.toml, [provenance] time"),
         ("scale_per_n = 68.0", "scale_per_n = 68.0\nscale_per_taxel_per_n = [1.0]",
          "calibration.toml, [model] scale_per_taxel_per_n"),
-        ("tau_s = 2.0", 'tau_s = "two"', "calibration.toml, [effects 1] parameters.tau_s"),
-        ("{ tau_s = 2.0 }", "{ tau_s = 2.0 }, intervals = { tau_s = [3.0, 1.0] }",
-         "calibration.toml, [effects 1] intervals.tau_s"),
-        ("{ tau_s = 2.0 }", "{ tau_s = 2.0 }, intervals = { tau = [1.0, 3.0] }",
+        ("time_constant_s = 2.0", 'time_constant_s = "two"',
+         "calibration.toml, [effects 1] parameters.time_constant_s"),
+        ("{ time_constant_s = 2.0 }", "{ time_constant_s = 2.0 }, intervals = { time_constant_s = [3.0, 1.0] }",
+         "calibration.toml, [effects 1] intervals.time_constant_s"),
+        ("{ time_constant_s = 2.0 }", "{ time_constant_s = 2.0 }, intervals = { tau = [1.0, 3.0] }",
          "calibration.toml, [effects 1] intervals.tau"),
     ],
 )  # fmt: skip
 def test_one_fault_is_named(tmp_path, old, new, place):
     assert place in [problem.place for problem in problems(edited(tmp_path, (old, new)))]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("time_constant_s = 2.0", "time_constant = 2.0",
+         ["parameters.time_constant: expected one of amplitude, time_constant_s, breadth",
+          'Did you mean "time_constant_s"?']),
+        ("time_constant_s = 2.0", "amplitude = 9.0", ["parameters.amplitude: expected -0.6 to 1.5", "got 9"]),
+        ("time_constant_s = 2.0", "amplitude = [0.1, 0.2]", ["parameters.amplitude: expected one number"]),
+        ("time_constant_s = 2.0 }", 'time_constant_s = 2.0 }, poses = ["a"]', ["does not depend on the hand pose"]),
+        ("time_constant_s = 2.0 }", 'time_constant_s = 2.0 }, poses = ["a", "a"]', ["poses, each once"]),
+    ],
+)  # fmt: skip
+def test_what_an_effect_cannot_be_is_said(tmp_path, old, new, words):
+    text = "\n".join(map(str, problems(edited(tmp_path, (old, new)))))
+    assert "calibration.toml, [effects 1]" in text
+    for word in words:
+        assert word in text
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (Effect("taxel_gain", {"gain": (1.0, 0.9)}), r"gain: expected one number, or 16, one for each taxel"),
+        (
+            Effect("force_bias", {"pose_scale": (1.0, 1.1, 1.2)}, poses=("a", "b")),
+            r"one for each of the poses",
+        ),
+        (Effect("dead_taxel", {"answer": (1.5,) * 16}), r"answer: expected 0 to 1 -; got 1.5"),
+    ],
+)
+def test_lists_of_an_effect_have_their_size_and_bounds(tmp_path, effect, words):
+    with pytest.raises(InputError, match=words):
+        write_calibration(make_calibration(effects=(effect,)), tmp_path / "cal")
+
+
+def test_an_effect_stands_there_once(tmp_path):
+    twice = (Effect("creep", {"amplitude": 0.1}), Effect("creep", {"breadth": 1.0}))
+    with pytest.raises(InputError, match=r"\[effects 2\] name: expected each effect once"):
+        write_calibration(make_calibration(effects=twice), tmp_path / "cal")
 
 
 def test_a_folder_of_something_else(tmp_path):
@@ -264,6 +313,7 @@ def test_a_folder_of_something_else(tmp_path):
     [
         ({"draws": {"y_m": np.array([0.1, np.nan])}}, "draws.parquet, column y_m, row 2"),
         ({"draws": {"y": np.array([0.1])}}, "draws.parquet: expected columns y_m"),
+        ({"draws": {"effects.creep.tau": np.array([0.1])}}, "draws.parquet: expected columns y_m"),
         ({"draws": {"y_m": np.array([])}}, "one draw or more"),
         ({"draws": {"y_m": np.array([1.0]), "beta_deg": np.array([1.0, 2.0])}}, "columns of one length"),
         ({"slack": {"press": np.array([0])}}, "slack.csv: expected the 9 columns used, reason"),

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibrations import make_calibration
 from hands import other_hand
 
+from skincal.calibration import Effect, write_calibration
 from skincal.errors import InputError
 from skincal.hand import HandCommand, HandError, create_driver
 from skincal.hand.sim import SimDriver
@@ -92,6 +94,16 @@ def test_the_truth_is_written(tmp_path: Path) -> None:
         assert truth["model"]["scale_per_n"] == driver.truth.scale_per_n
         assert truth["effects"][0]["name"] == "creep"
         assert truth["effects"][0]["parameters"]["amplitude"] != 0
+
+
+def test_the_skin_may_be_that_of_a_calibration(tmp_path: Path) -> None:
+    calibration = make_calibration(effects=(Effect("taxel_offset", {"offset_counts": 7.0}),))
+    write_calibration(calibration, tmp_path / "cal")
+    with create_driver("sim", seed=3, calibration=str(tmp_path / "cal")) as driver:
+        assert isinstance(driver, SimDriver)
+        assert driver.truth.pose == calibration.pose()
+        assert driver.truth.effects["taxel_offset"]["offset_counts"] == 7.0
+        assert driver.observe().taxels.min() >= 2.0
 
 
 def test_effects_change_the_image_and_nothing_else() -> None:

@@ -314,6 +314,7 @@ def test_another_sensor_is_refused_with_everything_that_differs(
     [
         ({"sensor": SensorSpec(4, 4, (0.0025, 0.0025), (0.005, 0.005))}, "taxels up to 1.5 mm off"),
         ({"surface": SurfaceSpec("plane")}, '"plane"'),
+        ({"sensor": SensorSpec(4, 4, (0.0025, 0.0025), (0.004, 0.004), value_max=1023)}, "1023"),
     ],
 )
 def test_another_layout_or_surface_is_refused(

@@ -32,7 +32,7 @@ def test_everything_wrong_in_a_set_is_said_at_once():
     assert "[skin.beta_deg]: expected one number; got a list of 2" in text
     assert "[skin.taxel_noise_counts] sigma_from" in text
     assert "finger, object.marble, object.bolt, skin" in text
-    assert "NAME one of hysteresis, creep" in text
+    assert "NAME one of force_bias, contact_offset" in text
     assert "[object.marble.position_m]: expected one number, or three" in text
 
 

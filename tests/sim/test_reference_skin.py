@@ -6,10 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibrations import make_calibration, on_a_plane
 from sessions import exact
 
-from skincal.effects import EFFECTS
+from skincal.calibration import Effect, stream_of
+from skincal.effects import EFFECTS, Samples
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.errors import InputError
+from skincal.model import Sphere
 from skincal.robot import Kinematics, bundled_hand
 from skincal.sim import ReferenceSkin, TrueContact, Truth
 from skincal.sim.presses import PressTracker
@@ -48,6 +52,36 @@ def test_without_effects_it_is_the_base_model_rounded() -> None:
     for c in ramp():
         values = reference.base_values(c)
         np.testing.assert_array_equal(reference.image(c), np.clip(np.rint(values), 0, 255))
+
+
+def test_it_may_be_the_skin_of_a_calibration_effects_included() -> None:
+    scales = tuple(np.linspace(40.0, 90.0, 16))
+    model = replace(make_calibration().model, scale_per_taxel_per_n=scales)
+    creeping = make_calibration(model=model, effects=(Effect("creep", {"amplitude": 0.3}),))
+    truth = exact(Truth.draw(np.random.default_rng(3), bundled_hand(), effects={"taxel_offset": 1.0}))
+    truth = replace(truth, noise_counts=0.0, rest_counts=0.0).with_skin(creeping, bundled_hand())
+    assert list(truth.effects) == ["taxel_offset", "creep"]
+    assert [e["strength"] for e in truth.effects_list()] == [1.0, None]
+    assert truth.skin_dict()["scale_per_taxel_per_n"] == list(scales)
+    assert truth.model_dict(plane=False)["scale_per_n"] == pytest.approx(65.0)
+    truth = replace(truth, effects={"creep": truth.effects["creep"]})
+    reference = ReferenceSkin(KINEMATICS, truth, np.random.default_rng(1))
+    stream, tracker = stream_of(creeping), PressTracker(KINEMATICS)
+    for c in ramp():
+        known = tracker.next(c)
+        sample = Samples.of(
+            c.contacts(), Sphere(0.006), touching=c.touching, time_s=c.time_s, press=known.press
+        )
+        expected = np.clip(np.rint(stream.step(sample)), 0, 255)[0]
+        np.testing.assert_array_equal(reference.image(c), expected)
+
+
+def test_the_calibration_of_another_sensor_or_a_doubled_effect_is_refused() -> None:
+    truth = Truth.draw(np.random.default_rng(3), bundled_hand(), effects={"creep": 1.0})
+    with pytest.raises(InputError, match=r"hand .*, \[surface\] kind"):
+        truth.with_skin(on_a_plane(), bundled_hand())
+    with pytest.raises(InputError, match="effect creep: expected either drawn or the calibration's"):
+        truth.with_skin(make_calibration(effects=(Effect("creep"),)), bundled_hand())
 
 
 def test_neutral_effects_are_none() -> None:

@@ -1,0 +1,98 @@
+"""Whether data, or a hand, are of the sensor that a calibration stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skincal.calibration.calibration import Calibration
+from skincal.dataset import Dataset, SensorSpec, SurfaceSpec
+from skincal.errors import InputError, Problem
+from skincal.model import TaxelLayout
+
+SAME_M = 1e-6
+"""Lengths that differ by less are the same [m]."""
+
+_FIX = "Use a calibration of this sensor."
+
+
+def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
+    """Checks that a dataset's sensor and surface are the calibrated ones.
+
+    Raises:
+        InputError: they are not; says everything in which they differ.
+    """
+    file = "dataset.toml" if dataset.folder is None else str(dataset.folder / "dataset.toml")
+    meta = dataset.meta
+    found = sensor_differences(
+        calibration, meta.sensor, dataset.layout(), meta.surface, dataset.meshes, place=file
+    )
+    if found:
+        raise InputError(found)
+
+
+def sensor_differences(
+    calibration: Calibration,
+    sensor: SensorSpec,
+    layout: TaxelLayout,
+    surface: SurfaceSpec,
+    meshes: Mapping[str, bytes],
+    *,
+    place: str,
+) -> list[Problem]:
+    """Everything in which a sensor is not the calibrated one.
+
+    Args:
+        calibration: of a sensor.
+        sensor: the other one.
+        layout: where its taxels are.
+        surface: what carries it.
+        meshes: content of the mesh file that the surface names, by file name.
+        place: the file that describes it, for messages.
+    """
+    return [
+        *_taxels(calibration, sensor, layout, place),
+        *_converter(calibration.sensor, sensor, place),
+        *_surface(calibration, surface, meshes, place),
+    ]
+
+
+def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout, place: str) -> list[Problem]:
+    ours = calibration.sensor
+    if (ours.rows, ours.cols) != (sensor.rows, sensor.cols):
+        expected = f"{ours.rows} x {ours.cols} taxels, as the calibration has"
+        return [Problem(f"{place}, [sensor]", expected, f"{sensor.rows} x {sensor.cols}", _FIX)]
+    own = calibration.layout()
+    off = max(np.abs(own.centres_m - layout.centres_m).max(), np.abs(own.sizes_m - layout.sizes_m).max())
+    if off <= SAME_M:
+        return []
+    expected = "taxels where the calibration has them"
+    return [Problem(f"{place}, [sensor]", expected, f"taxels up to {1e3 * off:.3g} mm off", _FIX)]
+
+
+def _converter(ours: SensorSpec, other: SensorSpec, place: str) -> list[Problem]:
+    """Bounds of the converter, where both are known: another one counts in other units."""
+    pairs = [(name, getattr(ours, name), getattr(other, name)) for name in ("value_min", "value_max")]
+    return [
+        Problem(f"{place}, [sensor] {name}", f"{mine:g} counts, as calibrated", f"{its:g}", _FIX)
+        for name, mine, its in pairs
+        if mine is not None and its is not None and mine != its
+    ]
+
+
+def _surface(
+    calibration: Calibration, other: SurfaceSpec, meshes: Mapping[str, bytes], place: str
+) -> list[Problem]:
+    mine = calibration.surface
+    if mine.kind != other.kind:
+        expected, got = f'"{mine.kind}", as calibrated', f'"{other.kind}"'
+        return [Problem(f"{place}, [surface] kind", expected, got, _FIX)]
+    if abs((mine.radius_m or 0.0) - (other.radius_m or 0.0)) > SAME_M:
+        expected = f"{mine.radius_m:g} m, as calibrated"
+        return [Problem(f"{place}, [surface] radius_m", expected, f"{other.radius_m:g} m", _FIX)]
+    if mine.file and other.file and calibration.meshes.get(mine.file) != meshes.get(other.file):
+        return [
+            Problem(f"{place}, [surface] file", "the calibrated mesh", f"another one, {other.file}", _FIX)
+        ]
+    return []

@@ -1,0 +1,112 @@
+"""A calibration as a skin with effects, for the simulator: a whole session at once, or sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skincal.calibration.calibration import Calibration
+from skincal.calibration.parts import Effect, Numbers
+from skincal.effects import EffectSkin, SkinStream, effect
+from skincal.effects.applied import Missing
+from skincal.model.arrays import FloatArray
+
+
+def skin_of(
+    calibration: Calibration,
+    resolution_m: float = 0.25e-3,
+    margin_m: float = 8e-3,
+    *,
+    missing: Missing = "error",
+    poses: Sequence[str] | None = None,
+) -> EffectSkin:
+    """The skin that a calibration stands for, effects included.
+
+    Args:
+        calibration: the best parameters, and what was added beyond the base model.
+        resolution_m: longest edge of a tactile point's cell [m].
+        margin_m: how far the skin goes on around the taxels [m].
+        missing: what to do where samples lack a covariate that an effect needs: an error, or the effect abstains.
+        poses: names of the hand poses that samples number from 0 on; None: those that the calibration names, in its
+            order.
+
+    Raises:
+        InputError: effects or parameters that are not known, or values that they cannot have.
+        ValueError: the patch has no place on its surface.
+    """
+    skin = calibration.base_skin(resolution_m, margin_m)
+    return EffectSkin.of(skin, calibration.surface_model(), effects_of(calibration, poses), missing=missing)
+
+
+def stream_of(
+    calibration: Calibration,
+    resolution_m: float = 0.25e-3,
+    margin_m: float = 8e-3,
+    *,
+    missing: Missing = "error",
+    poses: Sequence[str] | None = None,
+) -> SkinStream:
+    """As :func:`skin_of`, for samples that come one after the other: a simulated hand, an environment."""
+    return SkinStream(skin_of(calibration, resolution_m, margin_m, missing=missing, poses=poses))
+
+
+def effects_of(
+    calibration: Calibration, poses: Sequence[str] | None = None
+) -> dict[str, dict[str, FloatArray]]:
+    """Parameters by effect, as :meth:`skincal.effects.EffectSkin.with_effects` takes them.
+
+    Args:
+        calibration: with effects or without.
+        poses: as in :func:`skin_of`. A pose that the calibration does not know has the neutral value.
+    """
+    return {
+        one.name: {name: _array(one, name, value, poses) for name, value in one.parameters.items()}
+        for one in calibration.effects
+    }
+
+
+def _array(one: Effect, name: str, value: Numbers, poses: Sequence[str] | None) -> FloatArray:
+    array = np.asarray(value, dtype=np.float64)
+    parameter = next((p for p in effect(one.name).parameters if p.name == name), None)
+    by_name = poses is not None and one.poses and array.size > 1
+    if poses is None or not by_name or parameter is None or parameter.shape != "per-pose":
+        return array
+    known = dict(zip(one.poses, array.tolist(), strict=True))
+    return np.array([known.get(pose, parameter.neutral) for pose in poses], dtype=np.float64)
+
+
+def effect_from(
+    name: str,
+    parameters: Mapping[str, ArrayLike],
+    intervals: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
+    *,
+    taxels: int,
+    poses: Sequence[str] = (),
+) -> Effect:
+    """An effect of a calibration from the parameters of a skin with effects.
+
+    Args:
+        name: of the effect.
+        parameters: numbers, (J,) or (poses,) by parameter.
+        intervals: low and high of some of them, of the same shape.
+        taxels: number of taxels J.
+        poses: names of the hand poses that numbers are of.
+
+    Raises:
+        InputError: unknown effects or parameters, or values that they cannot have.
+    """
+    effect(name).checked(parameters, taxels)
+    per_pose = any(effect(name).parameter(p).shape == "per-pose" for p in parameters)
+    return Effect(
+        name,
+        {key: _numbers(value) for key, value in parameters.items()},
+        {key: (_numbers(low), _numbers(high)) for key, (low, high) in (intervals or {}).items()},
+        poses=tuple(poses) if per_pose else (),
+    )
+
+
+def _numbers(value: ArrayLike) -> Numbers:
+    array = np.asarray(value, dtype=np.float64)
+    return tuple(float(v) for v in array) if array.ndim else float(array)
