@@ -59,6 +59,25 @@ class SkinShares:
         """Whether the surface has a place for every taxel at this pose."""
         return self.skin is not None
 
+    def lost_m2(self) -> FloatArray:
+        """How much narrower than its square a taxel is whose load is summed over the centres of cells (2,) [m²].
+
+        Along an axis that is cut into cells of length h, the centres have h²/12 less variance than what they stand
+        for: images are sharper by that than those of whole taxels, and a softer skin would be fitted to them. At
+        h = 0.5 mm E would come out 3 % too low. Zero where the taxels do not fit on the surface.
+        """
+        if self.skin is None or self.skin.patch.uv_m is None:
+            return np.zeros(2)
+        patch, layout = self.skin.patch, self.problem.rig.layout
+        sensed = patch.taxel >= 0
+        taxel, area = patch.taxel[sensed], patch.areas_m2[sensed]
+        offset = self.skin.patch.uv_m[sensed] - layout.centres_m[taxel]
+        total = np.bincount(taxel, area, layout.taxels)
+        squares = [
+            np.bincount(taxel, area * d**2, layout.taxels) / np.maximum(total, 1e-30) for d in offset.T
+        ]
+        return np.maximum((layout.sizes_m**2 / 12 - np.transpose(squares)).mean(axis=0), 0.0)
+
     def shares(self, press: Ints, slack_m: Floats, log_ratio: Floats) -> Floats:
         """Share of the normal force that each taxel reports.
 

@@ -106,16 +106,12 @@ class SkinTable:
         """The table of a skin that spreads the pressure sideways by a Gaussian [m].
 
         Pressure that is carried on by d loads a taxel as if the contact lay d further, so the shares are smoothed
-        over the place on the patch: by the discrete Gaussian (Lindeberg 1990), whose variance is right however
-        narrow it is against the lattice.
+        over the place on the patch.
         """
         if width_m <= 0:
             return self
-        variance = (width_m / self.reach.step_m) ** 2
-        taps = np.arange(-int(np.ceil(4 * variance**0.5 + 2)), int(np.ceil(4 * variance**0.5 + 2)) + 1)
-        kernel = np.asarray(ive(np.abs(taps), variance), dtype=np.float32)
-        shares = convolve1d(self.shares, kernel / kernel.sum(), axis=1, mode="nearest")
-        shares = convolve1d(shares, kernel / kernel.sum(), axis=2, mode="nearest")
+        variance = np.full(2, (width_m / self.reach.step_m) ** 2)
+        shares = smoothed(self.shares, variance)
         return replace(self, shares=shares, lit=lit_nodes(shares))
 
     def _weights(self, macro: Floats, ratio: Floats) -> Floats:
@@ -174,6 +170,24 @@ def levels_of(reach: TableReach) -> Floats:
 def lit_nodes(shares: Floats) -> Bools:
     """Nodes (P, N, N) within reach of whose taps anything is not zero."""
     return maximum_filter(np.abs(shares[..., :-2]).max(axis=-1), size=(1, 5, 5)) > _SILENT
+
+
+def smoothed(shares: Floats, variance: Floats) -> Floats:
+    """Shares (P, N, N, C) smoothed over the place on the patch.
+
+    By the discrete Gaussian (Lindeberg 1990), whose variance is right however narrow it is against the lattice.
+
+    Args:
+        shares: on the lattice.
+        variance: (2,) along u and v, in squared lattice steps.
+    """
+    for axis, square in enumerate(variance, start=1):
+        if square <= 0:
+            continue
+        far = int(np.ceil(4 * square**0.5 + 2))
+        kernel = np.asarray(ive(np.abs(np.arange(-far, far + 1)), square), dtype=np.float32)
+        shares = np.asarray(convolve1d(shares, kernel / kernel.sum(), axis=axis, mode="nearest"))
+    return shares
 
 
 def _spline_weights(knots: Floats, at: Floats) -> tuple[Floats, Floats]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.fit.general_skin import SkinShares
-from skincal.fit.general_table import SkinTable, TableReach, levels_of, lit_nodes, turns_of
+from skincal.fit.general_table import SkinTable, TableReach, levels_of, lit_nodes, smoothed, turns_of
 from skincal.fit.posterior import Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.seen import from_patch, to_patch
@@ -131,7 +131,8 @@ class _Lattice:
         plane[loaded] = np.arange(loaded.sum())
         slot = np.full(len(problem.status), -1, dtype=np.intp)
         slot[problem.rows[presses]] = np.arange(len(presses))
-        shares, middle = np.ascontiguousarray(stacked[loaded]), self.log_ratio[:: self.side**2]
+        shares = smoothed(np.ascontiguousarray(stacked[loaded]), home.lost_m2() / reach.step_m**2)
+        middle = self.log_ratio[:: self.side**2]
         return SkinTable(
             shares, lit_nodes(shares), plane, self.anchor_m, slot, middle, self.task.macro[:3], reach
         )
