@@ -63,8 +63,8 @@ class SkinShares:
         """How much narrower than its square a taxel is whose load is summed over the centres of cells (2,) [m²].
 
         Along an axis that is cut into cells of length h, the centres have h²/12 less variance than what they stand
-        for: images are sharper by that than those of whole taxels, and a softer skin would be fitted to them. At
-        h = 0.5 mm E would come out 3 % too low. Zero where the taxels do not fit on the surface.
+        for: images are sharper by that than those of whole taxels, and a softer skin would be fitted to them.
+        Zero where the taxels do not fit on the surface.
         """
         if self.skin is None or self.skin.patch.uv_m is None:
             return np.zeros(2)
