@@ -35,7 +35,7 @@ class Fingers:
     def __init__(
         self, description: HandDescription, options: SimOptions, contact_stiffness_n_per_m: float
     ) -> None:
-        with _quiet():
+        with quiet():
             self._engine: Any = importlib.import_module("pybullet")
             self._client: int = self._engine.connect(self._engine.DIRECT)
             if self._client < 0:
@@ -165,7 +165,7 @@ def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: flo
 
 
 @contextmanager
-def _quiet() -> Generator[None]:
+def quiet() -> Generator[None]:
     """Keeps off standard output and error what PyBullet's C code prints when it is loaded and reads a URDF."""
     try:
         library = ctypes.CDLL(None)
