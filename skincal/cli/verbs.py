@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from skincal.cli import audit, collect, dataset, export_dr, fit, hand, imports, predict, serve_hand
+from skincal.cli import audit, collect, dataset, export_dr, fit, hand, imports, predict, serve_hand, train
 
 
 def register(app: typer.Typer) -> None:
@@ -18,3 +18,4 @@ def register(app: typer.Typer) -> None:
     app.command("predict", epilog=predict.EPILOG)(predict.predict)
     app.command("audit", epilog=audit.EPILOG)(audit.audit)
     app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)
+    app.command("train", epilog=train.EPILOG)(train.train)

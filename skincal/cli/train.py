@@ -1,0 +1,191 @@
+"""``skincal train``: learn a policy in simulation."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, example, print_json, say
+from skincal.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from skincal.ranges import Ranges
+    from skincal.train import Trained, Work
+
+
+class Task(StrEnum):
+    """The tasks, named here so that help need not import them."""
+
+    marble = "marble"
+    bolt = "bolt"
+
+
+class Kind(StrEnum):
+    """The kinds of policies."""
+
+    tactile = "tactile"
+    joint_angles = "joint-angles"
+    desired = "desired"
+
+
+class Backend(StrEnum):
+    """Who does the learning."""
+
+    sb3 = "sb3"
+    sbx = "sbx"
+
+
+EPILOG = example(
+    "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
+    "skincal train marble --out run --resume",
+)
+
+STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
+
+
+def train(
+    task: Annotated[Task, typer.Argument(help="What is rolled.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder of the run: curve, checkpoint, policy.", show_default=False)
+    ],
+    policy: Annotated[
+        Kind | None, typer.Option("--policy", help="What the policy sees.", show_default="tactile")
+    ] = None,
+    ranges: Annotated[
+        Path | None,
+        typer.Option("--ranges", help="What is randomised, and how widely.", show_default="preset iros24"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of all randomness.", show_default="0")
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            "--steps",
+            min=1,
+            help="Environment steps, of all environments together; rounded up to whole rounds.",
+            show_default="800000 for marble, 600000 for bolt",
+        ),
+    ] = None,
+    backend: Annotated[
+        Backend | None,
+        typer.Option(
+            "--backend", help="Stable-Baselines3 (torch), or its sibling in jax.", show_default="sb3"
+        ),
+    ] = None,
+    envs: Annotated[
+        int | None, typer.Option("--envs", min=1, help="Environments side by side.", show_default="8")
+    ] = None,
+    processes: Annotated[
+        bool,
+        typer.Option("--processes", help="Each environment in a process of its own; for many cores."),
+    ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on from the last checkpoint, exactly as if nothing had happened."),
+    ] = False,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Learn a policy with the published soft actor-critic.
+
+    The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`), the last
+    checkpoint, and in the end the policy: an ONNX file with its normalisation and a description, and no code.
+    """
+    given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
+    told = {f"--{name}": value for name, value in given.items() if value is not None}
+    from skincal.train import Settings, begin, read_run
+
+    if resume:
+        work, used = read_run(out)
+        _same(out, task, told, work, used)
+    else:
+        work = _work(task, policy, seed, backend, Settings(environments=envs or Settings.environments))
+        used = _ranges(ranges)
+        begin(work, used, out, force=force)
+    result = _train(out, work, used, steps or STEPS[task], processes=processes)
+    if as_json:
+        print_json(_as_json(result))
+    else:
+        typer.echo(_summary(result))
+
+
+def _work(task: Task, policy: Kind | None, seed: int | None, backend: Backend | None, settings: Any) -> Work:
+    from skincal.train import BackendName, PolicyKind, Work
+    from skincal.train import Task as TrainTask
+
+    return Work(
+        TrainTask(task.value),
+        PolicyKind((policy or Kind.tactile).value),
+        seed or 0,
+        BackendName((backend or Backend.sb3).value),
+        settings,
+    )
+
+
+def _ranges(file: Path | None) -> Ranges:
+    from skincal.ranges import preset, read_ranges
+
+    return preset("iros24") if file is None else read_ranges(file)
+
+
+def _same(out: Path, task: Task, told: dict[str, Any], work: Work, used: Ranges) -> None:
+    """What is said again when a run goes on must be what was said when it began."""
+    from skincal.ranges import read_ranges
+
+    was = {"--policy": str(work.policy), "--seed": work.seed, "--backend": str(work.backend)}
+    was["--envs"] = work.settings.environments
+    found = [
+        Problem(f"{out}, {name}", f"{was[name]}, with which the run began", f"{value}", "Leave it out.")
+        for name, value in told.items()
+        if name in was and was[name] != value
+    ]
+    if str(work.task) != task.value:
+        found.append(Problem(str(out), f"a run of {task.value}", f"one of {work.task}"))
+    if "--ranges" in told and read_ranges(told["--ranges"]) != used:
+        fix = "Leave --ranges out, or begin a run of its own."
+        found.append(Problem(f"{out}, --ranges", "the ranges with which the run began", "others", fix))
+    if found:
+        raise InputError(found)
+
+
+def _train(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool) -> Trained:
+    from skincal.cli.train_progress import Told
+    from skincal.train import maker, train
+
+    try:
+        with Told(steps) as told:
+            return train(out, steps, maker(work, ranges), processes=processes, told=told)
+    except KeyboardInterrupt:
+        say(
+            f"skincal: interrupted; go on from the last checkpoint with\n"
+            f"  skincal train {work.task} --out {out} --steps {steps} --resume"
+        )
+        raise SystemExit(130) from None
+
+
+def _as_json(result: Trained) -> dict[str, Any]:
+    about, last = result.description, result.last
+    return {
+        "run": result.folder,
+        "policy": result.policy,
+        "task": str(about.task),
+        "kind": str(about.policy),
+        "seed": about.seed,
+        "steps": about.steps,
+        "backend": about.backend,
+        "wall_time_s": about.wall_time_s,
+        "last_reward": None if last is None else last.reward,
+        "last_error_m": None if last is None else last.error_m,
+    }
+
+
+def _summary(result: Trained) -> str:
+    about = result.description
+    return (
+        f"{result.policy}: {about.task}, {about.policy}, {about.steps} steps in {about.wall_time_s / 60:.0f} min; "
+        f"now: skincal eval {about.task} {result.policy}"
+    )

@@ -1,0 +1,77 @@
+"""Learn policies, write them to files without code, and evaluate them.
+
+What learning needs (torch, Stable-Baselines3) is loaded only when something is learned: a policy file is read and run
+without it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skincal.train.bundled import bundled_policies, policy_path
+from skincal.train.policy_file import Description, Policy, read_policy
+from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Settings, Task, Work
+
+if TYPE_CHECKING:
+    from skincal.train.curve import read_curve
+    from skincal.train.environments import make_environment, maker, parallel
+    from skincal.train.network import Network
+    from skincal.train.onnx_file import write_policy
+    from skincal.train.run import Trained, begin, read_run, train
+    from skincal.train.watch import Round
+
+_LEARNING = {
+    "Network": "network",
+    "Round": "watch",
+    "Trained": "run",
+    "begin": "run",
+    "make_environment": "environments",
+    "maker": "environments",
+    "parallel": "environments",
+    "read_curve": "curve",
+    "read_run": "run",
+    "train": "run",
+    "write_policy": "onnx_file",
+}
+
+__all__ = [
+    "PUBLISHED_STEPS",
+    "BackendName",
+    "Description",
+    "Network",
+    "Policy",
+    "PolicyKind",
+    "Round",
+    "Settings",
+    "Task",
+    "Trained",
+    "Work",
+    "begin",
+    "bundled_policies",
+    "make_environment",
+    "maker",
+    "parallel",
+    "policy_path",
+    "read_curve",
+    "read_policy",
+    "read_run",
+    "train",
+    "write_policy",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Loads what learning needs when it is asked for."""
+    if name not in _LEARNING:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    try:
+        return getattr(importlib.import_module(f"skincal.train.{_LEARNING[name]}"), name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("skincal"):
+            raise
+        from skincal.errors import InputError, Problem
+
+        fix = "pip install 'skincal[train]'"
+        raise InputError([Problem("skincal train", f"the package {error.name}", "nothing", fix)]) from error

@@ -1,0 +1,30 @@
+"""The policies that come with skincal, by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from skincal.errors import InputError, Problem
+
+FOLDER = Path(__file__).parents[1] / "policies"
+
+
+def bundled_policies() -> dict[str, Path]:
+    """File of every policy that comes with skincal, by name."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.onnx"))}
+
+
+def policy_path(name: str | Path) -> Path:
+    """The file that is meant: one that exists, or a policy that comes with skincal.
+
+    Raises:
+        InputError: there is neither.
+    """
+    path = Path(name)
+    if path.exists():
+        return path
+    known = bundled_policies()
+    if str(name) in known:
+        return known[str(name)]
+    choices = f", or one of {', '.join(known)}" if known else ""
+    raise InputError([Problem(str(name), f"a policy file{choices}", "no such file")])

@@ -1,0 +1,75 @@
+"""The learning curve as a table on disk: one row a round."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import astuple
+from pathlib import Path
+from typing import IO, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.errors import InputError, Problem
+from skincal.files import whole_file
+from skincal.train.watch import COLUMNS, Round
+
+
+class Curve:
+    """Appends rows to a CSV file; each is on disk as soon as it is known.
+
+    Args:
+        path: the file.
+        steps: rows beyond so many environment steps are dropped: the run goes on from a checkpoint before them.
+    """
+
+    def __init__(self, path: Path, steps: int) -> None:
+        rows = [row for row in _rows(path) if float(row[0]) <= steps]
+        with whole_file(path, force=True) as temporary:
+            temporary.write_text(_text([list(COLUMNS), *rows]), encoding="utf-8")
+        self._file: IO[str] = path.open("a", encoding="utf-8", newline="")
+
+    def __enter__(self) -> Self:
+        """Ready to be written to."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes the file."""
+        self._file.close()
+
+    def add(self, row: Round) -> None:
+        """Appends a row."""
+        values = astuple(row)
+        self._file.write(_text([[str(values[0]), *(f"{value:.6g}" for value in values[1:])]]))
+        self._file.flush()
+
+
+def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
+    """The columns of a learning curve by name (see :class:`~skincal.train.watch.Round`).
+
+    Raises:
+        InputError: there is no such file, or it is something else.
+    """
+    path = Path(path)
+    rows = _rows(path)
+    if not rows:
+        raise InputError([Problem(str(path), "the learning curve of a training run", "nothing")])
+    columns = np.array(rows, dtype=np.float64).T
+    return dict(zip(COLUMNS, columns, strict=True))
+
+
+def _rows(path: Path) -> list[list[str]]:
+    """Whole rows below the head; the last line of a killed run may be cut off."""
+    if not path.is_file():
+        return []
+    head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines()) or [[]]
+    if tuple(head) != COLUMNS:
+        raise InputError([Problem(str(path), f"the columns {', '.join(COLUMNS)}", ", ".join(head))])
+    return [row for row in rows if len(row) == len(COLUMNS) and all(row)]
+
+
+def _text(rows: list[list[str]]) -> str:
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue()

@@ -1,0 +1,46 @@
+"""Parallel environments for a learner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+
+from skincal.ranges import Ranges
+from skincal.train.settings import ENVIRONMENT_IDS, Work
+
+Make = Callable[[], "gymnasium.Env[Any, Any]"]
+
+
+def make_environment(work: Work, ranges: Ranges | None) -> gymnasium.Env[Any, Any]:
+    """One environment of a task."""
+    import skincal.envs  # noqa: F401  # registers the tasks
+
+    name = ENVIRONMENT_IDS[work.task]
+    return gymnasium.make(name, policy=str(work.policy), ranges=ranges, **work.environment)
+
+
+def parallel(make: Make, number: int, *, processes: bool = False) -> VecEnv:
+    """Several environments side by side.
+
+    Args:
+        make: makes one.
+        number: how many.
+        processes: each in a process of its own; else they take turns in this one.
+    """
+    makers = [make] * number
+    return SubprocVecEnv(makers, start_method="forkserver") if processes else DummyVecEnv(makers)
+
+
+def segment_seed(seed: int, segment: int) -> int:
+    """Seed of the environments in the part of a run between two checkpoints."""
+    return int(np.random.SeedSequence([seed, segment]).generate_state(1)[0] >> 1)
+
+
+def maker(work: Work, ranges: Ranges | None) -> Make:
+    """A function without arguments that makes one environment."""
+    return partial(make_environment, work, ranges)

@@ -1,0 +1,176 @@
+"""What a backend is to a training run, and the part of it that both backends share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.buffers import DictReplayBuffer
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from skincal.train.network import Network
+from skincal.train.settings import Settings
+from skincal.train.watch import Round, RoundWatch
+
+ACTOR_KEY: Final = "policy"
+"""The part of an observation that the actor sees; the critics see all of it."""
+
+CRITIC_KEY: Final = "critic"
+
+Arrays = dict[str, NDArray[Any]]
+
+
+class Learner(ABC):
+    """Soft actor-critic on parallel environments, with all of its state in the open.
+
+    Args:
+        environments: as vectorised; observations are dictionaries with the keys ``policy`` and ``critic``.
+        settings: of the algorithm.
+        seed: of the networks, the sampling and the exploration.
+    """
+
+    weights_file: ClassVar[str]
+
+    def __init__(self, environments: VecEnv, settings: Settings, seed: int) -> None:
+        self.settings = settings
+        self.normalised = VecNormalize(environments, norm_reward=False, clip_obs=settings.observation_clip)
+        self.model = self._make(self.normalised, settings, seed)
+        # A logger of one's own stays from one part of the run to the next; it writes nothing.
+        self.model.set_logger(Logger(folder=None, output_formats=[]))
+        self._watch = RoundWatch()
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self.model.num_timesteps
+
+    def learn(self, rounds: int, seed: int, told: Callable[[Round], None]) -> None:
+        """Gathers and learns for so many rounds, from fresh episodes on.
+
+        Args:
+            rounds: how many.
+            seed: of the environments.
+            told: is given the figures of every round.
+        """
+        self.normalised.seed(seed)
+        # Without a last observation the learner resets its environments; the transition before was stored as one
+        # that goes on, so nothing of the cut is seen in the buffer.
+        self.model._last_obs = None
+        self._watch.told = told
+        steps = rounds * self.settings.steps_per_round
+        self.model.learn(steps, callback=self._watch, reset_num_timesteps=False, log_interval=None)  # type: ignore[arg-type]
+
+    def network(self) -> Network:
+        """The policy as it is now."""
+        seen = self._statistics[ACTOR_KEY]
+        return Network.build(seen.mean, seen.var, self.settings.observation_clip, self._actor_layers())
+
+    def arrays(self) -> Arrays:
+        """The state except for networks and optimisers: buffer, normalisation, counters and random generators."""
+        counters = [self.model.num_timesteps, self.model._n_updates, self.model._episode_num]
+        found: Arrays = {"counters": np.array(counters, dtype=np.int64)}
+        for key, value in self._statistics.items():
+            found |= {f"seen/{key}/mean": value.mean, f"seen/{key}/var": value.var}
+            found[f"seen/{key}/count"] = np.array(value.count)
+        return found | _buffer_arrays(self._buffer)
+
+    def restore(self, arrays: Arrays) -> None:
+        """Takes over what :meth:`arrays` gave."""
+        model = self.model
+        model.num_timesteps, model._n_updates, model._episode_num = (int(n) for n in arrays["counters"])
+        for key, value in self._statistics.items():
+            value.mean, value.var = arrays[f"seen/{key}/mean"].copy(), arrays[f"seen/{key}/var"].copy()
+            value.count = float(arrays[f"seen/{key}/count"])
+        _restore_buffer(self._buffer, arrays)
+
+    def random_state(self) -> dict[str, Any]:
+        """State of the generators that sampling and random actions draw from, as JSON has it.
+
+        Stable-Baselines3 samples its buffer with numpy's global generator; there is no other to hand it.
+        """
+        state = np.random.get_state(legacy=False)  # noqa: NPY002
+        assert isinstance(state, dict)
+        numpy = {**state, "state": {**state["state"], "key": state["state"]["key"].tolist()}}
+        return {"numpy": numpy, "actions": self.model.action_space.np_random.bit_generator.state}
+
+    def restore_random(self, state: dict[str, Any]) -> None:
+        """Takes over what :meth:`random_state` gave."""
+        numpy = state["numpy"]
+        key = np.array(numpy["state"]["key"], dtype=np.uint32)
+        np.random.set_state({**numpy, "state": {**numpy["state"], "key": key}})  # noqa: NPY002
+        self.model.action_space.np_random.bit_generator.state = state["actions"]
+
+    @abstractmethod
+    def save_weights(self, path: Path) -> None:
+        """Writes networks, optimisers, and the backend's own random state; nothing in it is code."""
+
+    @abstractmethod
+    def load_weights(self, path: Path) -> None:
+        """Inverse of :meth:`save_weights`."""
+
+    @abstractmethod
+    def _make(self, environments: VecNormalize, settings: Settings, seed: int) -> OffPolicyAlgorithm:
+        """The model."""
+
+    @abstractmethod
+    def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+        """Weights (inputs, outputs) and biases of the actor's mean."""
+
+    @property
+    def _statistics(self) -> dict[str, RunningMeanStd]:
+        statistics = self.normalised.obs_rms
+        assert isinstance(statistics, dict)
+        return statistics
+
+    @property
+    def _buffer(self) -> DictReplayBuffer:
+        buffer = self.model.replay_buffer
+        assert isinstance(buffer, DictReplayBuffer)
+        return buffer
+
+
+def published(settings: Settings) -> dict[str, Any]:
+    """The settings by the names that both backends know them by."""
+    return {
+        "learning_rate": settings.learning_rate,
+        "buffer_size": settings.buffer_size,
+        "learning_starts": settings.learning_starts,
+        "batch_size": settings.batch_size,
+        "tau": settings.polyak,
+        "gamma": settings.discount,
+        "train_freq": (settings.train_every, "step"),
+        "gradient_steps": settings.gradient_steps,
+        "ent_coef": f"auto_{settings.entropy_coefficient}",
+        "target_entropy": settings.target_entropy,
+        "device": "cpu",
+    }
+
+
+def _buffer_parts(buffer: DictReplayBuffer) -> Arrays:
+    parts: Arrays = {"actions": buffer.actions, "rewards": buffer.rewards, "dones": buffer.dones}
+    parts["timeouts"] = buffer.timeouts
+    for key in buffer.observations:
+        parts |= {f"before/{key}": buffer.observations[key], f"after/{key}": buffer.next_observations[key]}
+    return parts
+
+
+def _buffer_arrays(buffer: DictReplayBuffer) -> Arrays:
+    """The filled part of a replay buffer, shapes (steps, environments, …)."""
+    filled = buffer.buffer_size if buffer.full else buffer.pos
+    arrays = {f"buffer/{name}": part[:filled] for name, part in _buffer_parts(buffer).items()}
+    return arrays | {"buffer_at": np.array([buffer.pos, int(buffer.full)])}
+
+
+def _restore_buffer(buffer: DictReplayBuffer, arrays: Arrays) -> None:
+    position, full = arrays["buffer_at"]
+    buffer.pos, buffer.full = int(position), bool(full)
+    for name, part in _buffer_parts(buffer).items():
+        kept = arrays[f"buffer/{name}"]
+        part[: len(kept)] = kept

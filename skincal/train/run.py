@@ -1,0 +1,189 @@
+"""A training run: a folder that holds what it is, how far it has come, and in the end a policy."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import time
+import tomllib
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import tomli_w
+
+from skincal.errors import InputError, Problem, WorkError
+from skincal.files import whole_folder
+from skincal.ranges import Ranges, read_ranges, write_ranges
+from skincal.train.checkpoint import Progress, load_checkpoint, save_checkpoint
+from skincal.train.curve import Curve
+from skincal.train.describe import describe
+from skincal.train.environments import Make, parallel, segment_seed
+from skincal.train.learner import Learner
+from skincal.train.onnx_file import write_policy
+from skincal.train.policy_file import Description
+from skincal.train.settings import BackendName, Work
+from skincal.train.watch import Round
+
+MARKER: Final = "run.toml"
+FORMAT: Final = "skincal-run/1"
+RANGES: Final = "ranges.toml"
+CURVE: Final = "curve.csv"
+CHECKPOINT: Final = "checkpoint"
+POLICY: Final = "policy.onnx"
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A training run that has come to its end.
+
+    Attributes:
+        folder: of the run.
+        policy: the file.
+        description: what the file says of itself.
+        last: figures of the last round; None where no round was missing.
+    """
+
+    folder: Path
+    policy: Path
+    description: Description
+    last: Round | None
+
+
+def begin(work: Work, ranges: Ranges, out: Path, *, force: bool = False) -> None:
+    """Makes the folder of a run: what it is, and the ranges it randomises over.
+
+    Raises:
+        InputError: something is there.
+    """
+    with whole_folder(out, force=force, marker=MARKER) as temporary:
+        content = {"format": FORMAT, **work.as_table()}
+        (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")
+        write_ranges(ranges, temporary / RANGES)
+
+
+def read_run(folder: Path) -> tuple[Work, Ranges]:
+    """What a run is.
+
+    Raises:
+        InputError: the folder is no run's.
+    """
+    place = folder / MARKER
+    try:
+        table = tomllib.loads(place.read_text(encoding="utf-8"))
+        if table.get("format") != FORMAT:
+            raise ValueError(f'the format "{table.get("format")}"')
+        work = Work.from_table(table)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        got = (error.strerror or str(error)).lower() if isinstance(error, OSError) else f"{error}"
+        raise InputError([Problem(str(place), "a training run begun by `skincal train`", got)]) from error
+    return work, read_ranges(folder / RANGES)
+
+
+def train(
+    folder: Path,
+    steps: int,
+    make: Make,
+    *,
+    processes: bool = False,
+    told: Callable[[Round], None] = lambda _: None,
+) -> Trained:
+    """Trains until a run has so many steps; goes on from its last checkpoint where there is one.
+
+    Args:
+        folder: of the run, made by :func:`begin`.
+        steps: environment steps that it shall have in the end, of all environments together.
+        make: makes an environment.
+        processes: whether each environment has a process of its own.
+        told: is given the figures of every round.
+
+    Raises:
+        InputError: the folder is no run's, or another process works on it.
+        WorkError: the networks hold numbers that are not finite.
+    """
+    work, ranges = read_run(folder)
+    with _alone(folder), _learner(work, make, processes=processes) as learner:
+        course = _Course(folder, work, learner, told)
+        course.go_on(work.settings.rounds(steps))
+        network = learner.network()
+        if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
+            raise WorkError(f"{folder}: the networks hold numbers that are not finite; nothing was written")
+        about = describe(work, ranges, learner, course.progress.steps, course.progress.wall_s)
+        write_policy(network, about, folder / POLICY, force=True)
+    return Trained(folder, folder / POLICY, about, course.last)
+
+
+class _Course:
+    """The way of one run from checkpoint to checkpoint."""
+
+    def __init__(self, folder: Path, work: Work, learner: Learner, told: Callable[[Round], None]) -> None:
+        self.folder, self.work, self.learner, self.told = folder, work, learner, told
+        self.last: Round | None = None
+        there = (folder / CHECKPOINT).is_dir()
+        self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else Progress()
+
+    def go_on(self, rounds: int) -> None:
+        """Works until so many rounds are done."""
+        with Curve(self.folder / CURVE, self.progress.steps) as curve:
+            while self.progress.rounds < rounds:
+                self._segment(min(rounds, self._next_checkpoint()), curve)
+
+    def _next_checkpoint(self) -> int:
+        every = self.work.rounds_per_checkpoint
+        return (self.progress.rounds // every + 1) * every
+
+    def _segment(self, until: int, curve: Curve) -> None:
+        def listen(row: Round) -> None:
+            self.last = row
+            curve.add(row)
+            self.told(row)
+
+        began, done = time.perf_counter(), self.progress.rounds
+        self.learner.learn(until - done, segment_seed(self.work.seed, done), listen)
+        wall_s = self.progress.wall_s + time.perf_counter() - began
+        self.progress = Progress(until, self.learner.steps, wall_s)
+        save_checkpoint(self.learner, self.progress, self.folder / CHECKPOINT)
+
+
+@contextmanager
+def _learner(work: Work, make: Make, *, processes: bool) -> Generator[Learner]:
+    environments = parallel(make, work.settings.environments, processes=processes)
+    try:
+        yield _backend(work.backend)(environments, work.settings, work.seed)
+    finally:
+        environments.close()
+
+
+def _backend(name: BackendName) -> type[Learner]:
+    """The learner of a backend, whose libraries are loaded only now."""
+    try:
+        if name is BackendName.sbx:
+            from skincal.train.sbx_learner import SbxLearner
+
+            return SbxLearner
+        from skincal.train.sb3_learner import Sb3Learner
+
+        return Sb3Learner
+    except ModuleNotFoundError as error:
+        fix = "pip install 'skincal[train]'"
+        raise InputError(
+            [Problem(f"--backend {name}", f"the package {error.name}", "nothing", fix)]
+        ) from error
+
+
+@contextmanager
+def _alone(folder: Path) -> Generator[None]:
+    """Keeps a second process away from a run."""
+    lock = os.open(folder / MARKER, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as error:
+        raise InputError(
+            [Problem(str(folder), "a run that nobody works on", "another process at work")]
+        ) from error
+    finally:
+        os.close(lock)

@@ -1,0 +1,97 @@
+"""Soft actor-critic of Stable-Baselines3, with critics that see more than the actor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3 import SAC
+from stable_baselines3.common.policies import ContinuousCritic
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.sac.policies import Actor, SACPolicy
+
+from skincal.train.learner import ACTOR_KEY, CRITIC_KEY, Learner, published
+from skincal.train.settings import Settings
+
+
+class Part(BaseFeaturesExtractor):
+    """One part of an observation, or several in a row, as they are."""
+
+    def __init__(self, space: spaces.Dict, keys: tuple[str, ...]) -> None:
+        super().__init__(space, sum(spaces.flatdim(space[key]) for key in keys))
+        self.keys = keys
+
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Shape (N, features)."""
+        return torch.cat([observations[key] for key in self.keys], dim=1)
+
+
+class AsymmetricPolicy(SACPolicy):
+    """The actor sees what a robot sees, the critics all that the simulation knows."""
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
+        """An actor on its part of the observation."""
+        return super().make_actor(Part(self._space, (ACTOR_KEY,)))
+
+    def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> ContinuousCritic:
+        """A pair of critics on the whole observation."""
+        return super().make_critic(Part(self._space, (CRITIC_KEY, ACTOR_KEY)))
+
+    @property
+    def _space(self) -> spaces.Dict:
+        return cast("spaces.Dict", self.observation_space)
+
+
+class Sb3Learner(Learner):
+    """Stable-Baselines3 itself."""
+
+    weights_file: ClassVar[str] = "weights.pt"
+    model: SAC
+
+    def _make(self, environments: VecNormalize, settings: Settings, seed: int) -> SAC:
+        return SAC(
+            AsymmetricPolicy,
+            environments,
+            seed=seed,
+            policy_kwargs={"net_arch": list(settings.hidden)},
+            **published(settings),
+        )
+
+    def save_weights(self, path: Path) -> None:
+        """Writes networks, optimisers, entropy coefficient and torch's random state."""
+        torch.save({name: part.state_dict() for name, part in self._parts().items()} | self._rest(), path)
+
+    def load_weights(self, path: Path) -> None:
+        """Reads them; a file with anything but numbers in it is refused."""
+        kept = torch.load(path, weights_only=True)
+        for name, part in self._parts().items():
+            part.load_state_dict(kept[name])
+        assert self.model.log_ent_coef is not None
+        with torch.no_grad():
+            self.model.log_ent_coef.copy_(kept["log_ent_coef"])
+        torch.set_rng_state(kept["random"])
+
+    def _parts(self) -> dict[str, Any]:
+        model = self.model
+        return {
+            "policy": model.policy,
+            "actor_optimizer": model.actor.optimizer,
+            "critic_optimizer": model.critic.optimizer,
+            "entropy_optimizer": model.ent_coef_optimizer,
+        }
+
+    def _rest(self) -> dict[str, torch.Tensor]:
+        assert self.model.log_ent_coef is not None
+        return {"log_ent_coef": self.model.log_ent_coef.detach(), "random": torch.get_rng_state()}
+
+    def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+        actor = self.model.actor
+        assert isinstance(actor.mu, torch.nn.Linear)
+        hidden = [layer for layer in actor.latent_pi if isinstance(layer, torch.nn.Linear)]
+        return [
+            (layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in (*hidden, actor.mu)
+        ]

@@ -1,0 +1,90 @@
+"""Soft actor-critic of sbx, Stable-Baselines3's sibling in jax: the same algorithm, compiled."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import jax.numpy as jnp
+import numpy as np
+from flax import linen as nn
+from flax import serialization
+from gymnasium import spaces
+from numpy.typing import NDArray
+from sbx import SAC
+from sbx.common.policies import SquashedGaussianActor
+from sbx.sac.policies import SACPolicy
+from stable_baselines3.common.vec_env import VecNormalize
+
+from skincal.train.learner import ACTOR_KEY, Learner, published
+from skincal.train.settings import Settings
+
+
+class PartActor(SquashedGaussianActor):
+    """An actor that sees some columns of the observation only."""
+
+    first: int = 0
+    columns: int = 0
+
+    @nn.compact
+    def __call__(self, x: Any) -> Any:
+        """The distribution of actions for observations (N, O)."""
+        x = x.reshape((x.shape[0], -1))[:, self.first : self.first + self.columns]
+        return SquashedGaussianActor(
+            net_arch=self.net_arch, action_dim=self.action_dim, activation_fn=self.activation_fn
+        )(x)
+
+
+class SbxLearner(Learner):
+    """The learner in jax."""
+
+    weights_file: ClassVar[str] = "weights.msgpack"
+    model: SAC
+
+    def _make(self, environments: VecNormalize, settings: Settings, seed: int) -> SAC:
+        actor = partial(PartActor, **_columns(cast("spaces.Dict", environments.observation_space)))
+        return SAC(
+            SACPolicy,
+            environments,
+            seed=seed,
+            policy_kwargs={"net_arch": list(settings.hidden), "actor_class": actor},
+            **published(settings),
+        )
+
+    def save_weights(self, path: Path) -> None:
+        """Writes networks, optimisers, entropy coefficient and jax's random keys."""
+        path.write_bytes(serialization.to_bytes(self._state()))
+
+    def load_weights(self, path: Path) -> None:
+        """Reads them; the file holds numbers only."""
+        kept = serialization.from_bytes(self._state(), path.read_bytes())
+        policy = self.model.policy
+        policy.actor_state, policy.qf_state = kept["actor"], kept["critic"]
+        self.model.ent_coef_state = kept["entropy"]
+        self.model.key, policy.key, policy.noise_key = (jnp.asarray(key) for key in kept["random"])
+
+    def _state(self) -> dict[str, Any]:
+        policy = self.model.policy
+        return {
+            "actor": policy.actor_state,
+            "critic": policy.qf_state,
+            "entropy": self.model.ent_coef_state,
+            "random": [np.asarray(key) for key in (self.model.key, policy.key, policy.noise_key)],
+        }
+
+    def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+        layers = self.model.policy.actor_state.params["params"]["SquashedGaussianActor_0"]
+        # The hidden layers come first, then the mean, then the logarithm of the deviation.
+        names = [f"Dense_{i}" for i in range(len(self.settings.hidden) + 1)]
+        return [(np.asarray(layers[name]["kernel"]), np.asarray(layers[name]["bias"])) for name in names]
+
+
+def _columns(space: spaces.Dict) -> dict[str, int]:
+    """Where the actor's part lies when sbx puts the parts of an observation in a row, in the order of the space."""
+    first = 0
+    for key, part in space.items():
+        if key == ACTOR_KEY:
+            return {"first": first, "columns": spaces.flatdim(part)}
+        first += spaces.flatdim(part)
+    raise KeyError(ACTOR_KEY)

@@ -1,0 +1,128 @@
+"""What a training run is told: the published soft actor-critic, and which task it learns."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any, Final
+
+
+class Task(StrEnum):
+    """What is rolled between the fingers."""
+
+    marble = "marble"
+    bolt = "bolt"
+
+
+class PolicyKind(StrEnum):
+    """What a policy sees (the published paper's table "Observation space of different policies")."""
+
+    tactile = "tactile"
+    joint_angles = "joint-angles"
+    desired = "desired"
+
+
+class BackendName(StrEnum):
+    """Who does the learning: Stable-Baselines3 in torch, or the same algorithm in jax."""
+
+    sb3 = "sb3"
+    sbx = "sbx"
+
+
+ENVIRONMENT_IDS: Final = {Task.marble: "skincal/MarbleRoll-v0", Task.bolt: "skincal/BoltRoll-v0"}
+"""What gymnasium makes a task by."""
+
+PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000}
+"""Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Soft actor-critic as published (Kasolowsky & Bäuml, IROS 2024, and the authors' list of settings).
+
+    Attributes:
+        environments: how many run side by side.
+        buffer_size: transitions that are remembered, of all environments together.
+        learning_starts: environment steps with random actions, before anything is learned.
+        train_every: steps of each environment between two learning phases.
+        gradient_steps: updates in a learning phase.
+        discount: of the reward of the next step.
+        polyak: share of the critic that the target critic takes over at an update.
+        target_entropy: of the policy, six actions together [nat].
+        entropy_coefficient: at the beginning; then it is learned.
+        learning_rate: of Adam, for actor, critics and entropy coefficient.
+        batch_size: transitions in an update.
+        hidden: neurons in the hidden layers of actor and critics.
+        observation_clip: normalised observations are cut off here [standard deviations].
+    """
+
+    environments: int = 8
+    buffer_size: int = 200_000
+    learning_starts: int = 6000
+    train_every: int = 60
+    gradient_steps: int = 200
+    discount: float = 0.95
+    polyak: float = 5e-3
+    target_entropy: float = -4.0
+    entropy_coefficient: float = 0.2
+    learning_rate: float = 3e-4
+    batch_size: int = 256
+    hidden: tuple[int, ...] = (256, 256)
+    observation_clip: float = 10.0
+
+    @property
+    def steps_per_round(self) -> int:
+        """Environment steps of a round: gather, then learn."""
+        return self.environments * self.train_every
+
+    def rounds(self, steps: int) -> int:
+        """Rounds that so many environment steps take; the last one is always whole."""
+        return -(-steps // self.steps_per_round)
+
+
+@dataclass(frozen=True)
+class Work:
+    """One training run: everything its result depends on.
+
+    Attributes:
+        task: what is learned.
+        policy: what the policy sees.
+        seed: of everything random in it.
+        backend: who does the learning.
+        settings: of the algorithm.
+        rounds_per_checkpoint: learning rounds between two checkpoints. All environments begin a new episode after a
+            checkpoint, so that a run that goes on from it is the same as one that was never interrupted.
+        environment: further arguments for the environment, by name.
+    """
+
+    task: Task
+    policy: PolicyKind
+    seed: int
+    backend: BackendName = BackendName.sb3
+    settings: Settings = field(default_factory=Settings)
+    rounds_per_checkpoint: int = 42
+    environment: dict[str, Any] = field(default_factory=dict[str, Any])
+
+    def as_table(self) -> dict[str, Any]:
+        """All of it as plain values, for a file."""
+        table = asdict(self)
+        table["settings"]["hidden"] = list(self.settings.hidden)
+        return {**table, "task": str(self.task), "policy": str(self.policy), "backend": str(self.backend)}
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any]) -> Work:
+        """Inverse of :meth:`as_table`.
+
+        Raises:
+            KeyError, TypeError, ValueError: something is missing, unknown or of a wrong kind.
+        """
+        settings: dict[str, Any] = {**table["settings"], "hidden": tuple(table["settings"]["hidden"])}
+        return cls(
+            Task(table["task"]),
+            PolicyKind(table["policy"]),
+            int(table["seed"]),
+            BackendName(table["backend"]),
+            Settings(**settings),
+            int(table["rounds_per_checkpoint"]),
+            dict(table["environment"]),
+        )

@@ -1,0 +1,184 @@
+"""Training runs: what they leave behind, and that going on is the same as never having stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
+
+import runs
+
+from skincal.errors import InputError
+from skincal.train import Network, Settings, read_curve, read_policy, read_run, train
+from skincal.train.environments import segment_seed
+
+JAX = pytest.param("sbx", marks=[pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning")])
+
+
+class KilledError(Exception):
+    pass
+
+
+def last_network(folder: Path) -> list[np.ndarray]:
+    """All numbers of the policy file, from the graph itself."""
+    import onnx
+    from onnx import numpy_helper
+
+    graph = onnx.load(folder / "policy.onnx").graph
+    return [numpy_helper.to_array(value) for value in graph.initializer]
+
+
+@pytest.mark.parametrize("backend", ["sb3", JAX])
+def test_going_on_is_exact(tmp_path, backend):
+    runs.run(tmp_path / "straight", 4 * runs.CHECKPOINT_STEPS, backend)
+    for steps in (2, 4):
+        runs.run(tmp_path / "twice", steps * runs.CHECKPOINT_STEPS, backend)
+    straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
+    assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+    one, other = (read_curve(tmp_path / name / "curve.csv") for name in ("straight", "twice"))
+    for column in ("steps", "reward", "error_m", "drops"):
+        assert np.array_equal(one[column], other[column], equal_nan=True)
+
+
+def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
+    runs.run(tmp_path / "straight", 4 * runs.CHECKPOINT_STEPS)
+    folder = tmp_path / "killed"
+    runs.run(folder, 2 * runs.CHECKPOINT_STEPS)
+
+    def kill(row: object) -> None:
+        raise KilledError
+
+    with pytest.raises(KilledError):
+        train(folder, 4 * runs.CHECKPOINT_STEPS, runs.make, told=kill)
+    assert read_curve(folder / "curve.csv")["steps"][-1] > 2 * runs.CHECKPOINT_STEPS
+    runs.run(folder, 4 * runs.CHECKPOINT_STEPS)
+    for a, b in zip(last_network(tmp_path / "straight"), last_network(folder), strict=True):
+        assert np.array_equal(a, b)
+    steps = read_curve(folder / "curve.csv")["steps"]
+    assert np.array_equal(steps, np.arange(1, len(steps) + 1) * runs.SMALL.steps_per_round)
+
+
+def test_seeds_matter_and_repeat(tmp_path):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        runs.run(tmp_path / name, runs.CHECKPOINT_STEPS, seed=seed)
+    a, b, c = (np.concatenate([x.ravel() for x in last_network(tmp_path / n)]) for n in "abc")
+    assert np.array_equal(a, b)
+    assert not np.allclose(a, c)
+    assert segment_seed(1, 0) not in {segment_seed(1, 1), segment_seed(2, 0)}
+
+
+@pytest.mark.parametrize("backend", ["sb3", JAX])
+def test_the_file_says_what_the_learner_does(tmp_path, backend):
+    """The policy file, the network as bare numbers, and the learner itself act the same."""
+    from skincal.train.checkpoint import load_checkpoint
+    from skincal.train.run import _learner
+
+    done = runs.run(tmp_path / "run", 2 * runs.CHECKPOINT_STEPS, backend)
+    work, _ = read_run(tmp_path / "run")
+    with _learner(work, runs.make, processes=False) as learner:
+        load_checkpoint(learner, tmp_path / "run" / "checkpoint")
+        network = learner.network()
+        observation = {"policy": 2.0 * np.random.default_rng(1).normal(size=(40, 10)).astype(np.float32),
+                       "critic": np.zeros((40, 4), np.float32)}  # fmt: skip
+        observation["policy"][0] = 1e6  # is clipped
+        normalised = learner.normalised.normalize_obs(observation)
+        expected, _ = learner.model.predict(normalised, deterministic=True)
+    policy = read_policy(done.policy)
+    np.testing.assert_allclose(network(observation["policy"]), expected, atol=2e-6)
+    np.testing.assert_allclose(policy(observation["policy"]), expected, atol=2e-6)
+    np.testing.assert_allclose(policy(observation["policy"][3]), expected[3], atol=2e-6)
+
+
+@pytest.mark.parametrize("backend", ["sb3", JAX])
+def test_the_actor_does_not_see_what_the_critics_see(backend):
+    from skincal.train.run import _learner
+
+    with _learner(runs.work(backend), runs.make, processes=False) as learner:
+        seen = np.random.default_rng(1).normal(size=(1, 10)).astype(np.float32)
+        acts = [
+            learner.model.predict(
+                {"policy": seen, "critic": np.full((1, 4), x, np.float32)}, deterministic=True
+            )[0]
+            for x in (0.0, 5.0)
+        ]
+        assert np.array_equal(*acts)
+        assert learner.network().observations == 10
+
+
+def test_the_critics_see_everything():
+    from skincal.train.run import _learner
+
+    with _learner(runs.work(), runs.make, processes=False) as learner:
+        assert learner.model.critic.qf0[0].in_features == 10 + 4 + 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["sb3", JAX])
+def test_it_learns(tmp_path, backend):
+    """The toy task is learned with the published rates: the error falls to a third of what chance gives."""
+    from dataclasses import replace
+
+    from skincal.ranges import preset
+    from skincal.train import begin
+
+    settings = Settings(learning_starts=960, target_entropy=-2.0)
+    begin(replace(runs.work(backend), settings=settings), preset("iros24"), tmp_path / "run")
+    train(tmp_path / "run", 10 * settings.steps_per_round, runs.make)
+    error = read_curve(tmp_path / "run" / "curve.csv")["error_m"]
+    assert error[-1] < error[0] / 3
+
+
+def test_description(tmp_path):
+    about = runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS).description
+    read = read_policy(tmp_path / "run" / "policy.onnx").description
+    assert read == about
+    assert (read.task, read.policy, read.seed, read.steps) == ("marble", "tactile", 3, runs.CHECKPOINT_STEPS)
+    assert read.size == 10
+    assert len(read.ranges_sha256) == 64
+    assert "stable-baselines3" in read.versions
+
+
+def test_published_settings():
+    settings = Settings()
+    assert settings.steps_per_round == 480
+    assert settings.rounds(800_000) == 1667
+    assert settings.rounds(480) == 1
+
+
+def test_work_survives_a_file(tmp_path):
+    runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS)
+    assert read_run(tmp_path / "run")[0] == runs.work()
+
+
+def test_a_damaged_checkpoint(tmp_path):
+    runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS)
+    (tmp_path / "run" / "checkpoint" / "weights.pt").write_bytes(b"no weights")
+    with pytest.raises(
+        InputError, match=r"checkpoint: expected a whole checkpoint of this run; got .*remove"
+    ):
+        runs.run(tmp_path / "run", 2 * runs.CHECKPOINT_STEPS)
+
+
+def test_no_run(tmp_path):
+    with pytest.raises(InputError, match=r"run\.toml: expected a training run begun by `skincal train`"):
+        train(tmp_path, 100, runs.make)
+
+
+def test_two_processes_at_one_run(tmp_path):
+    from skincal.train.run import _alone
+
+    runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS)
+    with _alone(tmp_path / "run"), pytest.raises(InputError, match="another process at work"):
+        runs.run(tmp_path / "run", 2 * runs.CHECKPOINT_STEPS)
+
+
+def test_network_shapes():
+    network = Network.build(
+        [1.0, 2.0], [4.0, 1.0], 10.0, [(np.ones((2, 3)), np.zeros(3)), (np.ones((3, 1)), [0.5])]
+    )
+    assert (network.observations, network.actions) == (2, 1)
+    assert network([[3.0, 2.0]])[0, 0] == pytest.approx(np.tanh(3 * 1.0 + 0.5))
+    assert network([[-9.0, 2.0]])[0, 0] == pytest.approx(np.tanh(0.5))  # what bends is bent
