@@ -32,11 +32,13 @@ def collect(
     ] = "sim",
     seed: SeedOption = 0,
     protocol: Annotated[
-        str,
+        str | None,
         typer.Option(
-            "--protocol", help="`full`: presses that let every effect show; `paper`: 60 static ones."
+            "--protocol",
+            help="`full`: presses that let every effect show; `paper`: 60 static ones.",
+            show_default="full",
         ),
-    ] = "full",
+    ] = None,
     plan: Annotated[
         Path | None,
         typer.Option(

@@ -15,15 +15,20 @@ if TYPE_CHECKING:
 
 
 def plan_of(
-    path: Path | None, protocol: str, seed: int, description: HandDescription, second_mm: float | None
+    path: Path | None, protocol: str | None, seed: int, description: HandDescription, second_mm: float | None
 ) -> Plan:
-    """The plan that is asked for: a file's, or a protocol drawn by the seed."""
+    """The plan that is asked for: a file's, or a protocol drawn by the seed (full, unless another is named)."""
     import numpy as np
 
     from skincal.collect import PROTOCOLS, Mount, full_plan, paper_plan, read_plan
     from skincal.errors import InputError, Problem
 
     mount = Mount.of(description.meta)
+    if path is not None and protocol is not None:
+        fix = "The plan says all presses itself; leave one of the two out."
+        got = f"--protocol {protocol} and --plan {path}"
+        raise InputError([Problem("--protocol", "a protocol or a plan of your own", got, fix)])
+    protocol = protocol or "full"
     if second_mm is not None and (path is not None or protocol != "full"):
         got = str(path) if path is not None else f"--protocol {protocol}"
         raise InputError([Problem("--second-indenter-mm", "the full protocol", got)])

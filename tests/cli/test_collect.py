@@ -81,6 +81,7 @@ def test_plan_only_moves_nothing(here: Path, capsys: pytest.CaptureFixture[str])
         (["--hand", "nobody"], "nobody"),
         (["--plan", "none.toml"], "none.toml"),
         (["--second-indenter-mm", "4", "--protocol", "paper"], "--second-indenter-mm"),
+        (["--plan", "none.toml", "--protocol", "full"], "a protocol or a plan"),
         (["--second-indenter-mm", "4"], "own indenter"),
     ],
 )
