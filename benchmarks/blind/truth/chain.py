@@ -1,0 +1,60 @@
+"""From what is commanded to what the sensor would read without noise, through hidden effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import ndtr
+
+from benchmarks.blind.truth.body import ContactChange, values
+from benchmarks.blind.truth.effect import Effect, Scene, Stage
+from benchmarks.blind.truth.rig import TOP_COUNTS, Floats
+
+
+def counts(scene: Scene, effects: Sequence[Effect] = ()) -> Floats:
+    """What the taxels read (N, J) [counts], not noisy, not rounded, not clipped."""
+    touches = scene.touches
+    for effect in effects:
+        touches = effect.touches(touches, scene)
+    x = values(scene.body, touches, _change(effects))
+    for stage in Stage:
+        for effect in (e for e in effects if e.stage is stage):
+            x = effect.signal(x, scene)
+    return x
+
+
+def _change(effects: Sequence[Effect]) -> ContactChange:
+    """What all effects together change in the contact."""
+    whole = ContactChange()
+    for change in (effect.change() for effect in effects):
+        if change is not None:
+            whole = replace(
+                whole,
+                hardening=change.hardening or whole.hardening,
+                sheet_m=float(np.hypot(whole.sheet_m, change.sheet_m)),
+                sphere_added_m=whole.sphere_added_m + change.sphere_added_m,
+            )
+    return whole
+
+
+def shown(x: Floats, noise_counts: float) -> Floats:
+    """Mean of what the converter shows of a value under noise: clipping lifts what is near zero."""
+    top = (x - TOP_COUNTS) / noise_counts
+    return _rectified(x, noise_counts) - noise_counts * (top * ndtr(top) + _bell(top))
+
+
+def _rectified(x: Floats, noise_counts: float) -> Floats:
+    low = x / noise_counts
+    return noise_counts * (low * ndtr(low) + _bell(low))
+
+
+def _bell(x: Floats) -> Floats:
+    return np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
+
+
+def read(rng: np.random.Generator, x: Floats, noise_counts: float) -> Floats:
+    """What the sensor reads of values (N, J): noisy, whole numbers, clipped."""
+    noisy = x + noise_counts * rng.standard_normal(x.shape)
+    return np.clip(np.rint(noisy), 0, TOP_COUNTS)

@@ -1,0 +1,160 @@
+"""Hidden effects of memory and time: hysteresis, creep, rate, latency, first cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.blind.truth.effect import Effect, Scene, Stage, lagged
+from benchmarks.blind.truth.protocol import HOLD, LOAD
+from benchmarks.blind.truth.rig import Floats, Ints
+
+_SUBSTEPS = 6
+
+
+@dataclass(frozen=True)
+class Hysteresis(Effect):
+    """Bouc-Wen: ``y = x (1 - h z)``, ``dz = dx / D (1 - |z|^n (b sgn(z dx) + 1 - b))``.
+
+    At rest the skin recovers: each press begins on the loading branch, ``z = 1``.
+    """
+
+    width_counts: float = 6.0
+    power: float = 1.5
+    share: float = 0.7
+
+    name = "hysteresis"
+    stage = Stage.MEMORY
+    typical = 0.05
+    largest = 0.6
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical, rng.uniform(4, 12), rng.uniform(1, 2), rng.uniform(0.5, 1.0))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        y = x.copy()
+        for rows in scene.by_press:
+            moving = rows[np.flatnonzero(np.abs(np.diff(x[rows], axis=0)).max(axis=1) > 0) + 1]
+            z, state = np.ones((len(rows), x.shape[1])), np.ones(x.shape[1])
+            for row in moving:
+                state = self._step(state, x[row] - x[row - 1])
+                z[row - rows[0] :] = state
+            y[rows] = x[rows] * (1 - self.strength * z)
+        return y
+
+    def _step(self, z: Floats, rise: Floats) -> Floats:
+        part = rise / self.width_counts / _SUBSTEPS
+        for _ in range(_SUBSTEPS):
+            pull = self.share * np.sign(z * part) + 1 - self.share
+            z = np.clip(z + part * (1 - np.abs(z) ** self.power * pull), -1.0, 1.0)
+        return z
+
+
+@dataclass(frozen=True)
+class Creep(Effect):
+    """Two Prony terms of unlike weight, or a power law of time as a row of them: ``y = x + a sum w_k lag_k(x)``."""
+
+    times_s: tuple[float, ...] = (0.4, 6.0)
+    weights: tuple[float, ...] = (0.5, 0.5)
+
+    name = "creep"
+    stage = Stage.MEMORY
+    typical = 0.08
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        sign = 1.0 if rng.uniform() < 0.8 else -1.0
+        if rng.uniform() < 0.6:
+            first = rng.uniform(0.3, 0.7)
+            times = (float(rng.uniform(0.2, 0.6)), float(rng.uniform(3, 10)))
+            return cls(cls.typical, times, (sign * float(first), sign * float(1 - first)))
+        times = 10.0 ** np.linspace(-1, 1.5, 7)
+        weights = times ** rng.uniform(0.0, 0.3)
+        return cls(cls.typical, tuple(times.tolist()), tuple((sign * weights / weights.sum()).tolist()))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        del scene
+        late = sum(w * lagged(x, t) for t, w in zip(self.times_s, self.weights, strict=True))
+        return np.maximum(x + self.strength * late, 0.0)
+
+
+@dataclass(frozen=True)
+class Rate(Effect):
+    """Eyring's: ``y = x (1 + a phi arsinh(v / v1))``; phi is one in loading and falls as ``1 / (1 + age / T)``."""
+
+    fade_s: float = 3.0
+    slow_m_per_s: float = 0.2e-3
+
+    name = "rate"
+    stage = Stage.MEMORY
+    typical = 0.05
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        fade = (0.5, 5.0, 100.0)[rng.integers(3)]
+        return cls(cls.typical, fade, float(rng.uniform(0.1e-3, 0.4e-3)))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        speed = scene.of_press(scene.plan.column("speed_m_per_s"))
+        age = np.maximum(scene.line.time_s - scene.of_press(scene.plan.times_s[:, 1]), 0.0)
+        age = np.where(scene.line.phase == LOAD, 0.0, age)
+        level = np.arcsinh(speed / self.slow_m_per_s) / (1 + age / self.fade_s)
+        return x * (1 + self.strength * level)[:, None]
+
+
+@dataclass(frozen=True)
+class Latency(Effect):
+    """A filter of second order between taxel and reading: two lags of half the delay each. Strength in seconds."""
+
+    name = "latency"
+    stage = Stage.CONVERTER
+    typical = 0.04
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        del scene
+        return lagged(lagged(x, self.strength / 2), self.strength / 2)
+
+
+@dataclass(frozen=True)
+class FirstCycle(Effect):
+    """Mullins: what a site answers falls with the largest force it has met: ``y = x (1 + a exp(-F_max / F0))``."""
+
+    force_n: float = 1.0
+
+    name = "first_cycle"
+    typical = 0.1
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        sign = 1.0 if rng.uniform() < 0.8 else -1.0
+        return cls(cls.typical * sign, float(rng.uniform(0.5, 2.0)))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        met = _largest_before(scene.plan.column("site").astype(np.int64), scene.plan.column("force_n"))
+        return x * scene.of_press(1 + self.strength * np.exp(-met / self.force_n))[:, None]
+
+
+def _largest_before(site: Ints, force_n: Floats) -> Floats:
+    """The largest force of earlier presses of the same site (K,) [N]."""
+    largest = dict[int, float]()
+    before = np.zeros(len(site))
+    for row, (place, force) in enumerate(zip(site.tolist(), force_n.tolist(), strict=True)):
+        before[row] = largest.get(place, 0.0)
+        largest[place] = max(before[row], force)
+    return before
+
+
+def held(scene: Scene) -> Ints:
+    """Rows of samples in a hold."""
+    return np.flatnonzero(scene.line.phase == HOLD)

@@ -1,0 +1,35 @@
+"""What is asked of a session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What is asked of a session; the rest is drawn from the seed.
+
+    Attributes:
+        suite: which part of the test it belongs to.
+        number: within the suite.
+        seed: of the test; session and seed together say everything.
+        law: ``foundation`` or ``layer``.
+        protocol: ``full``, ``raster`` or ``static``.
+        effects: names of the catalogue with the strength g that is wanted.
+        outside: kind and g of an effect that the catalogue does not have.
+        decoy: what is there to mislead, without being an effect.
+    """
+
+    suite: str
+    number: int
+    seed: int
+    law: str = "layer"
+    protocol: str = "full"
+    effects: tuple[tuple[str, float], ...] = field(default=())
+    outside: tuple[str, float] | None = None
+    decoy: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the session; says nothing about what is hidden."""
+        return f"{self.suite}-{self.number:03d}"

@@ -1,0 +1,131 @@
+"""Hidden effects between load and counts: saturation, dead band, response curve, stiffening, a cover."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.blind.truth.body import ContactChange, Touches
+from benchmarks.blind.truth.contact import Hardening
+from benchmarks.blind.truth.effect import Effect, Scene, Stage
+from benchmarks.blind.truth.rig import Floats
+
+
+@dataclass(frozen=True)
+class Saturation(Effect):
+    """The smaller of value and ceiling, rounded off: ``y = C - w log(1 + exp((C - x) / w))``, or ``C tanh(x / C)``.
+
+    Strength is 100 counts over the ceiling.
+    """
+
+    rounding: float = 0.1
+    gradual: bool = False
+
+    name = "saturation"
+    stage = Stage.CONVERTER
+    typical = 1.5
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical, float(rng.uniform(0.02, 0.2)), bool(rng.uniform() < 0.4))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        del scene
+        ceiling = 100.0 / max(self.strength, 1e-6)
+        if self.gradual:
+            return np.where(x > 0, ceiling * np.tanh(x / ceiling), x)
+        width = self.rounding * ceiling
+        left = width * np.logaddexp(0.0, ceiling / width) - width * np.logaddexp(0.0, (ceiling - x) / width)
+        return np.where(x > 0, left, x)
+
+
+@dataclass(frozen=True)
+class DeadBand(Effect):
+    """A rounded hinge: ``y = (x - b + sqrt((x - b)² + w²)) / 2``, less its value at zero. Strength b in counts."""
+
+    rounding: float = 0.3
+
+    name = "dead_band"
+    stage = Stage.CONVERTER
+    typical = 4.0
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical, float(rng.uniform(0.1, 0.8)))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        del scene
+        band = self.strength
+        width = self.rounding * band
+
+        def hinge(value: Floats) -> Floats:
+            return (value - band + np.hypot(value - band, width)) / 2
+
+        return np.where(x > 0, hinge(x) - hinge(np.zeros(1)), x)
+
+
+@dataclass(frozen=True)
+class ResponseCurve(Effect):
+    """A voltage divider: ``y = x (1 + a) / (1 + a x / x1)``; a < 0 bends upwards."""
+
+    reference_counts: float = 60.0
+
+    name = "response_curve"
+    typical = 0.3
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        sign = 1.0 if rng.uniform() < 0.65 else -0.4
+        return cls(cls.typical * sign, float(rng.uniform(50, 100)))
+
+    def signal(self, x: Floats, scene: Scene) -> Floats:
+        """See :meth:`Effect.signal`."""
+        del scene
+        below = np.maximum(1 + self.strength * x / self.reference_counts, 0.25)
+        return x * (1 + self.strength) / below
+
+
+@dataclass(frozen=True)
+class Stiffening(Effect):
+    """Fung's exponential law of the penetration; strength is 1 mm over its depth, below zero the skin gives way."""
+
+    name = "stiffening"
+    typical = 0.7
+    largest = 4.0
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical * (1.0 if rng.uniform() < 0.7 else -1.0))
+
+    def change(self) -> ContactChange:
+        """See :meth:`Effect.change`."""
+        return ContactChange(hardening=Hardening(1e-3 / self.strength) if self.strength else None)
+
+
+@dataclass(frozen=True)
+class Cover(Effect):
+    """A glove carries ``k F / (1 + F / F0)`` of the force."""
+
+    force_n: float = 0.6
+
+    name = "cover"
+    typical = 0.3
+    largest = 0.95
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical, float(rng.uniform(0.6, 2.0)))
+
+    def touches(self, touches: Touches, scene: Scene) -> Touches:
+        """See :meth:`Effect.touches`."""
+        del scene
+        carried = self.strength * touches.force_n / (1 + touches.force_n / self.force_n)
+        return replace(touches, force_n=touches.force_n - carried)
