@@ -33,7 +33,7 @@ def read_calibration(path: str | Path) -> Calibration:
     folder = Path(path)
     if folder.name == FILE and folder.is_file():
         folder = folder.parent
-    findings = Findings()
+    findings = Findings(folder)
     if not folder.is_dir():
         got = "a file" if folder.exists() else "no such folder"
         findings.error(str(folder), "a calibration's folder", got)

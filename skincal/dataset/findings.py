@@ -6,7 +6,9 @@ An error makes the dataset unusable (exit status 2); a warning is something a pe
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,19 +21,30 @@ SHOWN = 3
 
 
 class Findings:
-    """The errors and warnings found so far, in the order of the files."""
+    """The errors and warnings found so far, in the order of the files.
 
-    def __init__(self) -> None:
+    Args:
+        folder: that holds the files; a place that begins with the name of one is told with its folder.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
         self.errors: list[Problem] = []
         self.warnings: list[Problem] = []
 
     def error(self, place: str, expected: str, got: object, fix: str = "") -> None:
         """Adds an error."""
-        self.errors.append(Problem(place, expected, str(got), fix))
+        self.errors.append(Problem(self._whole(place), expected, str(got), fix))
 
     def warn(self, place: str, expected: str, got: object, fix: str = "") -> None:
         """Adds a warning."""
-        self.warnings.append(Problem(place, expected, str(got), fix))
+        self.warnings.append(Problem(self._whole(place), expected, str(got), fix))
+
+    def _whole(self, place: str) -> str:
+        folder = str(self._folder or "")
+        if not folder or place == folder or place.startswith(folder + os.sep):
+            return place
+        return str(Path(folder) / place)
 
     def raise_errors(self) -> None:
         """Raises all errors as one.

@@ -51,9 +51,9 @@ def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | 
         findings.error(str(path), f"the description of the {what}", "no such file", fix)
     except tomllib.TOMLDecodeError as error:
         # The message holds the line and the column.
-        findings.error(path.name, "TOML", str(error))
+        findings.error(str(path), "TOML", str(error))
     except (OSError, UnicodeDecodeError) as error:
-        findings.error(path.name, "a readable text file", str(error))
+        findings.error(str(path), "a readable text file", str(error))
     return None
 
 

@@ -47,7 +47,7 @@ def read_dataset(path: str | Path) -> Dataset:
     Raises:
         InputError: anything in it is wrong; ``problems`` holds every violation.
     """
-    findings = Findings()
+    findings = Findings(Path(path))
     dataset = _read(Path(path), findings)
     findings.raise_errors()
     assert dataset is not None
@@ -56,7 +56,7 @@ def read_dataset(path: str | Path) -> Dataset:
 
 def check_dataset(path: str | Path) -> Check:
     """Reads a dataset's folder and reports everything that was found instead of raising it."""
-    findings = Findings()
+    findings = Findings(Path(path))
     dataset = _read(Path(path), findings)
     return Check(tuple(findings.errors), tuple(findings.warnings), None if findings.errors else dataset)
 

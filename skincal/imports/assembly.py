@@ -69,7 +69,7 @@ def assemble(
         write_dataset(dataset, folder, force=True)
         checked = check_dataset(folder)
         if checked.dataset is None:
-            raise InputError([_traced(problem, mapping) for problem in checked.errors])
+            raise InputError([_traced(problem, folder, mapping) for problem in checked.errors])
     return Imported(
         folder=out,
         presses=len(session.presses),
@@ -77,7 +77,7 @@ def assemble(
         read=session.read,
         dropped=session.dropped,
         assumed=dataset.meta.assumed,
-        warnings=tuple(_traced(problem, mapping) for problem in checked.warnings),
+        warnings=tuple(_traced(problem, folder, mapping) for problem in checked.warnings),
     )
 
 
@@ -103,8 +103,12 @@ def assumed(mapping: Mapping) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _traced(problem: Problem, mapping: Mapping) -> Problem:
-    """A problem of the dataset with the place in the mapping that its column comes from."""
+def _traced(problem: Problem, folder: Path, mapping: Mapping) -> Problem:
+    """A problem of the dataset with the place in the mapping that its column comes from.
+
+    Where the dataset lay while it was checked is left out: it is not there any more.
+    """
+    problem = replace(problem, place=problem.place.removeprefix(f"{folder}/"))
     if problem.place.startswith(f"{FILE},"):
         return replace(problem, place=f"{mapping.path.name}{problem.place.removeprefix(FILE)}")
     names = re.findall(r"\w+", problem.place)

@@ -62,7 +62,7 @@ def test_what_is_written_is_read_exactly(tmp_path, make):
     write_calibration(calibration, tmp_path / "cal")
     back = read_calibration(tmp_path / "cal")
     assert_same(back, calibration)
-    assert [problem.place for problem in back.warnings] == ["calibration.toml, note"]
+    assert [problem.place for problem in back.warnings] == [f"{tmp_path}/cal/calibration.toml, note"]
     assert read_calibration(tmp_path / "cal" / "calibration.toml").model == calibration.model
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cal"]
 
@@ -211,7 +211,8 @@ def test_every_fault_is_named_at_once(tmp_path):
     lines = (folder / "slack.csv").read_text().splitlines()
     (folder / "slack.csv").write_text("\n".join([lines[0].replace("good", "fine"), *lines[1:]]))
     found = problems(folder)
-    places = sorted(problem.place for problem in found)
+    places = sorted(problem.place.removeprefix(f"{folder}/") for problem in found)
+    assert all(problem.place.startswith(str(folder)) for problem in found)
     assert places == sorted(
         [
             "calibration.toml, format",
@@ -257,7 +258,8 @@ def test_every_fault_is_named_at_once(tmp_path):
     ],
 )  # fmt: skip
 def test_one_fault_is_named(tmp_path, old, new, place):
-    assert place in [problem.place for problem in problems(edited(tmp_path, (old, new)))]
+    folder = edited(tmp_path, (old, new))
+    assert f"{folder}/{place}" in [problem.place for problem in problems(folder)]
 
 
 @pytest.mark.parametrize(

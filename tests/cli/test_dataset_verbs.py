@@ -39,7 +39,7 @@ def test_check_of_good_data(run: Run, folder: Path) -> None:
     status, out, err = run("dataset", "check", folder)
     assert status == 0
     assert out == f"{folder}: good, 12 presses, 96 frames\n"
-    assert err.startswith("skincal: warning: dataset.toml, created")
+    assert err.startswith(f"skincal: warning: {folder}/dataset.toml, created")
 
 
 def test_check_of_bad_data(run: Run, folder: Path) -> None:
@@ -47,7 +47,7 @@ def test_check_of_bad_data(run: Run, folder: Path) -> None:
     status, out, err = run("dataset", "check", folder)
     assert status == 2
     assert out == ""
-    assert "presses.csv, column force_n, row 3 (line 4): expected a number; got nan" in err
+    assert f"{folder}/presses.csv, column force_n, row 3 (line 4): expected a number; got nan" in err
     assert "Traceback" not in err
 
 
@@ -62,7 +62,7 @@ def test_check_as_json(run: Run, folder: Path) -> None:
     assert found["ok"] is False
     assert found["errors"] == [
         {
-            "place": "presses.csv, column force_n, row 3 (line 4)",
+            "place": f"{folder}/presses.csv, column force_n, row 3 (line 4)",
             "expected": "a number",
             "got": "nan",
             "fix": "",

@@ -17,7 +17,10 @@ Edit = Callable[[pd.DataFrame], pd.DataFrame | None]
 
 
 def errors(folder: Path) -> list[str]:
-    return [str(problem) for problem in check_dataset(folder).errors]
+    """The errors of a dataset, without the folder that all of them name."""
+    said = [str(problem) for problem in check_dataset(folder).errors]
+    assert all(text.startswith(str(folder)) for text in said)
+    return [text.removeprefix(f"{folder}/") for text in said]
 
 
 def edit_toml(folder: Path, old: str, new: str) -> None:
@@ -194,11 +197,26 @@ def test_everything_wrong_is_said_at_once(folder: Path) -> None:
         read_dataset(folder)
     places = [problem.place for problem in raised.value.problems]
     assert places == [
-        "dataset.toml, [indenter] radius_m",
-        "presses.csv, column force_n, row 4 (line 5)",
-        "frames.csv, column time_s, row 21 (line 22)",
-        "presses.csv, columns x_m, y_m, z_m",
+        str(folder / place)
+        for place in (
+            "dataset.toml, [indenter] radius_m",
+            "presses.csv, column force_n, row 4 (line 5)",
+            "frames.csv, column time_s, row 21 (line 22)",
+            "presses.csv, columns x_m, y_m, z_m",
+        )
     ]
+
+
+def test_the_folder_is_named_however_it_was_given(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A folder whose name a file's name begins with, given relative to another one.
+    folder = folder.rename(folder.with_name("presses"))
+    edit_table(folder, "presses.csv", put("force_n", 3, np.nan))
+    monkeypatch.chdir(folder.parent)
+    (place,) = (problem.place for problem in check_dataset("presses").errors)
+    assert place == "presses/presses.csv, column force_n, row 4 (line 5)"
+    monkeypatch.chdir(folder)
+    (place,) = (problem.place for problem in check_dataset(".").errors)
+    assert place == "presses.csv, column force_n, row 4 (line 5)"
 
 
 def test_repeats_of_one_mistake_are_counted_not_listed(folder: Path) -> None:
