@@ -1,0 +1,49 @@
+"""Gymnasium tasks: a marble that is rolled between two fingertips and felt by the calibrated skin.
+
+Importing this package registers ``skincal/MarbleRoll-v0``; the classes are loaded when they are asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from skincal.envs.registration import ENVIRONMENTS, register_environments
+
+if TYPE_CHECKING:
+    from skincal.envs.grasp import GraspOptions
+    from skincal.envs.marble import MarbleRollEnv
+    from skincal.envs.options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
+    from skincal.envs.rewards import RewardScales
+    from skincal.envs.roll import RollEnv, TaskOptions
+
+register_environments()
+
+_HOMES = {
+    "EpisodeOptions": "options",
+    "GraspOptions": "grasp",
+    "JOINT_OFFSETS": "options",
+    "MarbleRollEnv": "marble",
+    "ORIENTATIONS_DEG": "options",
+    "RewardScales": "rewards",
+    "RollEnv": "roll",
+    "TaskOptions": "roll",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+__all__ = [
+    "ENVIRONMENTS",
+    "JOINT_OFFSETS",
+    "ORIENTATIONS_DEG",
+    "EpisodeOptions",
+    "GraspOptions",
+    "MarbleRollEnv",
+    "RewardScales",
+    "RollEnv",
+    "TaskOptions",
+    "register_environments",
+]

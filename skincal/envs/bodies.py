@@ -1,0 +1,235 @@
+"""The things that are rolled: what physics and skin need to know of them."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.model import Contacts, Indenter, MeshIndenter, Sphere
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Body(ABC):
+    """A rigid body; its frame has its origin at the centre of mass.
+
+    Attributes:
+        radius_m: of what the fingers hold [m].
+        mass_kg: [kg].
+    """
+
+    radius_m: float
+    mass_kg: float
+
+    @abstractmethod
+    def shape(self, engine: Any, client: int) -> int:
+        """A collision shape in a PyBullet client."""
+
+    @abstractmethod
+    def look(self, engine: Any, client: int) -> int:
+        """A visual shape in a PyBullet client."""
+
+    @property
+    @abstractmethod
+    def inertia_kg_m2(self) -> tuple[float, float, float]:
+        """Moments of inertia about the axes of its frame [kg m²]."""
+
+    @property
+    @abstractmethod
+    def indenter(self) -> Indenter:
+        """What the skin feels."""
+
+    @abstractmethod
+    def contacts(
+        self,
+        point_m: FloatArray,
+        normal: FloatArray,
+        force_n: float,
+        position_m: FloatArray,
+        rotation: FloatArray,
+    ) -> Contacts:
+        """A contact as the skin takes it, all in the fingertip frame.
+
+        Args:
+            point_m: (3,) where it touches [m].
+            normal: (3,) unit normal, out of the fingertip.
+            force_n: normal force [N].
+            position_m: (3,) the body's origin [m].
+            rotation: (3, 3) from the body's frame.
+        """
+
+
+@dataclass(frozen=True)
+class Marble(Body):
+    """A ball, closed form for the skin."""
+
+    def shape(self, engine: Any, client: int) -> int:
+        """See :meth:`Body.shape`."""
+        return engine.createCollisionShape(engine.GEOM_SPHERE, radius=self.radius_m, physicsClientId=client)
+
+    def look(self, engine: Any, client: int) -> int:
+        """See :meth:`Body.look`."""
+        return engine.createVisualShape(
+            engine.GEOM_SPHERE, radius=self.radius_m, rgbaColor=_MARBLE_COLOUR, physicsClientId=client
+        )
+
+    @property
+    def inertia_kg_m2(self) -> tuple[float, float, float]:
+        """See :attr:`Body.inertia_kg_m2`."""
+        moment = 0.4 * self.mass_kg * self.radius_m**2
+        return moment, moment, moment
+
+    @cached_property
+    def _sphere(self) -> Sphere:
+        return Sphere(self.radius_m)
+
+    @property
+    def indenter(self) -> Indenter:
+        """See :attr:`Body.indenter`."""
+        return self._sphere
+
+    def contacts(
+        self,
+        point_m: FloatArray,
+        normal: FloatArray,
+        force_n: float,
+        position_m: FloatArray,
+        rotation: FloatArray,
+    ) -> Contacts:
+        """See :meth:`Body.contacts`. The ball touches where its centre is nearest, however it is turned."""
+        del point_m, rotation
+        return Contacts((position_m - self.radius_m * normal)[None], normal[None], np.array([force_n]))
+
+
+_MARBLE_COLOUR = (0.15, 0.35, 0.75, 1.0)
+_BOLT_COLOUR = (0.75, 0.45, 0.15, 1.0)
+
+
+@dataclass(frozen=True)
+class Bolt(Body):
+    """A bolt along +x of its frame, the head in front: M12 x 70 with a hexagon head, if its radius is 6 mm.
+
+    The paper says no more than the radius; the other lengths are those of ISO 4014, in proportion to it. The mass of
+    5 g to 7 g (the paper's) is that of a printed one. No thread.
+    """
+
+    _SHANK = 70.0 / 6.0
+    _FLATS = 18.0 / 6.0
+    _HEAD = 7.5 / 6.0
+
+    @property
+    def shank_m(self) -> float:
+        """Length of the shank [m]."""
+        return self._SHANK * self.radius_m
+
+    @property
+    def head_m(self) -> float:
+        """Height of the head [m]."""
+        return self._HEAD * self.radius_m
+
+    @property
+    def head_radius_m(self) -> float:
+        """Half the width of the head across its flats [m]."""
+        return self._FLATS * self.radius_m / 2
+
+    @property
+    def behind_m(self) -> float:
+        """From the end of the shank to the centre of mass [m]."""
+        shank, head = self._volumes
+        middle = self.shank_m + self.head_m / 2
+        return (shank * self.shank_m / 2 + head * middle) / (shank + head)
+
+    @property
+    def _volumes(self) -> tuple[float, float]:
+        shank = math.pi * self.radius_m**2 * self.shank_m
+        return shank, 2 * math.sqrt(3) * self.head_radius_m**2 * self.head_m
+
+    @property
+    def inertia_kg_m2(self) -> tuple[float, float, float]:
+        """See :attr:`Body.inertia_kg_m2`. The head as a cylinder of its volume."""
+        parts = zip(
+            self._volumes,
+            (self.shank_m, self.head_m),
+            (self.shank_m / 2 - self.behind_m, self.shank_m + self.head_m / 2 - self.behind_m),
+            strict=True,
+        )
+        along = across = 0.0
+        for volume, length, place in parts:
+            mass = self.mass_kg * volume / sum(self._volumes)
+            radius_2 = volume / (math.pi * length)
+            along += mass * radius_2 / 2
+            across += mass * (radius_2 / 4 + length**2 / 12 + place**2)
+        return along, across, across
+
+    def shape(self, engine: Any, client: int) -> int:
+        """See :meth:`Body.shape`. Two cylinders, so that it rolls evenly; the head as wide as across its flats."""
+        turn = engine.getQuaternionFromEuler([0, math.pi / 2, 0])
+        return engine.createCollisionShapeArray(
+            shapeTypes=[engine.GEOM_CYLINDER] * 2,
+            radii=[self.radius_m, self.head_radius_m],
+            lengths=[self.shank_m, self.head_m],
+            collisionFramePositions=[
+                [self.shank_m / 2 - self.behind_m, 0, 0],
+                [self.shank_m + self.head_m / 2 - self.behind_m, 0, 0],
+            ],
+            collisionFrameOrientations=[turn, turn],
+            physicsClientId=client,
+        )
+
+    def look(self, engine: Any, client: int) -> int:
+        """See :meth:`Body.look`."""
+        vertices, faces = self.mesh()
+        return engine.createVisualShape(
+            engine.GEOM_MESH,
+            vertices=vertices.tolist(),
+            indices=faces.ravel().tolist(),
+            rgbaColor=_BOLT_COLOUR,
+            physicsClientId=client,
+        )
+
+    def mesh(self) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Vertices (V, 3) [m] and faces (F, 3): shank and head, each closed."""
+        shank = _prism(self.radius_m, 96, 0.0, self.shank_m + self.head_m / 2)
+        head = _prism(self.head_radius_m * 2 / math.sqrt(3), 6, self.shank_m, self.shank_m + self.head_m)
+        vertices = np.concatenate([shank[0], head[0]]) - [self.behind_m, 0.0, 0.0]
+        return vertices, np.concatenate([shank[1], head[1] + len(shank[0])])
+
+    @property
+    def indenter(self) -> Indenter:
+        """See :attr:`Body.indenter`. Its ray structure is built once for each radius."""
+        return _bolt_indenter(self.radius_m)
+
+    def contacts(
+        self,
+        point_m: FloatArray,
+        normal: FloatArray,
+        force_n: float,
+        position_m: FloatArray,
+        rotation: FloatArray,
+    ) -> Contacts:
+        """See :meth:`Body.contacts`."""
+        return Contacts(point_m[None], normal[None], np.array([force_n]), rotation[None], position_m[None])
+
+
+@lru_cache(maxsize=8)
+def _bolt_indenter(radius_m: float) -> MeshIndenter:
+    return MeshIndenter(*Bolt(radius_m, 1.0).mesh())
+
+
+def _prism(radius_m: float, sides: int, start_m: float, end_m: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """A closed prism along +x with its corners on a circle."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = radius_m * np.stack([np.zeros(sides), np.cos(angle), np.sin(angle)], axis=1)
+    ends = np.array([[start_m, 0.0, 0.0], [end_m, 0.0, 0.0]])
+    vertices = np.concatenate([ring + ends[0], ring + ends[1], ends])
+    i, j = np.arange(sides), np.roll(np.arange(sides), -1)
+    low, high = np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+    faces = [[i, j, sides + j], [i, sides + j, sides + i], [low, j, i], [high, sides + i, sides + j]]
+    return vertices, np.concatenate([np.stack(face, axis=1) for face in faces]).astype(np.int64)

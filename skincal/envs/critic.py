@@ -1,0 +1,95 @@
+"""What only the critic sees: the true state, and what the episode was drawn with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.envs.drawing import Values
+from skincal.envs.observations import Part
+from skincal.envs.sensing import View
+
+FloatArray = NDArray[np.float64]
+
+_LEFT_OUT: Final = ("noise", "random_force", "position_m", "psi_deg", "theta_deg", "phi_deg", "taxel")
+"""Draws that are over, or that change in every step."""
+
+
+def critic_parts(nominal: Values, joints: int, target: int, ahead: int) -> list[Part]:
+    """The parts of the critic's observation, in their order.
+
+    Args:
+        nominal: values of an episode, for their names and sizes.
+        joints: number of joints n.
+        target: number of coordinates of the target.
+        ahead: how many targets ahead are seen.
+    """
+    drawn = [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _told(nominal)]
+    return [
+        Part("angles", joints, -10.0, 10.0),
+        Part("speeds", joints, -100.0, 100.0),
+        Part("motor", joints, -10.0, 10.0),
+        Part("desired", joints, -10.0, 10.0),
+        Part("true_error", joints, -10.0, 10.0),
+        Part("body", 3, -1.0, 1.0),
+        Part("body_axis", 3, -1.0, 1.0),
+        Part("velocity", 3, -10.0, 10.0),
+        Part("spin", 3, -1e4, 1e4),
+        Part("position", 2, -0.1, 0.1),
+        Part("to_target", 2, -0.2, 0.2),
+        Part("distance", 1, 0.0, 1.0),
+        Part("target", target, -0.05, 0.05),
+        Part("movement", target, -0.05, 0.05),
+        Part("ahead", ahead * target, -0.1, 0.1),
+        Part("orientation", 4, -np.pi, np.pi),
+        Part("skin_force", 1, 0.0, 1e3),
+        Part("skin_normal", 3, -1.0, 1.0),
+        Part("skin_friction", 3, -1e3, 1e3),
+        Part("thumb_force", 1, 0.0, 1e3),
+        Part("thumb_place", 3, -1.0, 1.0),
+        Part("thumb_normal", 3, -1.0, 1.0),
+        Part("held", 1, 0.0, 1.0),
+        *drawn,
+    ]
+
+
+def critic_values(seen: View, values: Values, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """All parts by their names.
+
+    Args:
+        seen: what is true; positions and vectors are given in the fingertip frame.
+        values: the episode's draws.
+        own: what the environment itself knows.
+    """
+    inside, turned = seen.tip.inside, seen.tip.turned
+    nothing = np.zeros(3)
+    skin, thumb = seen.skin, seen.thumb
+    return {
+        **{path: values[path] for path in _told(values)},
+        **own,
+        "angles": seen.q_rad,
+        "speeds": seen.dq_rad_per_s,
+        "body": inside(seen.body.origin_m),
+        "body_axis": turned(seen.body.rotation[:, 0]),
+        "velocity": turned(seen.velocity_m_per_s),
+        "spin": turned(seen.spin_rad_per_s),
+        "position": seen.position_m,
+        "skin_force": skin.force_n if skin else 0.0,
+        "skin_normal": turned(np.array(skin.normal)) if skin else nothing,
+        "skin_friction": turned(np.array(skin.friction_n)) if skin else nothing,
+        "thumb_force": thumb.force_n if thumb else 0.0,
+        "thumb_place": seen.thumb_tip.inside(np.array(thumb.point_m)) if thumb else nothing,
+        "thumb_normal": turned(np.array(thumb.normal)) if thumb else nothing,
+        "held": float(seen.held),
+    }
+
+
+def _told(values: Values) -> list[str]:
+    return [
+        path
+        for path in values
+        if not path.startswith("skin.effects.") and not any(word in path for word in _LEFT_OUT)
+    ]

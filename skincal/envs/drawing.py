@@ -1,0 +1,303 @@
+"""What an episode is randomized with: drawn from ranges, nominal, or given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.envs.pinch import Pinch
+from skincal.errors import InputError, Problem
+from skincal.ranges import NAMES, PRESETS, Parameter, Ranges, preset, read_ranges
+from skincal.ranges.names import find
+from skincal.ranges.sampling import Sample
+
+FloatArray = NDArray[np.float64]
+Value = float | FloatArray
+Values = dict[str, Value]
+"""Draws by full name: a float, or an array of one value a joint, a taxel or a direction."""
+
+ObjectName = Literal["marble", "bolt"]
+
+_ALTERNATIVES: Final = {
+    "skin.y_offset_m": ("skin.y_m",),
+    "skin.x_offset_m": ("skin.beta_deg",),
+}
+"""What may stand in the place of a parameter of a preset: a calibrated centre for an offset from the nominal one."""
+RIG_EFFECTS: Final = ("force_bias", "contact_offset", "indenter_radius")
+"""Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
+
+
+def load_ranges(ranges: Ranges | str | Path | None) -> Ranges:
+    """Ranges as given, from a file, of a preset by its name, or (None) the preset ``iros24``.
+
+    Raises:
+        InputError: the file cannot be read, or anything in it is wrong.
+    """
+    if isinstance(ranges, Ranges):
+        return ranges
+    if ranges is None or str(ranges) in PRESETS:
+        return preset(str(ranges or "iros24"))
+    return read_ranges(ranges)
+
+
+def expected_names(ranges: Ranges, kind: ObjectName) -> list[str]:
+    """What ranges must hold for a task: all that the preset they started from randomizes of it."""
+    name = ranges.provenance.get("preset", "iros24")
+    base = PRESETS.get(name, PRESETS["iros24"])
+    return [path for path in base if not path.startswith("object.") or path.startswith(f"object.{kind}.")]
+
+
+def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> None:
+    """Checks that ranges hold all parameters of a task.
+
+    Raises:
+        InputError: naming every one that is missing, and what it is.
+    """
+    there = {*ranges, *(ranges.joint.columns if ranges.joint else ())}
+    missing = [
+        path
+        for path in expected_names(ranges, kind)
+        if path not in there and not there.intersection(_ALTERNATIVES.get(path, ()))
+    ]
+    if missing:
+        raise InputError([_missing(path, place) for path in missing])
+
+
+def _missing(path: str, place: str) -> Problem:
+    name = NAMES[path]
+    expected = f"{name.meaning} [{name.unit}]: distribution, mode, source, and figures"
+    fix = f'Add the table; for a fixed value: distribution = "constant", value = … in {name.unit}.'
+    return Problem(f"{place}, [{path}]", expected, "no such table", fix)
+
+
+class Drawer:
+    """Draws the values of episodes and steps for one task.
+
+    All parameters of the ranges are drawn in the same order whatever is made of them, so that one seed gives one marble
+    for every policy.
+
+    Args:
+        ranges: checked.
+        kind: the object.
+        pinch: nominal values, and the number of joints.
+        taxels: number of taxels J.
+    """
+
+    def __init__(self, ranges: Ranges, kind: ObjectName, pinch: Pinch, taxels: int) -> None:
+        self.ranges = ranges
+        self._kind: ObjectName = kind
+        self._joints, self._taxels = pinch.joints, taxels
+        self._defaults = _defaults(kind, pinch, taxels)
+        self._nominal = self._defaults | self._middles()
+        self.names = tuple(self._nominal)
+
+    @property
+    def nominal(self) -> Values:
+        """Values with nothing randomized: the middle of each range, no noise."""
+        return dict(self._nominal)
+
+    def episode(
+        self, rng: np.random.Generator, randomize: Sequence[str] | None, given: Mapping[str, ArrayLike]
+    ) -> tuple[Values, Sample]:
+        """Values of an episode.
+
+        Args:
+            rng: advanced by the draws.
+            randomize: names, or tables, that are drawn, the rest being nominal; None: all.
+            given: values that take the place of draws.
+
+        Returns:
+            All values, those drawn per step being nominal ones; and the draws themselves, which the steps need.
+        """
+        sample = self.ranges.sample(rng, "episode", joints=self._joints, taxels=self._taxels)
+        drawn = {path: value for path, value in flat(sample).items() if path in self._nominal}
+        values = self._nominal | {path: v for path, v in drawn.items() if _chosen(path, randomize)}
+        for path, value in given.items():
+            values[path] = self._shaped(path, value)
+        return {path: _copy(value) for path, value in values.items()}, sample
+
+    def step(
+        self,
+        rng: np.random.Generator,
+        episode: Sample,
+        randomize: Sequence[str] | None,
+        given: Mapping[str, ArrayLike],
+    ) -> Values:
+        """What is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
+        drawn = flat(
+            self.ranges.sample(rng, "step", joints=self._joints, taxels=self._taxels, episode=episode)
+        )
+        return {
+            path: value if _chosen(path, randomize) and path not in given else _copy(self._nominal[path])
+            for path, value in drawn.items()
+            if path in self._nominal
+        }
+
+    def check_names(self, names: Sequence[str], place: str) -> None:
+        """Checks names of parameters or tables.
+
+        Raises:
+            InputError: one that the task does not have.
+        """
+        for name in names:
+            if not any(_matches(path, name) for path in self.names):
+                tables = sorted({path.rpartition(".")[0] for path in self.names})
+                expected = f"tables ({', '.join(tables)}) or parameters ({', '.join(self.names)})"
+                raise InputError([Problem(place, expected, repr(name))])
+
+    def _shaped(self, path: str, value: ArrayLike) -> Value:
+        nominal = self._nominal[path]
+        array = np.asarray(value, dtype=np.float64)
+        try:
+            return (
+                float(array)
+                if isinstance(nominal, float | int)
+                else np.broadcast_to(array, np.shape(nominal)).copy()
+            )
+        except (TypeError, ValueError) as error:
+            expected = "one number" if isinstance(nominal, float | int) else f"one number, or {nominal.size}"
+            raise InputError([Problem(f"options values {path}", expected, f"shape {array.shape}")]) from error
+
+    def _middles(self) -> Values:
+        found: Values = {}
+        joint = self.ranges.joint
+        for path, parameter in self.ranges.items():
+            if self._concerns(path):
+                found[path] = self._broadcast(path, _middle(parameter))
+        if joint is not None:
+            middle = joint.draws.mean(axis=0)
+            found |= {path: float(v) for path, v in zip(joint.columns, middle, strict=True)}
+        return found
+
+    def _broadcast(self, path: str, middle: FloatArray) -> Value:
+        """The middle in the shape of a draw."""
+        default = self._defaults.get(path)
+        if default is None:
+            return float(middle) if middle.ndim == 0 else middle
+        return (
+            float(middle)
+            if isinstance(default, float | int)
+            else np.broadcast_to(middle, default.shape).copy()
+        )
+
+    def _concerns(self, path: str) -> bool:
+        if path.startswith("skin.effects."):
+            return path.split(".")[2] not in RIG_EFFECTS
+        return path in self._defaults
+
+
+def flat(sample: Sample, prefix: str = "") -> Values:
+    """Nested draws by full name."""
+    found: Values = {}
+    for key, value in sample.items():
+        if isinstance(value, dict):
+            found |= flat(cast(Sample, value), f"{prefix}{key}.")
+        else:
+            found[prefix + key] = value
+    return found
+
+
+def effects_of(values: Values) -> dict[str, dict[str, Value]]:
+    """Parameters of effects by effect."""
+    found: dict[str, dict[str, Value]] = {}
+    for path, value in values.items():
+        if path.startswith("skin.effects."):
+            _, _, effect, parameter = path.split(".")
+            found.setdefault(effect, {})[parameter] = value
+    return found
+
+
+def _middle(parameter: Parameter) -> FloatArray:
+    if parameter.distribution == "constant":
+        return np.asarray(parameter.value, dtype=np.float64)
+    if parameter.distribution == "normal":
+        return np.asarray(parameter.mean, dtype=np.float64)
+    low = np.asarray(parameter.low, dtype=np.float64)
+    high = np.asarray(parameter.high, dtype=np.float64)
+    if parameter.distribution == "log_uniform":
+        return np.sqrt(low * high)
+    return (low + high) / 2
+
+
+def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
+    """What holds where ranges say nothing: the hand's own figures, the middle of the paper's, or nothing at all."""
+    description, mount = pinch.description, pinch.description.meta.mount
+    n = pinch.joints
+    give = description.compliance_rad_per_nm
+    own: Values = {
+        "finger.k_p_nm_per_rad": description.gains.stiffness_nm_per_rad,
+        "finger.k_d_nms_per_rad": description.gains.damping_nms_per_rad,
+        "finger.parasitic_stiffness_nm_per_rad": np.full(n, 25.0) if give is None else 1 / give,
+        "finger.lateral_friction": 1.0,
+        "skin.y_m": mount.y_m,
+        "skin.beta_deg": mount.beta_deg or 0.0,
+        "skin.alpha_deg": mount.alpha_deg,
+    }
+    shapes: dict[str, int | None] = {
+        "scalar": None, "joint": n, "joint_12": n // 3 * 2, "joint_3": n // 3, "xyz": 3, "taxel": taxels,
+    }  # fmt: skip
+    published = PRESETS["iros24"]
+    values: Values = {}
+    for path, name in NAMES.items():
+        if path == "skin.x_m" or (path.startswith("object.") and not path.startswith(f"object.{kind}.")):
+            continue
+        size = shapes[name.shape]
+        middle = own.get(path, _middle(published[path]) if path in published else 0.0)
+        values[path] = float(middle) if size is None else np.broadcast_to(middle, (size,)).astype(np.float64)
+    return values
+
+
+def _matches(path: str, name: str) -> bool:
+    return path == name or path.startswith(name + ".")
+
+
+def _chosen(path: str, randomize: Sequence[str] | None) -> bool:
+    return randomize is None or any(_matches(path, name) for name in randomize)
+
+
+def _copy(value: Value) -> Value:
+    return value if isinstance(value, float) else np.array(value)
+
+
+def check_given(given: Mapping[str, ArrayLike], drawer: Drawer) -> None:
+    """Checks values that take the place of draws.
+
+    Raises:
+        InputError: unknown names, values that are not finite or beyond what makes sense.
+    """
+    found: list[Problem] = []
+    for path, value in given.items():
+        name = find(path)
+        if name is None or path not in drawer.names:
+            found.append(Problem("options values", f"one of {', '.join(drawer.names)}", repr(path)))
+            continue
+        array = np.asarray(value, dtype=np.float64)
+        if not (np.isfinite(array).all() and (array >= name.least).all() and (array <= name.most).all()):
+            expected = f"{name.least:g} to {name.most:g} {name.unit}"
+            found.append(Problem(f"options values {path}", expected, str(value)))
+    if found:
+        raise InputError(found)
+
+
+def number(values: Values, path: str) -> float:
+    """A draw that is one number."""
+    value = values[path]
+    assert isinstance(value, float)
+    return value
+
+
+def array(values: Values, path: str) -> FloatArray:
+    """A draw of one number each joint, taxel or direction."""
+    value = values[path]
+    assert not isinstance(value, float | int)
+    return value
+
+
+def turn_rad(values: Values, name: str) -> float:
+    """An angle of the draws [rad]."""
+    return math.radians(number(values, name))

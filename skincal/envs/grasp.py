@@ -1,0 +1,197 @@
+"""How an episode begins: the object is held between the tips, which close until both touch it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.envs.bodies import Body
+from skincal.envs.drawing import Values, array, number
+from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.postures import Postures
+from skincal.envs.scene import PHYSICS_HZ, Grip, Scene
+from skincal.robot import Kinematics
+from skincal.sim.drives import DriveParameters
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GraspOptions:
+    """How the fingers take the object; all of it is assumed.
+
+    Attributes:
+        gap_m: distance of each tip to the object at first [m].
+        wider_m: by so much the tips open further if one of them would begin inside the object [m].
+        closing_m_per_s: how fast the tips approach each other [m/s].
+        squeeze_n: normal force that is commanded once both touch [N].
+        squeeze_s: time over which that force comes up [s].
+        settle_s: time for the grasp to come to rest [s].
+        stiffness_at_n: the contact's spring constant is force over depth of the skin at this force [N].
+        damping_ns_per_m: damping of a contact [N s/m].
+        link_damping_nms_per_rad: damping in the drives' elasticity [N m s/rad].
+    """
+
+    gap_m: float = 0.006
+    wider_m: float = 0.004
+    closing_m_per_s: float = 0.15
+    squeeze_n: float = 1.5
+    squeeze_s: float = 0.08
+    settle_s: float = 0.06
+    stiffness_at_n: float = 5.0
+    damping_ns_per_m: float = 5.0
+    link_damping_nms_per_rad: float = 0.01
+
+
+_LOOK_STEPS = 4
+"""Physics steps between looks for contact while the tips close."""
+
+
+class Grasp:
+    """Lets a hand take an object.
+
+    Args:
+        pinch: the hand.
+        kinematics: the same.
+        nominal: values of an episode without randomization: what the hand takes its drives to be.
+        options: how.
+    """
+
+    def __init__(self, pinch: Pinch, kinematics: Kinematics, nominal: Values, options: GraspOptions) -> None:
+        self._pinch = pinch
+        self._kinematics = kinematics
+        self._postures = Postures.of(pinch, kinematics)
+        self._options = options
+        self._first = pinch.joints_of(slice(0, 2))
+        self._last = pinch.joints_of(slice(2, 3))
+        usual = self._drives(nominal)
+        self._stiffness, self._friction = usual.stiffness_nm_per_rad, usual.friction_nm
+
+    @property
+    def centre_m(self) -> FloatArray:
+        """(3,) the point midway between the tips, frame of the URDF's root [m]."""
+        return self._postures.middle_m
+
+    def take(
+        self, scene: Scene, values: Values, body: Body, rotation: FloatArray, place_m: FloatArray
+    ) -> FloatArray:
+        """Begins an episode: the object is held midway between the tips until both touch it, then let go.
+
+        Args:
+            scene: is built anew.
+            values: the episode's draws.
+            body: the object.
+            rotation: (3, 3) from its frame to the fingertip's.
+            place_m: (3,) what is added to its place, fingertip frame [m].
+
+        Returns:
+            (n,) the command at which it is held, as the joint sensors measure it [rad].
+        """
+        options, offset = self._options, array(values, "finger.joint_offset_rad")
+        width = 2 * (body.radius_m + options.gap_m)
+        middle, tip = self._middle(self._postures.at(2 * body.radius_m) - offset)
+        while True:
+            command = self._postures.at(width)
+            scene.begin(self._grip(values, body, command - offset, middle + tip @ place_m, tip @ rotation))
+            if scene.gap_m() > 0 or width >= self._postures.widths_m[-1]:
+                break
+            width += options.wider_m
+        return self._close(scene, width, values)
+
+    def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The point midway between the two tips as they would hold the object, and the fingertip's rotation."""
+        mount, radius = self._pinch.description.meta.mount, require_cylinder(self._pinch)
+        beta = math.radians(mount.beta_deg or 0.0)
+        out = np.array([math.sin(beta), 0.0, math.cos(beta)])
+        skin, thumb = self._kinematics.frames(q_rad)
+        foot = skin.to_root((radius * out + [0.0, mount.y_m, 0.0])[None])[0]
+        end = thumb.to_root(np.array([[0.0, self._pinch.thumb.length_m, 0.0]]))[0]
+        face = end - self._pinch.thumb.radius_m * (skin.rotations[0] @ out)
+        return (foot + face) / 2, skin.rotations[0]
+
+    def _close(self, scene: Scene, width_m: float, values: Values) -> FloatArray:
+        """Closes the tips until both touch, then squeezes; gives up at the narrowest posture."""
+        options, offset = self._options, array(values, "finger.joint_offset_rad")
+        command, width = self._postures.at(width_m), width_m
+        while scene.held and width > self._postures.widths_m[0]:
+            width -= options.closing_m_per_s * _LOOK_STEPS / PHYSICS_HZ
+            command = self._postures.at(width)
+            scene.drives.target_rad = (command - offset).tolist()
+            scene.run(_LOOK_STEPS)
+            if None not in scene.touches():
+                scene.release()
+                command = self._squeeze(scene, command, offset)
+        scene.run(round(options.settle_s * PHYSICS_HZ))
+        return command
+
+    def _squeeze(self, scene: Scene, command_rad: FloatArray, offset_rad: FloatArray) -> FloatArray:
+        """Lets the normal force come up; returns the command that holds it.
+
+        The torques J^T F of both fingers, by the hand's own figures of stiffness and friction. Moving the tips towards
+        each other instead would push them sideways as well, as the joints do not yield alike in all directions.
+        """
+        measured = np.array(scene.drives.motor_rad) + offset_rad
+        torque = self._torque(measured)
+        goal = measured + (torque + self._friction * np.sign(torque)) / self._stiffness
+        pieces = max(1, round(self._options.squeeze_s * PHYSICS_HZ / _LOOK_STEPS))
+        for i in range(pieces):
+            command = command_rad + (goal - command_rad) * (i + 1) / pieces
+            scene.drives.target_rad = (command - offset_rad).tolist()
+            scene.run(_LOOK_STEPS)
+        return goal
+
+    def _torque(self, q_rad: FloatArray) -> FloatArray:
+        """Torques (n,) with which the tips press on each other along the skin's normal [N m]."""
+        mount, radius = self._pinch.description.meta.mount, require_cylinder(self._pinch)
+        beta = math.radians(mount.beta_deg or 0.0)
+        out = np.array([math.sin(beta), 0.0, math.cos(beta)])
+        skin, thumb = self._kinematics.frames(q_rad)
+        force = self._options.squeeze_n * (skin.rotations[0] @ out)
+        foot = skin.to_root((radius * out + [0.0, mount.y_m, 0.0])[None])
+        end = thumb.to_root(np.array([[0.0, self._pinch.thumb.length_m, 0.0]]))
+        torque = np.zeros(self._pinch.joints)
+        chains = self._kinematics
+        torque[chains.skin.columns] = chains.skin.jacobian(skin, foot)[0].T @ force
+        torque[chains.indenter.columns] = -chains.indenter.jacobian(thumb, end)[0].T @ force
+        return torque
+
+    def _grip(
+        self, values: Values, body: Body, angles_rad: FloatArray, place_m: FloatArray, rotation: FloatArray
+    ) -> Grip:
+        options, table = self._options, f"object.{type(body).__name__.lower()}"
+        across = 1 / (1 / body.radius_m + 1 / require_cylinder(self._pinch))
+        elasticity = number(values, "skin.elasticity_pa_per_m")
+        # F = pi E sqrt(R1 R2) d^2 for small depths, as of the simulated hand's contact.
+        stiff = math.pi * elasticity * math.sqrt(body.radius_m * across) * options.stiffness_at_n
+        return Grip(
+            angles_rad=angles_rad,
+            command_rad=angles_rad,
+            drives=self._drives(values),
+            body=body,
+            position_m=place_m,
+            rotation=rotation,
+            finger_friction=number(values, "finger.lateral_friction"),
+            lateral_friction=number(values, f"{table}.lateral_friction"),
+            spinning_friction=number(values, f"{table}.spinning_friction"),
+            rolling_friction=number(values, f"{table}.rolling_friction"),
+            stiffness_n_per_m=math.sqrt(stiff),
+            damping_ns_per_m=options.damping_ns_per_m,
+        )
+
+    def _drives(self, values: Values) -> DriveParameters:
+        friction = np.zeros(self._pinch.joints)
+        friction[self._first] = values["finger.stick_friction_12_nm"]
+        friction[self._last] = values["finger.stick_friction_3_nm"]
+        description = self._pinch.description
+        return DriveParameters(
+            stiffness_nm_per_rad=array(values, "finger.k_p_nm_per_rad"),
+            damping_nms_per_rad=array(values, "finger.k_d_nms_per_rad"),
+            low_pass_hz=description.gains.low_pass_hz,
+            drive_stiffness_nm_per_rad=array(values, "finger.parasitic_stiffness_nm_per_rad"),
+            friction_nm=friction,
+            torque_limit_nm=description.limits.torque_nm,
+            link_damping_nms_per_rad=self._options.link_damping_nms_per_rad,
+        )

@@ -1,0 +1,41 @@
+"""A marble that is rolled along a trajectory on the skin."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.envs.bodies import Body, Marble
+from skincal.envs.drawing import Values, number
+from skincal.envs.options import EpisodeOptions
+from skincal.envs.roll import RollEnv
+from skincal.envs.trajectories import FIXED, ROUND_S, TO_SIDE_S, wander
+
+FloatArray = NDArray[np.float64]
+
+
+class MarbleRollEnv(RollEnv):
+    """``skincal/MarbleRoll-v0``: see :class:`RollEnv`. The target is a place on the sensor, in patch coordinates."""
+
+    object_name = "marble"
+    target_size = 2
+
+    def _body(self, values: Values) -> Body:
+        return Marble(number(values, "object.marble.radius_m"), number(values, "object.marble.mass_kg"))
+
+    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
+        del values, asked
+        return np.eye(3)
+
+    def _duration_s(self, asked: EpisodeOptions) -> float:
+        if asked.duration_s is None and isinstance(asked.trajectory, str) and asked.trajectory == "circle":
+            return TO_SIDE_S + ROUND_S
+        return super()._duration_s(asked)
+
+    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+        # Drawn in any case, so that what is drawn later does not depend on the trajectory.
+        drawn = wander(self.np_random, steps, self.options.box_half_m)
+        if not isinstance(asked.trajectory, str):
+            given = asked.trajectory[:steps]
+            return np.concatenate([given, np.repeat(given[-1:], steps - len(given), axis=0)])
+        return drawn if asked.trajectory == "random" else FIXED[asked.trajectory](steps)

@@ -1,0 +1,130 @@
+"""Pictures of a task: the hand as a software renderer sees it, and beside it what the skin feels."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.envs.scene import Scene
+
+FloatArray = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+HEIGHT, WIDTH = 360, 480
+"""Size of the view of the hand [pixels]; the panel beside it is as high, and square."""
+_EYE_M = (0.22, 0.02, 0.04)
+"""From where the hand is looked at, from the middle between the tips [m]."""
+_SPAN_M = 0.020
+"""The panel shows so much of the sensor [m]."""
+_BACK = (24, 24, 32)
+_LOW, _MIDDLE, _HIGH = np.array([32.0, 36, 64]), np.array([200.0, 60, 90]), np.array([255.0, 240, 150])
+_TARGET, _PLACE = (90, 220, 120), (255, 255, 255)
+
+
+def display_there() -> bool:
+    """Whether a window can be opened. If not, that is said once: PyBullet itself would end the process."""
+    there = sys.platform != "linux" or bool(os.environ.get("DISPLAY"))
+    if not there:
+        print("skincal: there is no display to open a window on (DISPLAY is not set)", file=sys.stderr)
+    return there
+
+
+def colours(share: FloatArray) -> FloatArray:
+    """Colours (..., 3) from 0 to 255 for shares (...) of full scale: dark blue, red, light yellow."""
+    part = np.clip(share, 0.0, 1.0)[..., None]
+    below = _LOW + (_MIDDLE - _LOW) * np.minimum(2 * part, 1.0)
+    return np.where(part <= 0.5, below, _MIDDLE + (_HIGH - _MIDDLE) * (2 * part - 1))
+
+
+def hand_picture(scene: Scene, centre_m: FloatArray) -> Picture:
+    """The hand from the side (HEIGHT, WIDTH, 3)."""
+    engine: Any = scene.engine
+    eye = centre_m + np.array(_EYE_M)
+    looking = engine.computeViewMatrix(eye.tolist(), centre_m.tolist(), [0, 0, 1])
+    lens = engine.computeProjectionMatrixFOV(30, WIDTH / HEIGHT, 0.01, 1.0)
+    _, _, pixels, _, _ = engine.getCameraImage(
+        WIDTH,
+        HEIGHT,
+        looking,
+        lens,
+        lightDirection=[1, -0.5, 1],
+        renderer=engine.ER_TINY_RENDERER,
+        physicsClientId=scene.client,
+    )
+    return np.array(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, -1)[..., :3]
+
+
+def panel(
+    image: FloatArray | None,
+    centres_m: FloatArray,
+    sizes_m: FloatArray,
+    full: float,
+    target_m: FloatArray,
+    place_m: FloatArray,
+) -> Picture:
+    """The sensor from outside (HEIGHT, HEIGHT, 3): u to the right, v upwards.
+
+    Args:
+        image: (J,) counts; None: nothing is felt, the taxels stay dark.
+        centres_m: (J, 2) centres of the taxels [m].
+        sizes_m: (J, 2) their edges [m].
+        full: the count that is shown brightest.
+        target_m: (2,) where the object shall be: a green cross [m].
+        place_m: (2,) where it is: a white ring [m].
+    """
+    picture = np.full((HEIGHT, HEIGHT, 3), _BACK, dtype=np.float64)
+    share = np.zeros(len(centres_m)) if image is None else image / full
+    for centre, size, colour in zip(centres_m, sizes_m, colours(share), strict=True):
+        (u0, v1), (u1, v0) = _pixel(centre - size / 2), _pixel(centre + size / 2)
+        picture[v0:v1, u0:u1] = colour
+    v, u = np.mgrid[:HEIGHT, :HEIGHT]
+    (tu, tv), (pu, pv) = _pixel(target_m), _pixel(place_m)
+    near = np.maximum(abs(u - tu), abs(v - tv)) <= 9
+    picture[near & (np.minimum(abs(u - tu), abs(v - tv)) <= 1)] = _TARGET
+    away = np.hypot(u - pu, v - pv)
+    picture[(away >= 6) & (away <= 8.5)] = _PLACE
+    return picture.astype(np.uint8)
+
+
+def _pixel(place_m: FloatArray) -> tuple[int, int]:
+    u, v = np.nan_to_num(place_m) / _SPAN_M
+    return round(HEIGHT * (0.5 + float(u))), round(HEIGHT * (0.5 - float(v)))
+
+
+class Board:
+    """The tactile image as a board of coloured tiles beside the hand, for PyBullet's window.
+
+    Args:
+        scene: the world that it stands in; it has to be put up again in each new one.
+        centre_m: (3,) where the hand is [m].
+        centres_m: (J, 2) centres of the taxels [m].
+    """
+
+    def __init__(self, scene: Scene, centre_m: FloatArray, centres_m: FloatArray) -> None:
+        engine, client = scene.engine, scene.client
+        self._scene = scene
+        tile = engine.createVisualShape(
+            engine.GEOM_BOX, halfExtents=[0.001, 0.004, 0.004], rgbaColor=[0, 0, 0, 1], physicsClientId=client
+        )
+        self._tiles: list[int] = [
+            engine.createMultiBody(
+                0,
+                -1,
+                tile,
+                (centre_m + np.array([0.0, 0.07 + 2.5 * u, 0.02 + 2.5 * v])).tolist(),
+                physicsClientId=client,
+            )
+            for u, v in centres_m
+        ]
+        engine.resetDebugVisualizerCamera(0.25, 100, -10, centre_m.tolist(), physicsClientId=client)
+
+    def show(self, image: FloatArray, full: float) -> None:
+        """Colours the tiles by counts (J,)."""
+        for tile, colour in zip(self._tiles, colours(image / full) / 255.0, strict=True):
+            self._scene.engine.changeVisualShape(
+                tile, -1, rgbaColor=[*colour.tolist(), 1.0], physicsClientId=self._scene.client
+            )

@@ -1,0 +1,18 @@
+"""Names by which Gymnasium finds the tasks. Gymnasium calls this when it is imported itself: nothing else is loaded."""
+
+from __future__ import annotations
+
+from gymnasium.envs.registration import (
+    register,  # pyright: ignore[reportUnknownVariableType]
+    registry,
+)
+
+ENVIRONMENTS = {"skincal/MarbleRoll-v0": "skincal.envs.marble:MarbleRollEnv"}
+"""Entry points by name."""
+
+
+def register_environments() -> None:
+    """Registers all tasks with Gymnasium; may be called twice."""
+    for name, entry in ENVIRONMENTS.items():
+        if name not in registry:
+            register(id=name, entry_point=entry)

@@ -1,0 +1,114 @@
+"""Shapes and terms of the reward (Kasolowsky & Bäuml, IROS 2024, section IV-B)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from skincal.errors import InputError, Problem
+
+
+def falling(x: float, width: float) -> float:
+    """What a deviation is rewarded with: 1 at none, along a cosine to 0 at a width and beyond.
+
+    The paper's figure rew(x; width) is printed with its outer cases exchanged: being far away would pay most.
+    """
+    if x <= 0:
+        return 1.0
+    return 0.0 if x >= width else 0.5 * (1 + math.cos(math.pi * x / width))
+
+
+def rising(x: float, width: float) -> float:
+    """The penalty pen(x; width) for being x beyond a soft margin: 0 before it, 1 a width behind it (the hard limit)."""
+    return 1.0 - falling(x, width)
+
+
+@dataclass(frozen=True)
+class RewardScales:
+    """Weights and widths of all terms; the weights and the first three widths are the paper's.
+
+    Attributes:
+        position: weight of the distance between contact and target.
+        grasp: weight of touching with the right parts of the fingers.
+        force: weight of the normal force.
+        angle: weight of the bolt's angle; the marble has none.
+        joint: weight of the penalty at joint limits.
+        speed: weight of the penalty at limits of joint velocity.
+        torque: weight of the penalty at limits of torque.
+        position_width_m: distance that pays nothing [m].
+        force_n: the force that pays most [N].
+        force_width_n: deviation that pays nothing [N].
+        angle_width_rad: angle that pays nothing [rad].
+        joint_margin_rad: soft margin before the joint limits [rad]; assumed.
+        speed_margin: soft margin, in parts of the largest velocity; assumed.
+        torque_margin: soft margin, in parts of the largest torque; assumed.
+    """
+
+    position: float = 0.15
+    grasp: float = 0.05
+    force: float = 0.05
+    angle: float = 0.05
+    joint: float = 0.01
+    speed: float = 0.01
+    torque: float = 0.01
+    position_width_m: float = 5e-3
+    force_n: float = 1.5
+    force_width_n: float = 1.5
+    angle_width_rad: float = math.radians(15.0)
+    joint_margin_rad: float = math.radians(5.0)
+    speed_margin: float = 0.2
+    torque_margin: float = 0.2
+
+    def __post_init__(self) -> None:
+        wrong = [item.name for item in fields(self) if not 0 <= getattr(self, item.name) < math.inf]
+        if wrong:
+            raise InputError(
+                [
+                    Problem(f"rewards {name}", "a finite number, 0 or more", str(getattr(self, name)))
+                    for name in wrong
+                ]
+            )
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the reward of a step depends on.
+
+    Attributes:
+        distance_m: from the contact to the target, on the skin [m]; inf without contact.
+        force_n: normal force on the skin [N].
+        right_contact: the tip of the thumb and the cylindrical part of the other finger touch.
+        past_joint_rad: how far the worst joint is beyond its soft margin [rad]; negative before it.
+        past_speed: the same for velocities, in parts of the largest.
+        past_torque: the same for torques, in parts of the largest.
+        angle_rad: by how much a bolt has turned [rad]; None: it has no angle to keep.
+    """
+
+    distance_m: float
+    force_n: float
+    right_contact: bool
+    past_joint_rad: float
+    past_speed: float
+    past_torque: float
+    angle_rad: float | None = None
+
+
+def reward_terms(situation: Situation, scales: RewardScales) -> dict[str, float]:
+    """All terms of a step's reward, penalties negative; the reward is their sum."""
+    s = situation
+    terms = {
+        "position": scales.position * falling(s.distance_m, scales.position_width_m),
+        "force": scales.force * falling(abs(s.force_n - scales.force_n), scales.force_width_n),
+        "grasp": scales.grasp * float(s.right_contact),
+    }
+    if s.angle_rad is not None:
+        terms["angle"] = scales.angle * falling(abs(s.angle_rad), scales.angle_width_rad)
+    terms["joint"] = -scales.joint * _past(s.past_joint_rad, scales.joint_margin_rad)
+    terms["speed"] = -scales.speed * _past(s.past_speed, scales.speed_margin)
+    terms["torque"] = -scales.torque * _past(s.past_torque, scales.torque_margin)
+    return terms
+
+
+def _past(x: float, margin: float) -> float:
+    """The penalty; without a soft margin it begins at the hard limit."""
+    return rising(x, margin) if margin > 0 else float(x > 0)

@@ -1,0 +1,384 @@
+"""Rolling an object between two fingertips: what both tasks share (Kasolowsky & Bäuml, IROS 2024, section IV)."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import gymnasium
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.dataset.findings import did_you_mean
+from skincal.envs.bodies import Body
+from skincal.envs.critic import critic_parts, critic_values
+from skincal.envs.drawing import (
+    Drawer,
+    ObjectName,
+    Value,
+    Values,
+    array,
+    check_given,
+    check_ranges,
+    load_ranges,
+)
+from skincal.envs.grasp import Grasp, GraspOptions
+from skincal.envs.observations import KINDS, Observation, PolicyKind, Seen
+from skincal.envs.options import EpisodeOptions, read_options
+from skincal.envs.picture import Board, Picture, display_there, hand_picture, panel
+from skincal.envs.pinch import Pinch, read_pinch
+from skincal.envs.rewards import RewardScales, Situation, reward_terms
+from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.envs.sensing import Sensor, View, view
+from skincal.envs.tactile import TactileSkin
+from skincal.envs.trajectories import POLICY_HZ
+from skincal.errors import InputError, Problem
+from skincal.ranges import Ranges
+from skincal.robot import Kinematics
+
+FloatArray = NDArray[np.float64]
+
+AHEAD: tuple[int, ...] = (5, 10)
+"""The critic sees the targets so many steps ahead."""
+_HOLD_STEPS = 10
+"""While the object is held, physics steps between looks for contact."""
+
+
+@dataclass(frozen=True)
+class TaskOptions:
+    """What a task is, besides its object.
+
+    Attributes:
+        duration_s: time-out of an episode [s].
+        speed_rad_per_s: joint velocity that an action of 1 commands, the largest there is; assumed [rad/s].
+        box_half_m: half the width of the box in which random targets lie [m].
+        resolution_m: longest edge of a tactile point's cell [m].
+        rewards: weights and widths.
+        grasp: how the object is taken.
+    """
+
+    duration_s: float = 6.0
+    speed_rad_per_s: float = 0.3
+    box_half_m: float = 6e-3
+    resolution_m: float = 0.25e-3
+    rewards: RewardScales = field(default_factory=RewardScales)
+    grasp: GraspOptions = field(default_factory=GraspOptions)
+
+
+class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """An object between the tips of two fingers, that is to be rolled along a trajectory.
+
+    An action in [-1, 1]^n is a change of the commanded joint angles, in parts of the largest velocity times 0.1 s. The
+    observation holds ``policy``, what the policy sees, and ``critic``, what the critic may see besides, neither of them
+    normalized. See the page on environments for every number in them.
+
+    Args:
+        policy: ``tactile``, ``joint-angles`` or ``desired``: what is seen.
+        ranges: what is randomized: ranges, a file of them, the name of a preset, or None: ``iros24``.
+        hand: folder with ``hand.toml`` and ``pinch.toml``; None: the bundled hand.
+        render_mode: ``rgb_array``, ``human`` or None.
+        options: of the task; single ones may be given by their names.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": POLICY_HZ}  # noqa: RUF012
+    object_name: ClassVar[ObjectName]
+    target_size: ClassVar[int]
+
+    def __init__(
+        self,
+        policy: PolicyKind = "tactile",
+        ranges: Ranges | str | Path | None = None,
+        hand: str | Path | None = None,
+        render_mode: str | None = None,
+        options: TaskOptions | None = None,
+        **single: Any,
+    ) -> None:
+        if policy not in KINDS:
+            raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
+        self.policy: PolicyKind = policy
+        self.options = _options(options or self.default_options(), single)
+        self.render_mode = render_mode
+        self.ranges = load_ranges(ranges)
+        place = "ranges" if isinstance(ranges, Ranges) or ranges is None else Path(ranges).name
+        check_ranges(self.ranges, self.object_name, place)
+        self.pinch: Pinch = read_pinch(hand)
+        self._kinematics = Kinematics(self.pinch.description)
+        self.skin = TactileSkin(self.pinch, self._kinematics, self.options.resolution_m)
+        self._drawer = Drawer(self.ranges, self.object_name, self.pinch, self.skin.taxels)
+        self._grasp = Grasp(self.pinch, self._kinematics, self._drawer.nominal, self.options.grasp)
+        self._scene: Scene | None = None
+        n = self.pinch.joints
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n,), np.float32)
+        critic = critic_parts(self._drawer.nominal, n, self.target_size, len(AHEAD))
+        self._seen = Seen(policy, n, self.skin.taxels, self.skin.range_counts, self.target_size, critic)
+        self.observation_space = cast("gymnasium.Space[Observation]", self._seen.space)
+
+    @classmethod
+    def default_options(cls) -> TaskOptions:
+        """Options that are not given."""
+        return TaskOptions()
+
+    @abstractmethod
+    def _body(self, values: Values) -> Body:
+        """The object of an episode."""
+
+    @abstractmethod
+    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
+        """How the object is turned at first (3, 3), in the fingertip's frame."""
+
+    @abstractmethod
+    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+        """Targets (steps, target_size) as the policy sees them [m]."""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins an episode; see :class:`skincal.envs.EpisodeOptions` for what may be asked of it.
+
+        Raises:
+            InputError: options that make no sense.
+        """
+        super().reset(seed=seed)
+        asked = read_options(options)
+        check_given(asked.values, self._drawer)
+        self._drawer.check_names(asked.randomize or (), "options randomize")
+        self._asked = asked
+        self._begin(asked)
+        self._noise = self._drawer.step(self.np_random, self._sample, asked.randomize, asked.values)
+        self._look()
+        observation = self._observe()
+        self._show()
+        return observation, self._info({})
+
+    def _begin(self, asked: EpisodeOptions) -> None:
+        """Draws an episode, and takes the object."""
+        values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
+        if self.policy != "tactile":
+            self._fix_sensor(values, asked)
+        self._values, self._body_now = values, self._body(values)
+        self._sensor = Sensor.of(self.pinch, values)
+        self._step, self._steps = 0, max(1, round(self._duration_s(asked) * POLICY_HZ))
+        rotation = self._place(values, asked)
+        self._targets = self._plan(asked, self._steps + 1 + max(AHEAD))
+        if self._scene is None:
+            self._scene = self._make_scene()
+        place = array(values, f"object.{self.object_name}.position_m")
+        command = self._grasp.take(self._scene, values, self._body_now, rotation, place)
+        self._desired = self._clipped(command)
+        if self.policy == "tactile":
+            self.skin.begin(values, self._sensor.pose, self._body_now)
+        self._seen.begin()
+
+    def _duration_s(self, asked: EpisodeOptions) -> float:
+        return self.options.duration_s if asked.duration_s is None else asked.duration_s
+
+    def _make_scene(self) -> Scene:
+        window = self.render_mode == "human" and display_there()
+        return Scene(self.pinch, window=window, visible=self.render_mode is not None)
+
+    def _fix_sensor(self, values: Values, asked: EpisodeOptions) -> None:
+        """Policies without touch cannot know where the sensor is: for them it stays at the middle of its range."""
+        nominal = self._drawer.nominal
+        for name in ("y_m", "beta_deg", "alpha_deg", "x_offset_m", "y_offset_m"):
+            path = f"skin.{name}"
+            if path not in asked.values:
+                values[path] = nominal[path]
+
+    def _clipped(self, q_rad: FloatArray) -> FloatArray:
+        limits = self.pinch.description.limits
+        return np.clip(q_rad, limits.lower_rad, limits.upper_rad)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Moves on by 0.1 s.
+
+        Args:
+            action: (n,) in [-1, 1]; what lies beyond is cut off, what is not finite counts as 0.
+        """
+        scene = self._scene
+        if scene is None:
+            raise gymnasium.error.ResetNeeded("Cannot call env.step() before calling env.reset()")
+        wanted = np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64)), -1.0, 1.0)
+        self._desired = self._clipped(self._desired + wanted * self.options.speed_rad_per_s / POLICY_HZ)
+        # The controller sees the angles with the sensors' offsets.
+        scene.drives.target_rad = (self._desired - array(self._values, "finger.joint_offset_rad")).tolist()
+        self._noise = self._drawer.step(
+            self.np_random, self._sample, self._asked.randomize, self._asked.values
+        )
+        weight = self._body_now.mass_kg * self.pinch.gravity_m_per_s2
+        scene.force_n = (weight + self._drawn(f"object.{self.object_name}.random_force_n")).tolist()
+        before = self._view.q_rad
+        self._run(scene)
+        self._step += 1
+        self._look()
+        terms = reward_terms(self._situation(before), self.options.rewards)
+        terminated = self._view.dropped
+        truncated = not terminated and self._step >= self._steps
+        observation = self._observe()
+        self._show()
+        return observation, float(sum(terms.values())), terminated, truncated, self._info(terms)
+
+    def _run(self, scene: Scene) -> None:
+        """0.1 s of physics; an object that is still held is let go when both fingers touch it."""
+        steps = PHYSICS_HZ // POLICY_HZ
+        while scene.held and steps > 0:
+            scene.run(min(_HOLD_STEPS, steps))
+            steps -= _HOLD_STEPS
+            if None not in scene.touches():
+                scene.release()
+        scene.run(max(steps, 0))
+
+    def _drawn(self, path: str) -> Value:
+        """A value that is drawn in each step, or else for the episode."""
+        return self._noise.get(path, self._values[path])
+
+    def _look(self) -> None:
+        assert self._scene is not None
+        self._view: View = view(self._scene, self._sensor, by_contact=self.object_name == "bolt")
+
+    def _target_m(self) -> FloatArray:
+        """The target (2,) at this moment, patch coordinates [m]."""
+        return self._targets[self._step]
+
+    def _angle_rad(self) -> float | None:
+        """By how much the object has turned on the sensor; None: that is of no matter."""
+        return None
+
+    def _situation(self, before_rad: FloatArray) -> Situation:
+        seen, limits = self._view, self.pinch.description.limits
+        margin = self.options.rewards
+        speed = np.abs(seen.q_rad - before_rad) * POLICY_HZ / self.options.speed_rad_per_s
+        assert self._scene is not None
+        torque = np.abs(self._scene.drives.torque_nm) / limits.torque_nm
+        past = np.maximum(seen.q_rad - limits.upper_rad, limits.lower_rad - seen.q_rad)
+        angle = self._angle_rad()
+        return Situation(
+            distance_m=self._error_m() if seen.sound else np.inf,
+            force_n=seen.skin.force_n if seen.skin else 0.0,
+            right_contact=seen.right_contact(self.pinch),
+            past_joint_rad=_worst(past) + margin.joint_margin_rad,
+            past_speed=_worst(speed) - 1 + margin.speed_margin,
+            past_torque=_worst(torque) - 1 + margin.torque_margin,
+            angle_rad=angle,
+        )
+
+    def _error_m(self) -> float:
+        return float(np.linalg.norm(self._target_m() - self._view.position_m))
+
+    def _observe(self) -> Observation:
+        seen, k = self._view, self._step
+        assert self._scene is not None
+        motor = np.array(self._scene.drives.motor_rad)
+        measured = (
+            motor + array(self._values, "finger.joint_offset_rad") + self._drawn("finger.joint_noise_rad")
+        )
+        values: dict[str, Any] = {
+            "desired": self._desired,
+            "measured": measured,
+            "error": self._desired - measured,
+            "target": self._targets[k],
+            "movement": self._targets[k] - self._targets[max(k - 1, 0)],
+        }
+        if self.policy == "tactile":
+            self.image = self.skin.image(
+                seen.felt(self._body_now),
+                k / POLICY_HZ,
+                np.asarray(self._drawn("skin.taxel_noise_counts")),
+            )
+            values["image"] = self.image
+        target = self._target_m()
+        own: dict[str, ArrayLike] = {
+            **values,
+            "motor": motor,
+            "true_error": self._desired - array(self._values, "finger.joint_offset_rad") - seen.q_rad,
+            "to_target": target - seen.position_m,
+            "distance": self._error_m(),
+            "ahead": np.concatenate([self._targets[k + a] - self._targets[k] for a in AHEAD]),
+            "orientation": self._orientation(),
+        }
+        return self._seen.observe(values, critic_values(seen, self._values, own))
+
+    def _orientation(self) -> FloatArray:
+        """What the critic is told of how the object lies (4,); nothing of a marble."""
+        return np.zeros(4)
+
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        seen = self._view
+        ended = self._step >= self._steps
+        return {
+            "time_s": self._step / POLICY_HZ,
+            "error_m": self._error_m(),
+            "position_m": seen.position_m.copy(),
+            "target_m": np.array(self._target_m()),
+            "force_n": seen.skin.force_n if seen.skin else 0.0,
+            "held": seen.held,
+            "drop": seen.dropped,
+            "success": ended and not seen.dropped,
+            "reward_terms": dict(terms),
+            "randomized": {path: _plain(value) for path, value in self._values.items()},
+            "noise": {path: _plain(value) for path, value in self._noise.items()},
+        }
+
+    def render(self) -> Picture | None:  # type: ignore[override]
+        """The hand and beside it the sensor (360, 840, 3), in the mode ``rgb_array``; else None."""
+        if self.render_mode != "rgb_array":
+            return None
+        if self._scene is None:
+            raise gymnasium.error.ResetNeeded("Cannot call env.render() before calling env.reset()")
+        beside = panel(
+            self.image if self.policy == "tactile" else None,
+            self.skin.layout.centres_m,
+            self.skin.layout.sizes_m,
+            self.skin.range_counts[1],
+            self._target_m(),
+            self._view.position_m,
+        )
+        return np.concatenate([hand_picture(self._scene, self._grasp.centre_m), beside], axis=1)
+
+    def _show(self) -> None:
+        """Keeps PyBullet's window, if there is one, up to date and at the pace of life."""
+        if self.render_mode != "human" or self._scene is None or not self._scene.window:
+            return
+        if self._step == 0:
+            self._board = Board(self._scene, self._grasp.centre_m, self.skin.layout.centres_m)
+            self._shown_s = time.monotonic()
+        if self.policy == "tactile":
+            self._board.show(self.image, self.skin.range_counts[1])
+        self._shown_s += 1 / POLICY_HZ
+        time.sleep(max(0.0, self._shown_s - time.monotonic()))
+
+    def close(self) -> None:
+        """Ends the physics; may be called twice."""
+        if self._scene is not None:
+            self._scene.close()
+            self._scene = None
+
+
+def _worst(values: FloatArray) -> float:
+    """The largest; what is not finite counts as far beyond the limit."""
+    return float(np.nan_to_num(values, nan=1e3, posinf=1e3).max())
+
+
+def _plain(value: Value) -> Value:
+    return value if isinstance(value, float) else np.array(value)
+
+
+def _options(options: TaskOptions, single: dict[str, Any]) -> TaskOptions:
+    known = list(TaskOptions.__dataclass_fields__)
+    found: list[Problem] = []
+    for name, value in single.items():
+        if name not in known:
+            close = did_you_mean(name, known)
+            fix = f'Did you mean "{close}"?' if close else ""
+            found.append(
+                Problem(f"environment {name}", f"one of {', '.join(known)}", "an unknown argument", fix)
+            )
+        elif name not in ("rewards", "grasp") and not (
+            isinstance(value, int | float) and 0 < cast("float", value) < 1e4
+        ):
+            found.append(Problem(f"environment {name}", "a number > 0", repr(value)))
+    if found:
+        raise InputError(found)
+    return replace(options, **single)

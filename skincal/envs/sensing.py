@@ -1,0 +1,163 @@
+"""What is true at a moment of an episode, in the frames in which tasks speak of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.envs.bodies import Body
+from skincal.envs.drawing import Values, number, turn_rad
+from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.scene import Frame, Scene
+from skincal.envs.tactile import Felt
+from skincal.envs.touching import Touching
+from skincal.model import SensorPose
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Where the sensor's centre is on the fingertip, and how it is turned.
+
+    Attributes:
+        radius_m: of the fingertip [m].
+        y_m: along the finger [m].
+        beta_rad: round it [rad].
+        alpha_rad: turn about the normal [rad].
+    """
+
+    radius_m: float
+    y_m: float
+    beta_rad: float
+    alpha_rad: float
+
+    @classmethod
+    def of(cls, pinch: Pinch, values: Values) -> Sensor:
+        """The sensor of an episode; offsets of the centre are those from where it would be."""
+        radius = require_cylinder(pinch)
+        return cls(
+            radius,
+            number(values, "skin.y_m") + number(values, "skin.y_offset_m"),
+            turn_rad(values, "skin.beta_deg") + number(values, "skin.x_offset_m") / radius,
+            turn_rad(values, "skin.alpha_deg"),
+        )
+
+    @property
+    def pose(self) -> SensorPose:
+        """As the skin model takes it."""
+        return SensorPose(self.y_m, self.alpha_rad, self.beta_rad)
+
+    def patch_m(self, point_m: FloatArray) -> FloatArray:
+        """Patch coordinates (2,) of the surface's point nearest to a point (3,) of the fingertip frame [m]."""
+        turn = math.remainder(math.atan2(point_m[0], point_m[2]) - self.beta_rad, 2 * math.pi)
+        return self._turned(self.radius_m * turn, point_m[1] - self.y_m)
+
+    def direction(self, vector: FloatArray) -> FloatArray:
+        """The part (2,) of a vector (3,) along the patch's axes, on the tangent plane at its centre."""
+        across = vector[0] * math.cos(self.beta_rad) - vector[2] * math.sin(self.beta_rad)
+        return self._turned(across, vector[1])
+
+    def _turned(self, across: float, along: float) -> FloatArray:
+        cos, sin = math.cos(self.alpha_rad), math.sin(self.alpha_rad)
+        return np.array([across * cos + along * sin, along * cos - across * sin])
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A moment of an episode.
+
+    Attributes:
+        q_rad: (n,) true angles of the links [rad].
+        dq_rad_per_s: (n,) their velocities [rad/s].
+        skin: what the finger with the skin feels; None: nothing.
+        thumb: what the thumb feels.
+        tip: frame of the fingertip.
+        thumb_tip: frame of the thumb's tip.
+        body: the object's frame.
+        velocity_m_per_s: (3,) the object's, root frame [m/s].
+        spin_rad_per_s: (3,) the object's, root frame [rad/s].
+        position_m: (2,) where the object is on the sensor, patch coordinates [m].
+        held: whether it is still held in place.
+        sound: whether all of this can be believed.
+    """
+
+    q_rad: FloatArray
+    dq_rad_per_s: FloatArray
+    skin: Touching | None
+    thumb: Touching | None
+    tip: Frame
+    thumb_tip: Frame
+    body: Frame
+    velocity_m_per_s: FloatArray
+    spin_rad_per_s: FloatArray
+    position_m: FloatArray
+    held: bool
+    sound: bool
+
+    @property
+    def dropped(self) -> bool:
+        """Whether a finger has lost the object."""
+        return not self.sound or (not self.held and (self.skin is None or self.thumb is None))
+
+    def right_contact(self, pinch: Pinch) -> bool:
+        """Whether the tip of the thumb and the cylindrical part of the finger touch it."""
+        if self.skin is None or self.thumb is None:
+            return False
+        low, high = pinch.cylinder_m
+        y = float(self.tip.inside(np.array(self.skin.point_m))[1])
+        return (
+            low <= y <= high
+            and float(self.thumb_tip.inside(np.array(self.thumb.point_m))[1]) >= pinch.thumb.tip_from_m
+        )
+
+    def felt(self, body: Body) -> Felt | None:
+        """The contact as the skin feels it."""
+        if self.skin is None or not self.sound:
+            return None
+        inside, turned = self.tip.inside, self.tip.turned
+        normal = turned(np.array(self.skin.normal))
+        centre = inside(self.body.origin_m)
+        contacts = body.contacts(
+            inside(np.array(self.skin.point_m)),
+            normal,
+            self.skin.force_n,
+            centre,
+            self.tip.rotation.T @ self.body.rotation,
+        )
+        friction = turned(np.array(self.skin.friction_n))
+        across = normal[2] * friction[0] - normal[0] * friction[2]
+        return Felt(contacts, float(across), float(friction[1]), 0.0, self.q_rad)
+
+
+def view(scene: Scene, sensor: Sensor, *, by_contact: bool) -> View:
+    """Looks at a scene.
+
+    Args:
+        scene: as it is.
+        sensor: where the patch is.
+        by_contact: the object is where it touches; else, and where it does not touch, where its centre is nearest.
+    """
+    q, dq = scene.joints()
+    skin, thumb = scene.touches()
+    tip, body = scene.tip(scene.skin_link), scene.object_frame()
+    velocity, spin = scene.object_motion()
+    at = np.array(skin.point_m) if by_contact and skin is not None else body.origin_m
+    sound = scene.sound()
+    return View(
+        q_rad=q,
+        dq_rad_per_s=dq,
+        skin=skin,
+        thumb=thumb,
+        tip=tip,
+        thumb_tip=scene.tip(scene.thumb_link),
+        body=body,
+        velocity_m_per_s=velocity,
+        spin_rad_per_s=spin,
+        position_m=sensor.patch_m(tip.inside(at)) if sound else np.zeros(2),
+        held=scene.held,
+        sound=sound,
+    )

@@ -1,0 +1,71 @@
+"""Where the object shall go: targets in patch coordinates, one for each step of the policy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+POLICY_HZ: Final = 10
+"""Steps of policy and skin (the paper's) [Hz]."""
+SPEED_M_PER_S: Final = (1e-3, 8e-3)
+"""Speeds of the random targets; the evaluated circle runs at 5.2 mm/s [m/s]."""
+SMOOTH_STEPS: Final = 5
+"""Corners of the random targets are rounded over up to so many steps."""
+CIRCLE_RADIUS_M: Final = 5e-3
+TO_SIDE_S: Final = 2.0
+ROUND_S: Final = 6.0
+BOLT_AMPLITUDE_M: Final = 6e-3
+BOLT_HZ: Final = (0.25, 0.5)
+
+
+def wander(rng: np.random.Generator, steps: int, half_width_m: float) -> FloatArray:
+    """Targets (steps, 2) [m] that wander in a box, from its centre.
+
+    Straight ways at constant speeds between places drawn in the box, the corners rounded more or less.
+
+    Args:
+        rng: draws places, speeds and rounding.
+        steps: how many.
+        half_width_m: half the width of the box [m].
+    """
+    rounding = int(rng.integers(1, SMOOTH_STEPS + 1))
+    parts, here, count = [np.zeros((rounding, 2))], np.zeros(2), 0
+    while count < steps + rounding:
+        there = rng.uniform(-half_width_m, half_width_m, 2)
+        speed = rng.uniform(*SPEED_M_PER_S)
+        number = max(1, math.ceil(float(np.linalg.norm(there - here)) / speed * POLICY_HZ))
+        share = np.arange(1, number + 1)[:, None] / number
+        parts.append(here + share * (there - here))
+        here, count = there, count + number
+    way = np.cumsum(np.concatenate([np.zeros((1, 2)), *parts]), axis=0)
+    # The mean over the last steps: starts at the centre, and at rest.
+    return (way[rounding:] - way[:-rounding])[1 : steps + 1] / rounding
+
+
+def circle(steps: int) -> FloatArray:
+    """The paper's evaluation (steps, 2) [m]: 2 s from the centre to the side, then rounds of 6 s."""
+    time = np.arange(steps) / POLICY_HZ
+    out = CIRCLE_RADIUS_M * np.minimum(time / TO_SIDE_S, 1.0)
+    angle = 2 * np.pi * np.maximum(time - TO_SIDE_S, 0.0) / ROUND_S
+    return np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
+
+
+def still(steps: int) -> FloatArray:
+    """The centre of the sensor (steps, 2) [m]."""
+    return np.zeros((steps, 2))
+
+
+def sine(steps: int, frequency_hz: float, amplitude_m: float = BOLT_AMPLITUDE_M) -> FloatArray:
+    """The bolt's way along its normal (steps, 1) [m]."""
+    phase = 2 * np.pi * frequency_hz * np.arange(steps) / POLICY_HZ
+    return amplitude_m * np.sin(phase)[:, None]
+
+
+FIXED: Final[dict[str, Callable[[int], FloatArray]]] = {"circle": circle, "still": still}
+"""Trajectories of the marble that are always the same, by name."""
