@@ -47,7 +47,9 @@ def predict(
 
     The taxel columns hold the model's values within the converter's range, not rounded and not noisy; an untouched
     taxel is 0, without the level that clipped noise gives it at rest. Presses and frames have their measured forces
-    and positions, or with --slack the best positions.
+    and positions, or with --slack the best positions. Effects go through the frames in the order of time, and through
+    a standard press where there are no frames; one that needs what the dataset does not have is left out, with a
+    warning.
     """
     from skincal.calibration import read_calibration
     from skincal.dataset import read_dataset, write_dataset
@@ -66,6 +68,7 @@ def predict(
         frames_as=_format(data, "frames", "parquet"),
         force=force,
     )
+    warn(prediction.warnings)
     if as_json:
         print_json(_as_json(out, prediction))
         return
@@ -93,6 +96,7 @@ def _as_json(out: Path, prediction: Prediction) -> dict[str, Any]:
         "frames_rmse_counts": None if of_frames is None else of_frames.rmse_counts,
         "frames_rmse_with_rest_counts": None if of_frames is None else of_frames.rmse_with_rest_counts,
         "slack_rms_m": prediction.slack_rms_m,
+        "abstaining": prediction.abstaining,
     }
 
 

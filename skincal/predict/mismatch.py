@@ -35,9 +35,15 @@ def _readout(dataset: Dataset) -> Readout:
     return Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
 
 
-def observed_images(dataset: Dataset) -> Observed:
-    """Measured images as unclipped values above rest, the level at rest from idle frames where there are enough."""
-    return observe(dataset.presses.counts, _readout(dataset), idle_means(dataset))
+def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
+    """Measured images as unclipped values above rest, the level at rest from idle frames where there are enough.
+
+    Args:
+        dataset: gives the images.
+        left_counts: (J,) what touches leave behind in idle frames on average: no level at rest [counts].
+    """
+    idle = idle_means(dataset)
+    return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
 
 
 def within_range(dataset: Dataset, values: Floats) -> Floats:
@@ -46,7 +52,12 @@ def within_range(dataset: Dataset, values: Floats) -> Floats:
 
 
 def mismatch(
-    dataset: Dataset, measured: Floats, predicted: Floats, contact: Bools, seen: Observed
+    dataset: Dataset,
+    measured: Floats,
+    predicted: Floats,
+    contact: Bools,
+    seen: Observed,
+    level_counts: Floats | float = 0.0,
 ) -> Mismatch:
     """The mismatch of presses or frames.
 
@@ -56,14 +67,16 @@ def mismatch(
         predicted: (N, J) predicted counts.
         contact: (N,) rows that count.
         seen: what the session tells of its noise and its level at rest.
+        level_counts: (J,) level at rest that the prediction has already; the session's takes its place [counts].
     """
     counts, values = measured[contact], predicted[contact]
+    above_rest = values - np.maximum(level_counts, 0.0)
     if np.isfinite(seen.frame_sigma_counts):
         readout = _readout(dataset)
         above = seen.rest_counts + (readout.value_min or 0.0)
-        with_rest = expected_counts(np.maximum(values, 0.0) + above, seen.frame_sigma_counts, readout)
+        with_rest = expected_counts(above_rest + above, seen.frame_sigma_counts, readout)
     else:
-        with_rest = within_range(dataset, values + np.nan_to_num(seen.rest_counts))
+        with_rest = within_range(dataset, above_rest + np.nan_to_num(seen.rest_counts))
     return Mismatch(rms(counts - values), rms(counts - with_rest))
 
 

@@ -74,7 +74,9 @@ class Places:
     noise_counts: float
 
 
-def best_places(simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float) -> Places:
+def best_places(
+    simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float, start: Places | None = None
+) -> Places:
     """Finds the best slack of every press.
 
     The noise is estimated from the data: it is what is left when positions are chosen with a noise of one count, by
@@ -85,6 +87,7 @@ def best_places(simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m
         seen: images of K presses.
         position_sigma_m: one sigma of the measured positions [m]; inf where they are worth nothing.
         slack_m: bound along each direction, finite [m].
+        start: places that a skin much like this one has found: only what lies below them is looked at.
 
     Raises:
         ValueError: the bound is negative or not finite.
@@ -100,9 +103,11 @@ def best_places(simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m
         zero, press = np.zeros((count, 2)), np.arange(count)
         noise = max(seen.floor_counts, 1e-3)
         return Places(zero, problem.evaluate(zero, press, noise)[0], noise)
-    press, start = problem.basins(max(seen.floor_counts, BLUNT_COUNTS))
+    press, slack = np.arange(count), np.zeros((count, 2))
+    if start is None:
+        press, slack = problem.basins(max(seen.floor_counts, BLUNT_COUNTS))
     noise = max(seen.floor_counts, 1.0)
-    slack, objective = problem.descend(start, press, noise)
+    slack, objective = problem.descend(slack if start is None else start.slack_m, press, noise)
     best = _best_of(press, objective, count)
     noise = max(seen.floor_counts, problem.typical_residual(slack[best], press[best]))
     slack, objective = problem.descend(slack, press, noise)

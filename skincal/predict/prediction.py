@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 from skincal import __version__
 from skincal.calibration import Calibration, check_same_sensor
 from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
-from skincal.fit.observe import Observed
+from skincal.errors import Problem
+from skincal.predict.abstaining import abstaining, abstaining_problems
+from skincal.predict.holds import left_at_rest, rest_level
+from skincal.predict.images import Images, images_with_effects
 from skincal.predict.mismatch import Mismatch, mismatch, observed_images, rms, within_range
-from skincal.predict.places import Seen, best_places
+from skincal.predict.samples import pose_names
+from skincal.predict.slack import best_slack
 from skincal.predict.touches import CalibratedSkin, Touches, frame_presses, touching
 
 Floats = NDArray[np.floating[Any]]
@@ -37,12 +41,16 @@ class Prediction:
         presses: mismatch of the presses.
         frames: mismatch of the frames with contact; None where there are none.
         slack_m: (K, 2) chosen slack of the presses, across and along [m]; None where positions are as measured.
+        abstaining: effects that are left out, as the dataset does not tell what they need: their covariates by name.
+        warnings: the same in words, and what else a person should know.
     """
 
     dataset: Dataset
     presses: Mismatch
     frames: Mismatch | None
     slack_m: Floats | None
+    abstaining: Mapping[str, tuple[str, ...]]
+    warnings: tuple[Problem, ...]
 
     @property
     def slack_rms_m(self) -> float | None:
@@ -58,6 +66,10 @@ def predict_dataset(
     Values are those of the model, clipped to the range of the dataset's converter, neither rounded nor noisy and
     without a level at rest: an untouched taxel is 0. The indenter is the dataset's, a press's own radius first; the
     force is the measured one. A frame has its own position and force; an idle one has no load.
+
+    Effects of the calibration act on frames in the order of time. A press is then the mean over the frames of its hold;
+    without frames a standard press is played. An effect that needs what the dataset does not have is left out, and the
+    result says so.
 
     Args:
         calibration: the skin.
@@ -75,74 +87,74 @@ def predict_dataset(
         WorkError: the calibration cannot be simulated.
     """
     check_same_sensor(calibration, dataset)
-    on, seen = CalibratedSkin.of(calibration, dataset), observed_images(dataset)
-    measured = Touches.of_presses(on, dataset)
-    slack_m = _best_slack(measured, dataset, seen, progress) if slack else None
-    presses = _predicted(
-        measured, slack_m, dataset.presses, dataset, lambda n, of: progress("presses", n, of)
-    )
-    of_presses = mismatch(dataset, dataset.presses.counts, presses.counts, dataset.presses.force_n > 0, seen)
-    seen_frames, frames, of_frames = dataset.frames, None, None
-    if seen_frames is not None:
+    on = CalibratedSkin.of(calibration, dataset, pose_names(dataset))
+    seen = observed_images(dataset, left_at_rest(on, dataset))
+    slack_m = best_slack(on, dataset, seen, _of("slack", progress)) if slack else None
+    images = (_with_effects if on.has_effects else _base)(on, dataset, slack_m, progress)
+    level = rest_level(on, dataset) if on.has_effects else 0.0
+    presses = _moved(dataset.presses, Touches.of_presses(on, dataset), slack_m, images.presses)
+    measured, pressed = dataset.presses.counts, dataset.presses.force_n > 0
+    of_presses = mismatch(dataset, measured, presses.counts, pressed, seen, level)
+    frames, of_frames = None, None
+    if dataset.frames is not None and images.frames is not None:
         contact = touching(dataset)
         moves = None if slack_m is None else np.where(contact[:, None], slack_m[frame_presses(dataset)], 0.0)
-        touches = Touches.of_frames(on, dataset)
-        frames = _predicted(touches, moves, seen_frames, dataset, lambda n, of: progress("frames", n, of))
-        of_frames = mismatch(dataset, seen_frames.counts, frames.counts, contact, seen)
-    meta = _meta(calibration, dataset, slack)
+        frames = _moved(dataset.frames, Touches.of_frames(on, dataset), moves, images.frames)
+        of_frames = mismatch(dataset, dataset.frames.counts, frames.counts, contact, seen, level)
+    lacking = abstaining(on, dataset)
+    added = [one.effect.name for one in on.full.effects if not one.neutral and one.effect.name not in lacking]
+    meta = _meta(calibration, dataset, added, slack)
     new = replace(dataset, meta=meta, presses=presses, frames=frames, folder=None, sha256=None, warnings=())
-    return Prediction(new, of_presses, of_frames, slack_m)
+    warnings = abstaining_problems(calibration, dataset, lacking)
+    return Prediction(new, of_presses, of_frames, slack_m, lacking, warnings)
 
 
-def _predicted(
-    touches: Touches,
-    slack_m: Floats | None,
-    table: Table,
-    dataset: Dataset,
-    progress: Callable[[int, int], None],
-) -> Table:
+def _of(stage: str, progress: Progress) -> Callable[[int, int], None]:
+    return lambda done, total: progress(stage, done, total)
+
+
+def _with_effects(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
+    stage = "presses" if dataset.frames is None else "frames"
+
+    def readout(values: Floats) -> Floats:
+        return within_range(dataset, values)
+
+    return images_with_effects(on, dataset, slack_m, readout, _of(stage, progress))[0]
+
+
+def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
+    """Images by the base model: each press and each frame for itself."""
+    touches = Touches.of_presses(on, dataset)
+    touches = touches if slack_m is None else touches.moved(slack_m)
+    presses = within_range(dataset, touches.values(_of("presses", progress)))
+    if dataset.frames is None:
+        return Images(presses, None)
+    touches = Touches.of_frames(on, dataset)
+    if slack_m is not None:
+        contact = touching(dataset)[:, None]
+        touches = touches.moved(np.where(contact, slack_m[frame_presses(dataset)], 0.0))
+    return Images(presses, within_range(dataset, touches.values(_of("frames", progress))))
+
+
+def _moved(table: Table, touches: Touches, slack_m: Floats | None, counts: Floats) -> Table:
     """A table of presses or frames with predicted values, and where there is slack, with moved positions."""
     if slack_m is not None:
-        touches = touches.moved(slack_m)
-        moved = (slack_m != 0).any(axis=1)
-        table = replace(table, position_m=np.where(moved[:, None], touches.points_m, table.position_m))
-    return replace(table, counts=within_range(dataset, touches.values(progress)))
+        moved = (slack_m != 0).any(axis=1)[:, None]
+        points = touches.moved(slack_m).points_m
+        table = replace(table, position_m=np.where(moved, points, table.position_m))
+    return replace(table, counts=counts)
 
 
-def _best_slack(presses: Touches, dataset: Dataset, seen: Observed, progress: Progress) -> Floats:
-    """The best slack (K, 2) of the presses; one whose position is not known, or that has no force, stays."""
-    progress("slack", 0, 1)
-    free = np.flatnonzero(np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0))
-    read = np.isfinite(seen.values[free])
-    scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
-    values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
-    lit = read & (values > max(4 * scatter, 0.5))
-    images = Seen(values, weight, seen.saturated[free] & read, lit, max(scatter, 0.05))
-    measured = presses.taken(free)
-
-    def simulate(slack_m: Floats, press: NDArray[np.intp]) -> Floats:
-        return measured.taken(press).moved(slack_m).values()
-
-    spec = dataset.meta.position
-    bound = spec.slack_m if np.isfinite(spec.slack_m) else _patch_size_m(presses.on)
-    slack = np.zeros((len(presses), 2))
-    slack[free] = best_places(simulate, images, spec.sigma_m, bound).slack_m
-    progress("slack", 1, 1)
-    return slack
-
-
-def _patch_size_m(on: CalibratedSkin) -> float:
-    """Half of the patch's longer side: where the slack is not bounded, a press still lies on the patch."""
-    low, high = on.skin.patch.layout.bounds_m
-    return float((high - low).max()) / 2
-
-
-def _meta(calibration: Calibration, dataset: Dataset, slack: bool) -> DatasetMeta:
+def _meta(calibration: Calibration, dataset: Dataset, added: list[str], slack: bool) -> DatasetMeta:
     meta, origin = dataset.meta, calibration.provenance
     name = "a calibration" if calibration.folder is None else f"the calibration {calibration.folder.name}"
     fitted = f" (fitted to {origin.dataset or 'a dataset'} {origin.dataset_sha256[:12]})".rstrip()
     places = (
         "contact positions moved to the best within their slack" if slack else "contact positions as measured"
     )
-    source = f"taxel values predicted by {name}{fitted} with skincal {__version__}, {places}; of: {meta.source or '–'}"
+    effects = f"effects {', '.join(added)}, " if added else ""
+    source = (
+        f"taxel values predicted by {name}{fitted} with skincal {__version__}, {effects}{places}; "
+        f"of: {meta.source or '–'}"
+    )
     return replace(meta, source=source, sensor=replace(meta.sensor, integer=False))

@@ -1,17 +1,18 @@
-"""The contacts of a table's rows on a calibrated skin."""
+"""The contacts of a table's rows on a calibrated skin, and what its base model says of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, skin_of
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.columns import NORMAL
+from skincal.effects import EffectSkin
 from skincal.errors import WorkError
 from skincal.model import Contacts, Indenter, Skin, Surface
 
@@ -29,36 +30,49 @@ class CalibratedSkin:
     """A skin, the surface it lies on, and the indenters of a dataset by their radius.
 
     Attributes:
-        skin: of the calibration.
+        skin: of the calibration, without its effects.
+        full: with its effects; one that lacks a covariate abstains.
         surface: that carries it.
         centre_m: (3,) the centre of its patch [m].
         indenters: by radius in nanometres; 0 for one that has none (a mesh).
     """
 
     skin: Skin
+    full: EffectSkin
     surface: Surface
     centre_m: Floats
     indenters: Mapping[int, Indenter]
 
     @classmethod
-    def of(cls, calibration: Calibration, dataset: Dataset) -> Self:
+    def of(cls, calibration: Calibration, dataset: Dataset, poses: Sequence[str] = ()) -> Self:
         """The skin of a calibration, to be pressed by a dataset's indenters.
 
+        Args:
+            calibration: the skin.
+            dataset: what presses.
+            poses: names of the dataset's hand poses, in the order of their numbers.
+
         Raises:
+            InputError: effects or parameters that are not known.
             WorkError: the skin cannot be simulated.
         """
-        surface = calibration.surface_model()
         try:
-            skin = calibration.skin()
+            full = skin_of(calibration, missing="abstain", poses=poses)
         except ValueError as error:
             raise WorkError(f"the calibrated patch has no place on its surface: {error}") from error
+        surface = full.surface
         centre = surface.wrap(calibration.pose(), np.zeros((1, 2)))[0][0]
         radii = [dataset.indenter_radii_m()]
         if dataset.frames is not None and (own := dataset.frames.column("indenter_radius_m")) is not None:
             radii.append(own)
         keys = np.unique(radius_keys(np.concatenate(radii)))
         indenters = {int(key): dataset.indenter(None if key == 0 else key * 1e-9) for key in keys}
-        return cls(skin, surface, centre, indenters)
+        return cls(full.skin, full, surface, centre, indenters)
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether there is more than the base model."""
+        return not all(one.neutral for one in self.full.effects)
 
 
 def radius_keys(radii_m: Floats) -> Ints:
@@ -140,23 +154,30 @@ class Touches:
             rows = pressed[first : first + CHUNK]
             for key in np.unique(self.indenter[rows]):
                 mine = rows[self.indenter[rows] == key]
-                out[mine] = self.on.skin.values(self.on.indenters[int(key)], self._contacts(mine))
+                out[mine] = self.on.skin.values(self.on.indenters[int(key)], self.taken(mine).contacts())
             if progress is not None:
                 progress(min(first + CHUNK, len(pressed)), len(pressed))
         return out
 
-    def _contacts(self, rows: Ints) -> Contacts:
-        points = np.asarray(self.points_m[rows], dtype=np.float64)
-        normals = np.full((len(rows), 3), np.nan)
+    def contacts(self) -> Contacts:
+        """The contacts, with the surface's own normals where none were measured."""
+        points = np.asarray(self.points_m, dtype=np.float64)
+        normals = np.full((len(self), 3), np.nan)
         if self.normals is not None:
             # Measured normals are unit vectors to the digits of the file only.
-            normals[:] = self.normals[rows] / np.linalg.norm(self.normals[rows], axis=1, keepdims=True)
+            normals[:] = self.normals / np.linalg.norm(self.normals, axis=1, keepdims=True)
         open_ = ~np.isfinite(normals).all(axis=1)
         known = open_ & np.isfinite(points).all(axis=1)
         # A place that is not known gives NaN whatever its normal.
         normals[open_] = [0.0, 0.0, 1.0]
         normals[known] = self.on.surface.normal_at(points[known])
-        return Contacts(points, normals, np.asarray(self.force_n[rows], dtype=np.float64))
+        return Contacts(points, normals, np.asarray(self.force_n, dtype=np.float64))
+
+    def indenters(self) -> tuple[tuple[Indenter, ...], Ints]:
+        """All indenters, and which of them (N,) presses."""
+        keys = np.array(sorted(self.on.indenters), dtype=np.intp)
+        things = tuple(self.on.indenters[int(key)] for key in keys)
+        return things, np.searchsorted(keys, self.indenter)
 
 
 def touching(dataset: Dataset) -> NDArray[np.bool_]:

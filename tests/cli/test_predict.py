@@ -71,7 +71,7 @@ def test_as_a_process_with_json(cal: Path, folder: Path, tmp_path: Path) -> None
     assert answer["slack_rms_m"] == pytest.approx(np.sqrt((moved**2).sum(axis=1).mean() / 2), rel=0.05)
     assert set(answer) == {
         "dataset", "presses", "frames", "rmse_counts", "rmse_with_rest_counts", "frames_rmse_counts",
-        "frames_rmse_with_rest_counts", "slack_rms_m",
+        "frames_rmse_with_rest_counts", "slack_rms_m", "abstaining",
     }  # fmt: skip
 
 
@@ -113,15 +113,33 @@ def test_another_sensor(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert not (tmp_path / "out").exists()
 
 
-def test_an_effect_that_cannot_be_simulated(
+def test_effects_are_included_and_one_that_abstains_is_said(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_calibration(make_calibration(effects=(Effect("creep"),)), tmp_path / "cal")
-    assert run(tmp_path / "cal", folder, "--out", tmp_path / "out") == 1
+    effects = (Effect("creep", {"amplitude": 0.3}), Effect("rate", {"exponent": 0.2}))
+    for name, some in (("base", ()), ("creep", effects[:1]), ("both", effects)):
+        write_calibration(make_calibration(effects=some), tmp_path / name)
+        assert run(tmp_path / name, folder, "--out", tmp_path / f"of_{name}", "--json") == 0
+        out, err = capsys.readouterr()
+        assert json.loads(out)["abstaining"] == ({"rate": ["speed"]} if name == "both" else {})
+        assert ("for the effect rate: expected speed_m_per_s; got none" in err) == (name == "both")
+    base, creep, both = (read_dataset(tmp_path / f"of_{name}") for name in ("base", "creep", "both"))
+    assert creep.presses.counts.max() > 1.1 * base.presses.counts.max()
+    np.testing.assert_array_equal(both.presses.counts, creep.presses.counts)
+    assert "effects creep, contact positions as measured" in both.meta.source
+
+
+def test_an_effect_that_is_wrong_is_told(
+    cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (cal / "calibration.toml").open("a") as file:
+        file.write('[[effects]]\nname = "creep"\nparameters = { amplitud = 0.1 }\n')
+    text = (cal / "calibration.toml").read_text().replace("effects = []\n", "")
+    (cal / "calibration.toml").write_text(text)
+    assert run(cal, folder, "--out", tmp_path / "out") == 2
     err = capsys.readouterr().err
-    assert "creep" in err
-    assert "Traceback" not in err
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cal", "session"]
+    assert "[effects 1] parameters.amplitud: expected one of amplitude, time_constant_s, breadth" in err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("missing", ["cal", "session"])

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from calibrations import make_calibration
 
-from skincal.calibration import Calibration, Effect, Loss, ModelParameters, Provenance
+from skincal.calibration import Calibration, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
     IndenterSpec,
@@ -24,7 +24,7 @@ from skincal.dataset import (
     read_dataset,
     write_dataset,
 )
-from skincal.errors import InputError, WorkError
+from skincal.errors import InputError
 from skincal.model import Contacts, Sphere
 from skincal.predict import predict_dataset
 
@@ -326,11 +326,6 @@ def test_another_layout_or_surface_is_refused(
     (problem,) = caught.value.problems
     assert problem.got == word
     assert problem.fix
-
-
-def test_effects_are_not_left_out_silently(session: Session) -> None:
-    with pytest.raises(WorkError, match="hysteresis"):
-        predict_dataset(make_calibration(effects=(Effect("hysteresis"),)), session(4))
 
 
 def test_progress_is_told(session: Session, calibration: Calibration) -> None:
