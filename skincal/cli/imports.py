@@ -39,8 +39,29 @@ def _topics(bag: Path | None) -> None:
         raise typer.Exit()
 
 
+def _files(metavar: str, what: str) -> typer.models.ArgumentInfo:
+    help_ = f"{what}, in the order of the session; none: those that the mapping lists."
+    return typer.Argument(metavar=metavar, help=help_, show_default=False)
+
+
+def _template(kind: str) -> typer.models.OptionInfo:
+    help_ = "Print a mapping to begin with, and end."
+    return typer.Option("--template", is_eager=True, callback=_printer(kind), help=help_)
+
+
 MappingArgument = Annotated[
     Path, typer.Argument(metavar="MAPPING", help="What the source's columns mean (TOML).", show_default=False)
+]
+TopicsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--topics",
+        is_eager=True,
+        callback=_topics,
+        metavar="BAG",
+        help="Print the topics of a bag and their types, and end.",
+        show_default=False,
+    ),
 ]
 
 
@@ -54,25 +75,10 @@ MappingArgument = Annotated[
 def import_csv(
     mapping: MappingArgument,
     out: OutOption,
-    files: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="FILES",
-            help="The recording, in the order of the session; none: the files that the mapping lists.",
-            show_default=False,
-        ),
-    ] = None,
+    files: Annotated[list[Path] | None, _files("FILES", "The recording's files")] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
-    template: Annotated[
-        bool,
-        typer.Option(
-            "--template",
-            is_eager=True,
-            callback=_printer("csv"),
-            help="Print a mapping to begin with, and end.",
-        ),
-    ] = False,
+    template: Annotated[bool, _template("csv")] = False,
 ) -> None:
     """Make a dataset of text files: presses row by row, or a time series that is cut into presses."""
     from skincal import imports
@@ -91,36 +97,11 @@ def import_csv(
 def import_rosbag(
     mapping: MappingArgument,
     out: OutOption,
-    bags: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="BAGS",
-            help="ROS 1 files or ROS 2 folders; none: those that the mapping lists.",
-            show_default=False,
-        ),
-    ] = None,
+    bags: Annotated[list[Path] | None, _files("BAGS", "ROS 1 files or ROS 2 folders")] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
-    template: Annotated[
-        bool,
-        typer.Option(
-            "--template",
-            is_eager=True,
-            callback=_printer("rosbag"),
-            help="Print a mapping to begin with, and end.",
-        ),
-    ] = False,
-    topics: Annotated[
-        Path | None,
-        typer.Option(
-            "--topics",
-            is_eager=True,
-            callback=_topics,
-            metavar="BAG",
-            help="Print the topics of a bag and their types, and end.",
-            show_default=False,
-        ),
-    ] = None,
+    template: Annotated[bool, _template("rosbag")] = False,
+    topics: TopicsOption = None,
 ) -> None:
     """Make a dataset of ROS 1 or ROS 2 bags: their streams on one clock, cut into presses."""
     from skincal import imports

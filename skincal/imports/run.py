@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from skincal.dataset.findings import Findings
@@ -11,8 +11,9 @@ from skincal.errors import InputError, Problem
 from skincal.files import refuse_existing
 from skincal.imports.assembly import Imported, assemble, resolved
 from skincal.imports.csv_source import read_csv_files
-from skincal.imports.mapping import BagFormat, CsvFormat
+from skincal.imports.mapping import Mapping
 from skincal.imports.read_mapping import read_mapping
+from skincal.imports.recording import Recording
 
 
 def import_csv(
@@ -33,15 +34,7 @@ def import_csv(
         InputError: the mapping or the recording is wrong; every violation is listed.
         OSError: the disk is full, or not writable; then nothing is left behind.
     """
-    refuse_existing(Path(out), force=force, marker=FILE)
-    found = read_mapping(Path(mapping), "csv")
-    assert isinstance(found.source, CsvFormat)
-    paths = resolved(found, [Path(file) for file in files], found.source.files, "a CSV file to read")
-    findings = Findings()
-    recording = read_csv_files(found, paths, findings)
-    findings.raise_errors()
-    assert recording is not None
-    return assemble(recording, found, Path(out), findings, force=force)
+    return _imported(Path(mapping), "csv", Path(out), files, read_csv_files, force=force)
 
 
 def import_rosbag(
@@ -65,15 +58,31 @@ def import_rosbag(
     """
     from skincal.imports.bag_source import read_bags
 
-    refuse_existing(Path(out), force=force, marker=FILE)
-    found = read_mapping(Path(mapping), "bag")
-    assert isinstance(found.source, BagFormat)
-    paths = resolved(found, [Path(bag) for bag in bags], found.source.files, "a bag to read")
+    return _imported(Path(mapping), "bag", Path(out), bags, read_bags, force=force)
+
+
+_READ = {"csv": "a CSV file to read", "bag": "a bag to read"}
+"""What is expected where a recording is named, by the kind of its mapping."""
+
+
+def _imported(
+    mapping: Path,
+    kind: str,
+    out: Path,
+    given: Sequence[str | Path],
+    read: Callable[[Mapping, Sequence[Path], Findings], Recording | None],
+    *,
+    force: bool,
+) -> Imported:
+    """Reads a recording after its mapping, and makes a dataset of it."""
+    refuse_existing(out, force=force, marker=FILE)
+    found = read_mapping(mapping, kind)
+    paths = resolved(found, [Path(file) for file in given], found.source.files, _READ[kind])
     findings = Findings()
-    recording = read_bags(found, paths, findings)
+    recording = read(found, paths, findings)
     findings.raise_errors()
     assert recording is not None
-    return assemble(recording, found, Path(out), findings, force=force)
+    return assemble(recording, found, out, findings, force=force)
 
 
 def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
