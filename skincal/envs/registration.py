@@ -1,4 +1,4 @@
-"""Names by which Gymnasium finds the tasks. Gymnasium calls this when it is imported itself: nothing else is loaded."""
+"""Names by which Gymnasium finds the tasks; the tasks themselves are loaded when one is made."""
 
 from __future__ import annotations
 
