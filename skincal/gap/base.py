@@ -73,7 +73,7 @@ class BaseModel:
             # Along a direction of the surface, whatever its kind: the pose whose centre lies there.
             way = np.array([[step, 0.0] if direction == "across" else [0.0, step]])
             centre = self.surface.wrap(replace(pose, alpha_rad=0.0), way)[0][0]
-            pose = _centred(self.surface, pose, centre)
+            pose = centred(self.surface, pose, centre)
         return self._at(pose, self.elasticity_pa_per_m)
 
 
@@ -84,7 +84,7 @@ def resolution_of(layout: TaxelLayout) -> float:
     return max(_FINEST_M, min(fewest, float(layout.sizes_m.min()) / 4))
 
 
-def _centred(surface: Surface, pose: SensorPose, centre_m: FloatArray) -> SensorPose:
+def centred(surface: Surface, pose: SensorPose, centre_m: FloatArray) -> SensorPose:
     """The pose with its centre at a point near its present one, found by its angle and x about the finger."""
     here = surface.wrap(pose, np.zeros((1, 2)))[0][0]
     beta = np.arctan2(centre_m[0], centre_m[2]) - np.arctan2(here[0], here[2])

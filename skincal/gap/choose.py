@@ -1,0 +1,276 @@
+"""Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
+
+In each round every effect that the data can speak of is searched on the training presses and scored on the selection
+presses (:mod:`skincal.gap.candidates`). The best few are fitted in full, together with the sensor, the places and all
+effects named before, and the one that leaves least is named; those that leave nearly as little stay in its set of
+names. It ends when nothing significant is left, when no effect explains a fair part of what is left, or at the most
+effects allowed. At the end each named effect is dropped in turn, and stays out if nothing is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skincal.effects import EFFECTS
+from skincal.gap.candidates import Found, Scene, best_of
+from skincal.gap.free import Coordinate, priors
+from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.reading import Reading
+from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.session import GapSession
+from skincal.model.arrays import BoolArray, FloatArray
+
+Heard = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """When an effect is named.
+
+    Attributes:
+        most: effects at most.
+        significant: p-value at which there is something.
+        share_first: part of the excess that an effect must explain to be named at all, of what is there in its round.
+        share_later: the same from the second round on: what an equation that is not quite right leaves over must not
+            be named.
+        of_all: part of the first round's excess that a later effect must explain.
+        alike: effects stay in the set of names if they explain at least this part of what the best one does.
+        contenders: so many are fitted in full at most.
+        contend: effects that explain at least this part of the best are fitted in full.
+        enough: no further round where this part of the first round's excess is left, or less.
+    """
+
+    most: int = 4
+    significant: float = 0.01
+    share_first: float = 0.25
+    share_later: float = 0.4
+    of_all: float = 0.04
+    alike: float = 0.93
+    contenders: int = 3
+    contend: float = 0.6
+    enough: float = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What is to be explained, and how it is split.
+
+    Attributes:
+        session: what was pressed.
+        reading: what was read.
+        learn: (N,) observations that parameters are found on.
+        score: (N,) observations that choose.
+        options: priors of a refit.
+    """
+
+    session: GapSession
+    reading: Reading
+    learn: BoolArray
+    score: BoolArray
+    options: RefitOptions
+
+    @property
+    def known(self) -> BoolArray:
+        """(N,) what choice and fit see."""
+        return self.learn | self.score
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A refit with its effects.
+
+    Attributes:
+        refit: sensor, places and effects.
+        coords: their numbers.
+        held: parameters that were held.
+    """
+
+    refit: Refit
+    coords: tuple[Coordinate, ...] = ()
+    held: Mapping[str, Parameters] = field(default_factory=dict[str, Parameters])
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What it takes to be true."""
+        return self.refit.hypothesis
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its effects."""
+        return tuple(self.refit.hypothesis.effects)
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that was named.
+
+    Attributes:
+        name: of the effect.
+        consistent_with: names that these data cannot tell apart from it, itself first.
+        share: part of the excess of its round that it explains.
+        p_value: of the best score of a null session's effects reaching its score.
+    """
+
+    name: str
+    consistent_with: tuple[str, ...]
+    share: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """What was tried in a round.
+
+    Attributes:
+        found: the search of each effect, best score first.
+        excess: squared residual beyond noise before it, over the presses that choose.
+        falls: fall of the squared residual by a full fit, of the contenders.
+    """
+
+    found: tuple[Found, ...]
+    excess: float
+    falls: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What is missing.
+
+    Attributes:
+        before: the base model alone.
+        after: with the effects that were named.
+        named: them.
+        rounds: what was tried.
+        excess: squared residual beyond noise, before and after.
+    """
+
+    before: Model
+    after: Model
+    named: tuple[Named, ...]
+    rounds: tuple[Round, ...]
+    excess: tuple[float, float]
+
+    @property
+    def explained(self) -> float:
+        """The part of the excess that the named effects explain; NaN where there is none."""
+        first, last = self.excess
+        return 1 - max(last, 0.0) / first if first > 0 else float("nan")
+
+
+PValue = Callable[[str, float], float]
+"""The p-value of an effect's score, from its name and the score."""
+
+
+def excess_of(material: Material, residual: FloatArray, null_mean: float) -> float:
+    """Squared residual beyond what a null session has, over all that choice and fit see.
+
+    Args:
+        material: the session.
+        residual: (N, J) whitened.
+        null_mean: mean square of a null session's residual.
+    """
+    seen = material.reading.seen & material.known[:, None]
+    return float((residual[seen] ** 2).sum() - null_mean * seen.sum())
+
+
+def choose(
+    before: Model,
+    material: Material,
+    p_value: PValue,
+    null_mean: float,
+    options: ChoiceOptions | None = None,
+    names: Sequence[str] | None = None,
+    heard: Heard = lambda _: None,
+) -> Choice:
+    """Names effects one by one.
+
+    Args:
+        before: the base model, fitted.
+        material: the session.
+        p_value: of a score.
+        null_mean: mean square of a null session's residual.
+        options: when an effect is named.
+        names: effects that may be named; all of them if not given.
+        heard: told what is being done.
+    """
+    options = options or ChoiceOptions()
+    pool = tuple(names or EFFECTS)
+    model, named, rounds = before, list[Named](), list[Round]()
+    first = excess_of(material, before.refit.slopes.residual, null_mean)
+    left = first
+    while len(named) < options.most and left > options.enough * first and first > 0:
+        heard(f"round {len(named) + 1}: searching")
+        found = _searched(model, material, [n for n in pool if n not in model.names])
+        if not found:
+            break
+        chance = p_value(found[0].effect, found[0].scored)
+        rounds.append(Round(tuple(found), left, {}))
+        if chance > options.significant or found[0].scored <= 0:
+            break
+        heard(f"round {len(named) + 1}: fitting {found[0].effect} and what comes near it")
+        fits = _fitted(model, found, material, options)
+        falls = {name: left - excess_of(material, m.refit.slopes.residual, null_mean) for name, m in fits}
+        rounds[-1] = Round(tuple(found), left, falls)
+        name, best = max(fits, key=lambda item: falls[item[0]])
+        share = falls[name] / left
+        wanted = options.share_later if named else options.share_first
+        if share < wanted or falls[name] < options.of_all * first:
+            break
+        alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
+        named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
+        model, left = best, left - falls[name]
+    return Choice(before, model, tuple(named), tuple(rounds), (first, left))
+
+
+def _searched(model: Model, material: Material, names: Sequence[str]) -> list[Found]:
+    scene = Scene.of(
+        model.hypothesis, model.refit.slopes, material.session, material.reading, material.options
+    )
+    learn, score = scene.part(material.learn), scene.part(material.score)
+    found = [one for name in names if (one := best_of(scene, name, learn, score)) is not None]
+    return sorted(found, key=lambda f: -f.scored)
+
+
+def _fitted(
+    model: Model, found: Sequence[Found], material: Material, options: ChoiceOptions
+) -> list[tuple[str, Model]]:
+    """Full fits of the best, with what was named before."""
+    near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
+    return [(f.effect, extended(model, f, material)) for f in near]
+
+
+def extended(model: Model, found: Found, material: Material) -> Model:
+    """A model with one more effect, all of it fitted again."""
+    coords = (*model.coords, *found.start.coords)
+    x = np.concatenate([model.refit.x, found.x])
+    held = {**model.held, **found.start.held}
+    return fitted(model.hypothesis, coords, x, held, material)
+
+
+def fitted(
+    start: Hypothesis,
+    coords: tuple[Coordinate, ...],
+    x: FloatArray,
+    held: Mapping[str, Parameters],
+    material: Material,
+) -> Model:
+    """A model from a start, learned from all that choice and fit may see."""
+    options = replace(material.options, settle=0)
+    found = refit(start, material.session, material.reading, options, coords, x, material.known, held)
+    return Model(found, coords, held)
+
+
+def without(model: Model, name: str, material: Material) -> Model:
+    """A model with one effect dropped and the rest fitted again."""
+    keep = np.array([c.effect != name for c in model.coords], dtype=np.bool_)
+    coords = tuple(c for c in model.coords if c.effect != name)
+    held = {key: value for key, value in model.held.items() if key != name}
+    return fitted(model.hypothesis, coords, model.refit.x[keep], held, material)
+
+
+def prior_cost(model: Model) -> float:
+    """What the priors of a model's numbers cost."""
+    return float(((model.refit.x / priors(model.coords)) ** 2).sum()) if model.coords else 0.0

@@ -1,0 +1,302 @@
+"""The joint fit of a session: sensor, effects and the place of every press at once, by damped Gauss-Newton steps.
+
+The most probable hypothesis minimises
+
+    sum (residual / sigma)² + sum_k (place_k / prior)² + sum (x_i / prior_i)²
+
+over the five parameters of the base model, coordinates x of effects (:mod:`skincal.gap.free`) and three numbers of
+every press. Presses hang together by the sensor only, so their numbers are eliminated press by press (a Schur
+complement), and a step costs little more than the model itself. Presses that are not learned from have no say in the
+sensor; they only find their own place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.effects import EFFECTS, Contacted, EffectSkin, Stage
+from skincal.gap.free import Coordinate, clipped, parameters_at, priors
+from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters, memory_samples
+from skincal.gap.reading import Reading
+from skincal.gap.session import GapSession
+from skincal.model import Cylinder, Plane
+from skincal.model.arrays import BoolArray, FloatArray, as_floats
+
+BASE_SIZE = 5
+_STEPS = np.array([5e-5, 5e-5, 0.01, 0.02, 0.02])
+"""Steps of differences: across, along [m], alpha [rad], logarithms of E and S."""
+_MOST = np.array([5e-4, 5e-4, 0.05, 0.3, 0.1])
+"""The longest step of the base model at a time."""
+_MOST_PLACE_M = 3e-4
+_MOST_COORDINATE = 1.0
+_COORDINATE_STEP = 0.03
+_RIDGE = 1e-6
+
+
+@dataclass(frozen=True)
+class RefitOptions:
+    """How a refit goes.
+
+    Attributes:
+        position_sigma_m: of the measured place of a press, along each direction [m].
+        force_sigma: of its measured force, relative.
+        steps: at most.
+        settle: steps in which only presses move.
+        enough: the objective's fall in a step below which it is found, absolute.
+        base: whether the base model may move.
+    """
+
+    position_sigma_m: float = 1e-3
+    force_sigma: float = 0.005
+    steps: int = 8
+    settle: int = 2
+    enough: float = 2.0
+    base: bool = True
+
+    @property
+    def place_prior(self) -> FloatArray:
+        """(3,) standard deviations of what a press has of its own."""
+        return np.array([self.position_sigma_m, self.position_sigma_m, self.force_sigma])
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Whitened values and slopes of a hypothesis.
+
+    Attributes:
+        values: (N, J) before the converter [counts].
+        residual: (N, J) whitened.
+        base: (N, J, 5) whitened slopes by across, along, alpha, log E, log S.
+        place: (N, J, 3) whitened slopes by the place and force of the own press.
+        effect: (N, J, n) whitened slopes by the coordinates of effects.
+    """
+
+    values: FloatArray
+    residual: FloatArray
+    base: FloatArray
+    place: FloatArray
+    effect: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """What a refit found.
+
+    Attributes:
+        hypothesis: the most probable one.
+        x: (n,) coordinates of the effects.
+        slopes: there.
+        objective: the sum that was minimised, over the observations that were learned from.
+        covariance: (5 + n, 5 + n) of base parameters and coordinates, places integrated out.
+    """
+
+    hypothesis: Hypothesis
+    x: FloatArray
+    slopes: Slopes
+    objective: float
+    covariance: FloatArray
+
+
+def refit(
+    start: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    options: RefitOptions,
+    coords: Sequence[Coordinate] = (),
+    x: FloatArray | None = None,
+    learn: BoolArray | None = None,
+    fixed: Mapping[str, Parameters] | None = None,
+) -> Refit:
+    """Finds the most probable hypothesis near a start.
+
+    Args:
+        start: sensor and places; its effects are not looked at.
+        session: what was pressed.
+        reading: what was read.
+        options: priors and limits.
+        coords: numbers of effects to be found.
+        x: (n,) where they start; zero if not given.
+        learn: (N,) observations that sensor and effects are learned from; None: all of them.
+        fixed: parameters that stay as they are, of effects without free numbers or beside them.
+    """
+    problem = _Problem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
+    x = np.zeros(len(coords)) if x is None else clipped(coords, x)
+    here = problem.at(start, x)
+    slopes = problem.slopes(here, x)
+    best = problem.objective(here, x, slopes.residual)
+    damping = 0.3
+    for step in range(options.steps):
+        free = options.base and step >= options.settle
+        proposal = problem.step(here, x, slopes, damping if step < options.settle else 0.0, free=free)
+        there, y = problem.moved(here, x, *proposal)
+        value, share = problem.objective(there, y), 1.0
+        while value > best and share > 0.1 and step >= options.settle:
+            share /= 3
+            there, y = problem.moved(here, x, *(share * part for part in proposal))
+            value = problem.objective(there, y)
+        if value > best and step >= options.settle:
+            break
+        fall, here, x, best = best - value, there, y, value
+        slopes = problem.slopes(here, x)
+        if step > options.settle and fall < options.enough:
+            break
+    return Refit(here, x, slopes, best, problem.covariance(here, slopes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    session: GapSession
+    reading: Reading
+    options: RefitOptions
+    coords: tuple[Coordinate, ...]
+    learn: BoolArray | None
+    fixed: Mapping[str, Parameters]
+
+    def at(self, hypothesis: Hypothesis, x: FloatArray) -> Hypothesis:
+        return hypothesis.with_effects(parameters_at(self.coords, x, self.fixed))
+
+    def moved(
+        self, here: Hypothesis, x: FloatArray, base: FloatArray, coords: FloatArray, places: FloatArray
+    ) -> tuple[Hypothesis, FloatArray]:
+        y = clipped(self.coords, x + coords) if len(x) else x
+        there = here.moved(base) if base.any() else here
+        # Tactile points and what was worked out of them stay where the sensor did.
+        there = (
+            there.with_places(here.places + places)
+            if not base.any()
+            else replace(there, places=here.places + places)
+        )
+        return self.at(there, y), y
+
+    def objective(self, here: Hypothesis, x: FloatArray, residual: FloatArray | None = None) -> float:
+        """Over what is learned from only: other presses have no say, not even in whether a step is taken."""
+        if residual is None:
+            residual = self.reading.residual(here.values(self.session))
+        places = (here.places / self.options.place_prior) ** 2
+        if self.learn is not None:
+            residual = residual[self.learn]
+            places = places[np.unique(self.session.press[self.learn & (self.session.press >= 0)])]
+        total = float((residual**2).sum()) + float(places.sum())
+        return total + (float(((x / priors(self.coords)) ** 2).sum()) if len(x) else 0.0)
+
+    def slopes(self, here: Hypothesis, x: FloatArray) -> Slopes:
+        contacted = self._contact(here)
+        values = self.session.means(here.skin.finish(contacted))
+        weight = self.reading.weight(values)[..., None]
+        place, base = self._of_sensor(here, contacted, values)
+        effect = [self._effect(here, x, k, contacted, values) for k in range(len(x))]
+        columns = np.zeros((*values.shape, 0)) if not effect else np.stack(effect, axis=-1)
+        return Slopes(
+            values,
+            self.reading.residual(values),
+            np.nan_to_num(np.stack(base, axis=-1)) * weight,
+            np.nan_to_num(np.stack(place, axis=-1)) * weight,
+            np.nan_to_num(columns) * weight,
+        )
+
+    def _contact(self, here: Hypothesis) -> Contacted:
+        return here.skin.contact(memory_samples(here, here.placed(self.session)))
+
+    def _of_sensor(
+        self, here: Hypothesis, contacted: Contacted, values: FloatArray
+    ) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Slopes (N, J) by the three numbers of each press, and by the five of the sensor."""
+
+        def change(contact: Contacted, skin: EffectSkin, step: float) -> FloatArray:
+            return (self.session.means(skin.finish(contact)) - values) / step
+
+        unit, skin = np.eye(BASE_SIZE), here.skin
+        pressed = [
+            self._contact(here.with_places(here.places + step * np.eye(PLACE)[k]))
+            for k, step in enumerate((_STEPS[0], _STEPS[0], _STEPS[3]))
+        ]
+        place = [change(c, skin, step) for c, step in zip(pressed, _STEPS[[0, 0, 3]].tolist(), strict=True)]
+        moved = [-place[0], -place[1]]
+        if not isinstance(here.model.surface, Cylinder | Plane):
+            moved = [self._explicit(here, k, values) for k in (0, 1)]
+        base = [*moved, self._explicit(here, 2, values)]
+        if any(a.effect.stage in (Stage.CONTACT, Stage.SPREAD) for a in skin.effects):
+            base.append(self._explicit(here, 3, values))
+        else:
+            # Loads are F times a function of F / E: what E does to them follows from what F does.
+            loads = contacted.loads_n
+            stiffer = replace(contacted, loads_n=loads + _STEPS[3] * loads - (pressed[2].loads_n - loads))
+            base.append(change(stiffer, skin, _STEPS[3]))
+        scaled = replace(skin.skin.parameters, scale_per_n=here.moved(_STEPS[4] * unit[4]).model.scale_per_n)
+        base.append(change(contacted, replace(skin, skin=replace(skin.skin, parameters=scaled)), _STEPS[4]))
+        return place, base
+
+    def _explicit(self, here: Hypothesis, k: int, values: FloatArray) -> FloatArray:
+        other = here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k])
+        return (other.values(self.session) - values) / _STEPS[k]
+
+    def _effect(
+        self, here: Hypothesis, x: FloatArray, k: int, contacted: Contacted, values: FloatArray
+    ) -> FloatArray:
+        """Slope by one coordinate; what acts after the contact needs no new one."""
+        step = _COORDINATE_STEP if x[k] + _COORDINATE_STEP <= self.coords[k].bounds[1] else -_COORDINATE_STEP
+        y = x.copy()
+        y[k] += step
+        other = self.at(here, y)
+        if EFFECTS[self.coords[k].effect].stage > Stage.SPREAD:
+            session = here.placed(self.session)
+            after = session.means(other.skin.finish(contacted))
+        else:
+            after = other.values(self.session)
+        return (after - values) / step
+
+    def step(
+        self, here: Hypothesis, x: FloatArray, slopes: Slopes, damping: float, *, free: bool
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Steps of base (5,), coordinates (n,) and places (P, 3)."""
+        normal, right, presses = self._normal(here, slopes, damping)
+        shared = np.zeros(len(right))
+        which = np.arange(len(right)) if free else np.arange(BASE_SIZE, len(right))
+        if len(x):
+            inverse = 1 / priors(self.coords) ** 2
+            normal[BASE_SIZE:, BASE_SIZE:] += np.diag(inverse)
+            right[BASE_SIZE:] -= inverse * x
+        if len(which) and (free or len(x)):
+            part = normal[np.ix_(which, which)]
+            part = part + _RIDGE * np.diag(np.diag(part) + 1e-12)
+            shared[which] = np.linalg.solve(part, right[which])
+        most = np.concatenate([_MOST, np.full(len(x), _MOST_COORDINATE)])
+        shared /= max(1.0, float(np.max(np.abs(shared) / most, initial=0.0)))
+        places = np.zeros_like(here.places)
+        for row, (inverse, cross, own) in presses.items():
+            places[row] = self.options.place_prior * (inverse @ (own - cross @ shared))
+        length = np.hypot(places[:, 0], places[:, 1])
+        places *= np.minimum(1.0, _MOST_PLACE_M / np.maximum(length, 1e-12))[:, None]
+        return shared[:BASE_SIZE], shared[BASE_SIZE:], places
+
+    def _normal(
+        self, here: Hypothesis, slopes: Slopes, damping: float
+    ) -> tuple[FloatArray, FloatArray, dict[int, tuple[FloatArray, FloatArray, FloatArray]]]:
+        shared = np.concatenate([slopes.base, slopes.effect], axis=-1)
+        use = np.ones(len(shared), dtype=np.bool_) if self.learn is None else self.learn
+        flat = shared[use].reshape(-1, shared.shape[-1])
+        normal, right = flat.T @ flat, flat.T @ slopes.residual[use].ravel()
+        prior = self.options.place_prior
+        presses: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        for row in np.unique(self.session.press[self.session.press >= 0]).tolist():
+            rows = np.flatnonzero(self.session.press == row)
+            own = (slopes.place[rows] * prior).reshape(-1, PLACE)
+            curve = own.T @ own
+            curve = curve + np.eye(PLACE) + damping * np.diag(np.diag(curve))
+            pull = own.T @ slopes.residual[rows].ravel() - here.places[row] / prior
+            cross = own.T @ shared[rows].reshape(-1, shared.shape[-1])
+            inverse = as_floats(np.linalg.inv(curve))
+            presses[row] = (inverse, cross, pull)
+            if use[rows].all():
+                normal -= cross.T @ inverse @ cross
+                right -= cross.T @ inverse @ pull
+        return normal, right, presses
+
+    def covariance(self, here: Hypothesis, slopes: Slopes) -> FloatArray:
+        normal, _, _ = self._normal(here, slopes, 0.0)
+        if self.coords:
+            normal[BASE_SIZE:, BASE_SIZE:] += np.diag(1 / priors(self.coords) ** 2)
+        return as_floats(np.linalg.pinv(normal, hermitian=True))
