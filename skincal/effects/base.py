@@ -53,6 +53,8 @@ class Effect(ABC):
         parameters: that it has.
         covariates: that it needs whenever it is not neutral; parameters may need more.
         has_memory: whether it depends on earlier samples.
+        of_rig: whether it is an error of what was measured and no property of the skin: where the true place and force
+            are known, as in an environment, it has no place.
         source: where its equation comes from.
     """
 
@@ -62,6 +64,7 @@ class Effect(ABC):
     parameters: ClassVar[tuple[EffectParameter, ...]]
     covariates: ClassVar[tuple[str, ...]] = ()
     has_memory: ClassVar[bool] = False
+    of_rig: ClassVar[bool] = False
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:

@@ -43,6 +43,7 @@ class ContactOffset(InputEffect):
         _number("across_m_per_n", "m/N", 1e-3, "movement towards growing beta with the force"),
         _number("along_m_per_n", "m/N", 1e-3, "movement along +y with the force"),
     )
+    of_rig = True
     source = (
         "First-order kinematic calibration errors: Hollerbach, Khalil, Gautier, Model Identification, "
         "Springer Handbook of Robotics, 2016, chapter 6."

@@ -38,6 +38,7 @@ class ForceBias(InputEffect):
             needs=("pose",),
         ),
     )
+    of_rig = True
     source = "Offset and sensitivity errors of transducers: Fraden, Handbook of Modern Sensors, 2016."
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:

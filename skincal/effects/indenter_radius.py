@@ -26,6 +26,7 @@ class IndenterRadius(InputEffect):
     parameters = (
         EffectParameter("scale", "-", 1.0, 0.3, 3.0, "true over said radius", typical=0.5, scale="log"),
     )
+    of_rig = True
     source = "Contact area of a sphere on an elastic foundation, a² = 2 R delta: Johnson, Contact Mechanics, 1985, 4.3."
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:

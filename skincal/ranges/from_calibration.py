@@ -6,7 +6,8 @@ Which figures of the preset a calibration replaces:
   becomes uniform over its interval. An offset of the preset (``y_offset_m``, ``x_offset_m``) stands for not
   knowing where the patch is; a calibrated centre takes its place.
 - ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
-- Parameters of effects stand under ``skin.effects.NAME``, uniform over their interval, constant without one.
+- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). ``taxel_offset`` and
+  ``taxel_gain`` take the place of the preset's spread of the taxels.
 
 A parameter that the data leave unbounded has nothing to replace the preset's range with: that stays, assumed.
 Where the preset has none, or one that the sensor's mount rules out (its figures are those of the published
@@ -21,9 +22,11 @@ from typing import Final
 import numpy as np
 
 from skincal.calibration import Calibration, Effect
+from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.ranges import presets
-from skincal.ranges.parameter import Numbers, Parameter
+from skincal.ranges.from_effects import effect_parameters
+from skincal.ranges.parameter import Parameter
 from skincal.ranges.ranges import JointDraws, Ranges
 
 DRAWS: Final = 500
@@ -31,6 +34,9 @@ DRAWS: Final = 500
 
 _OFFSETS: Final = {"y_m": "y_offset_m", "x_m": "x_offset_m", "beta_deg": "x_offset_m"}
 """The preset's offset that stands for not knowing the parameter."""
+
+_OF_TAXELS: Final = {"taxel_offset": "skin.taxel_offset_counts", "taxel_gain": "skin.scale_offset_per_n"}
+"""The preset's spread of the taxels that an effect takes the place of."""
 
 
 def from_calibration(
@@ -62,7 +68,8 @@ def from_calibration(
         _replace(parameters, calibration, name, warnings)
     _add_scale_offsets(parameters, calibration)
     for effect in calibration.effects:
-        parameters |= _effect_parameters(effect)
+        parameters |= effect_parameters(effect, warnings)
+        _take_the_place(parameters, effect, calibration.sensor.taxels)
     cloud = joint_draws(calibration, draws) if joint else None
     for column in cloud.columns if cloud else ():
         parameters.pop(_offset_path(column), None)
@@ -171,18 +178,14 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
         parameters["skin.scale_offset_per_n"] = Parameter.constant(offsets, source="calibrated")
 
 
-def _effect_parameters(effect: Effect) -> Mapping[str, Parameter]:
-    return {
-        f"skin.effects.{effect.name}.{name}": _effect_parameter(value, effect.intervals.get(name))
-        for name, value in effect.parameters.items()
-    }
-
-
-def _effect_parameter(value: Numbers, interval: tuple[Numbers, Numbers] | None) -> Parameter:
-    """Uniform over the interval where it is bounded, else the value as it was found."""
-    if interval is not None and all(np.isfinite(side).all() for side in interval):
-        return Parameter.uniform(*interval, source="calibrated")
-    return Parameter.constant(value, source="calibrated")
+def _take_the_place(parameters: dict[str, Parameter], effect: Effect, taxels: int) -> None:
+    """What is known of each taxel replaces what the preset assumes of all of them."""
+    path = _OF_TAXELS.get(effect.name, "")
+    if path not in parameters or parameters[path].source != "assumed":
+        return
+    known = EFFECTS[effect.name]
+    if not known.is_neutral(known.checked(effect.parameters, taxels)):
+        parameters[path] = Parameter.constant(0.0, source="calibrated")
 
 
 def _provenance(calibration: Calibration, preset: str) -> dict[str, str]:
@@ -194,4 +197,5 @@ def _provenance(calibration: Calibration, preset: str) -> dict[str, str]:
         "dataset_sha256": source.dataset_sha256,
         "version": source.version,
     }
-    return {name: value for name, value in values.items() if value}
+    poses = {f"poses_of_{effect.name}": ", ".join(effect.poses) for effect in calibration.effects}
+    return {name: value for name, value in (values | poses).items() if value}

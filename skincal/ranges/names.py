@@ -10,13 +10,15 @@ import math
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from skincal.calibration.effects import EFFECT_NAMES
+from skincal.effects import EFFECTS
 
-Shape = Literal["scalar", "joint", "joint_12", "joint_3", "xyz", "taxel", "any"]
+Shape = Literal["scalar", "joint", "joint_12", "joint_3", "xyz", "taxel", "pose"]
 """What one draw is: a number; one each joint, each joint 1 and 2, each joint 3; a vector; one each taxel.
 
-``any`` is an effect's own business: a number if its bounds are numbers, an array if they are lists.
+``pose``: one for all hand poses if the figures are numbers, one for each if they are lists.
 """
+
+_SHAPES: Final[dict[str, Shape]] = {"scalar": "scalar", "per-taxel": "taxel", "per-pose": "pose"}
 
 
 @dataclass(frozen=True)
@@ -114,12 +116,16 @@ EFFECTS_PREFIX: Final = "skin.effects."
 
 
 def find(path: str) -> Name | None:
-    """The parameter of this name, or None. An effect of the contract may have parameters of any name."""
+    """The parameter of this name, or None. Effects and their parameters are those of the registry."""
     if path in NAMES:
         return NAMES[path]
-    effect, _, parameter = path.removeprefix(EFFECTS_PREFIX).partition(".")
-    if path.startswith(EFFECTS_PREFIX) and effect in EFFECT_NAMES and parameter and "." not in parameter:
-        return Name(path, "", "any", f"{parameter} of the effect {effect}")
+    name, _, parameter = path.removeprefix(EFFECTS_PREFIX).partition(".")
+    if not path.startswith(EFFECTS_PREFIX) or name not in EFFECTS:
+        return None
+    for one in EFFECTS[name].parameters:
+        if one.name == parameter:
+            unit = "1" if one.unit == "-" else one.unit
+            return Name(path, unit, _SHAPES[one.shape], one.description, one.low, one.high)
     return None
 
 
@@ -132,7 +138,10 @@ def sort_key(path: str) -> tuple[int, str]:
 def expected_names(path: str) -> str:
     """What could have stood in the place of an unknown name, for an error message."""
     if path.startswith(EFFECTS_PREFIX):
-        return f"skin.effects.NAME.PARAMETER with NAME one of {', '.join(EFFECT_NAMES)}"
+        name = path.removeprefix(EFFECTS_PREFIX).partition(".")[0]
+        if name in EFFECTS:
+            return f"one of {', '.join(_parameters_of(name))}"
+        return f"skin.effects.NAME.PARAMETER with NAME one of {', '.join(EFFECTS)}"
     table = path.rpartition(".")[0]
     siblings = [name.path for name in NAMES.values() if name.table == table]
     if siblings:
@@ -142,5 +151,10 @@ def expected_names(path: str) -> str:
 
 def suggestion(path: str) -> str:
     """``Did you mean ...?``, or nothing."""
-    close = difflib.get_close_matches(path, NAMES, n=1, cutoff=0.75)
+    known = [*NAMES, *(full for name in EFFECTS for full in _parameters_of(name))]
+    close = difflib.get_close_matches(path, known, n=1, cutoff=0.75)
     return f"Did you mean {close[0]}?" if close else ""
+
+
+def _parameters_of(effect: str) -> list[str]:
+    return [f"{EFFECTS_PREFIX}{effect}.{parameter.name}" for parameter in EFFECTS[effect].parameters]

@@ -55,7 +55,7 @@ def _bound_problems(name: Name, parameter: Parameter, place: str) -> list[Proble
             continue
         wrong = [number for number in as_tuple(numbers) if not name.least <= number <= name.most]
         if wrong:
-            expected = f"{name.least:g} to {name.most:g} {name.unit}"
+            expected = f"{name.least:g} to {name.most:g}" + (f" {name.unit}" if name.unit != "1" else "")
             fix = f"Is the unit {name.unit}?" if name.unit != "1" else ""
             found.append(Problem(f"{place}[{name.path}] {key}", expected, f"{wrong[0]:g}", fix))
     return found
@@ -93,7 +93,7 @@ def joint_problems(
     found: list[Problem] = []
     for column in columns:
         name = find(column)
-        if name is None or name.shape not in ("scalar", "any") or name.table.partition(".")[0] != "skin":
+        if name is None or name.shape != "scalar" or name.table.partition(".")[0] != "skin":
             expected = "names of single figures of the skin: y_m, elasticity_pa_per_m, ..."
             found.append(Problem(f"{place} columns", expected, repr(column.removeprefix("skin."))))
     if len(set(columns)) != len(columns) or not columns:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.ranges.names import Shape, find
+from skincal.ranges.names import EFFECTS_PREFIX, Shape, find
 from skincal.ranges.parameter import MODES, Mode, Numbers, Parameter
 
 if TYPE_CHECKING:
@@ -84,7 +84,10 @@ def _values(
     if parameter.distribution == "constant":
         return np.broadcast_to(_array(parameter.value), (size,)).astype(np.float64)
     if parameter.distribution == "normal":
-        return rng.normal(_array(parameter.mean), _sigma(path, parameter, episode), size)
+        drawn = rng.normal(_array(parameter.mean), _sigma(path, parameter, episode), size)
+        name = find(path) if path.startswith(EFFECTS_PREFIX) else None
+        # The parameter of an effect has bounds that the skin insists on.
+        return drawn if name is None else np.clip(drawn, name.least, name.most)
     low, high = _array(parameter.low), _array(parameter.high)
     if parameter.distribution == "log_uniform":
         # exp(log(x)) may miss x by one unit in the last place, and then leave the range.
@@ -122,7 +125,7 @@ def _size(path: str, parameter: Parameter, *, joints: int, taxels: int) -> int |
         "joint_3": joints // 3,
         "xyz": 3,
         "taxel": taxels,
-        "any": own,
+        "pose": own,
     }
     size = sizes[shape]
     if own is not None and own != size:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from calibrations import INTERVALS, make_calibration
 
-from skincal.calibration import write_calibration
+from skincal.calibration import Effect, write_calibration
 from skincal.cli import export_dr
 from skincal.cli.main import main
 from skincal.ranges import PRESETS, preset, read_ranges
@@ -39,6 +39,25 @@ def test_the_default(cal, tmp_path, capsys):
     assert any(line[0] == "elasticity_pa_per_m" and line[-1] == "100%" for line in lines if line)
     assert "5 parameters calibrated, 25 assumed from iros24" in shown
     assert said == "skincal: warning of the calibration: beta_deg ends at 0. Search from below 0.\n"
+
+
+def test_effects_are_ranges(tmp_path, capsys):
+    gains = tuple(0.9 + 0.01 * j for j in range(16))
+    effects = (
+        Effect("hysteresis", {"height": 0.4}, {"height": (0.3, 2.5)}),
+        Effect("taxel_gain", {"gain": gains}, {"gain": ((0.8,) * 16, (1.2,) * 16)}),
+        Effect("indenter_radius", {"scale": 0.8}, {"scale": (0.7, 0.9)}),
+    )
+    write_calibration(make_calibration(effects=effects), tmp_path / "cal")
+    assert run(tmp_path / "cal", "--out", tmp_path / "r.toml", "--json") == 0
+    shown, said = capsys.readouterr()
+    answer = json.loads(shown)["calibrated"]
+    assert answer["skin.effects.hysteresis.height"] == {"low": 0.3, "high": 1.5, "of_preset": None}
+    assert answer["skin.effects.taxel_gain.gain"]["low"] == [0.8] * 16
+    assert "indenter_radius: expected an effect of the skin; got an error of what the rig measured" in said
+    assert read_ranges(tmp_path / "r.toml")["skin.effects.taxel_gain.gain"].high == (1.2,) * 16
+    assert run(tmp_path / "cal", "--out", tmp_path / "r.yaml") == 0
+    assert "16 ranges" in capsys.readouterr()[0]
 
 
 def test_as_a_process_with_json(cal, tmp_path):

@@ -1,10 +1,14 @@
 """From a calibration to ranges: what is known goes in, the rest stays assumed, the cloud stays whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from calibrations import INTERVALS, make_calibration, on_a_plane
+from effects.effect_sessions import BASE
 
-from skincal.calibration import Effect, ModelParameters
+from skincal.calibration import Effect, ModelParameters, effect_from
+from skincal.effects import EFFECTS
 from skincal.errors import InputError
 from skincal.ranges import Parameter, from_calibration, narrowing, preset, read_ranges, write_ranges
 
@@ -46,8 +50,6 @@ def test_what_the_data_leave_open_stays_the_presets_with_a_warning():
 
 
 def test_a_preset_that_the_mount_rules_out_is_not_used():
-    from dataclasses import replace
-
     mount = make_calibration().mount
     longer = replace(mount, y_m=0.05, y_range_m=(0.045, 0.055))
     ranges = from_calibration(make_calibration(mount=longer, intervals=INTERVALS | {"y_m": ALL}))
@@ -93,17 +95,112 @@ def test_scales_of_the_taxels_are_offsets_from_the_common_one(name):
     assert ranges["skin.scale_offset_per_n"].source == "calibrated"
 
 
+def constant(value):
+    return Parameter.constant(value, source="calibrated")
+
+
 def test_effects_bring_their_parameters():
+    gains = tuple(0.9 + 0.01 * j for j in range(16))
+    low, high = (tuple(g + d for g in gains) for d in (-0.05, 0.05))
     effects = (
-        Effect("creep", {"tau_s": 2.0, "share": 0.1}, {"tau_s": (1.0, 4.0), "share": (0.0, np.inf)}),
-        Effect("taxel_gain", {"gain": (1.0, 0.9)}, {"gain": ((0.9, 0.8), (1.1, 1.0))}),
+        Effect(
+            "creep",
+            {"time_constant_s": 2.0, "amplitude": 0.1, "breadth": 0.0},
+            {"time_constant_s": (1.0, np.inf), "amplitude": (-9.0, 0.2)},
+        ),
+        Effect("taxel_gain", {"gain": gains}, {"gain": (low, high)}),
+        Effect(
+            "force_bias",
+            {"pose_scale": (1.1, 0.9)},
+            {"pose_scale": ((1.0, 0.8), (1.2, 1.0))},
+            poses=("a", "b"),
+        ),
     )
     ranges = from_calibration(make_calibration(effects=effects))
+    log = Parameter.log_uniform
     assert ranges.table("skin.effects") == {
-        "creep.tau_s": known(1.0, 4.0),
-        "creep.share": Parameter.constant(0.1, source="calibrated"),
-        "taxel_gain.gain": known((0.9, 0.8), (1.1, 1.0)),
+        "creep.time_constant_s": log(1.0, 200.0, source="calibrated"),
+        "creep.amplitude": known(-0.6, 0.2),
+        "creep.breadth": constant(0.0),
+        "taxel_gain.gain": log(low, high, source="calibrated"),
+        "force_bias.pose_scale": known((1.0, 0.8), (1.2, 1.0)),
     }
+    assert ranges.provenance["poses_of_force_bias"] == "a, b"
+    assert [w.place for w in ranges.warnings] == ["calibration.toml, [effects] force_bias"]
+
+
+def test_what_an_interval_does_not_tell_stays_as_found_with_a_warning():
+    ends = (-np.inf,) * 3 + (0.9,) * 13, (np.inf,) * 3 + (1.2,) * 13
+    effects = (
+        Effect("taxel_gain", {"gain": (1.0,) * 16}, {"gain": ends}),
+        Effect("creep", {"amplitude": 0.2, "breadth": 1.0}, {"breadth": (-np.inf, np.inf)}),
+    )
+    ranges = from_calibration(make_calibration(effects=effects))
+    assert ranges["skin.effects.taxel_gain.gain"].low == (1.0,) * 3 + (0.9,) * 13
+    assert ranges["skin.effects.taxel_gain.gain"].high == (1.0,) * 3 + (1.2,) * 13
+    assert ranges["skin.effects.creep.breadth"] == constant(1.0)
+    assert [w.fix for w in ranges.warnings] == [
+        "The data do not tell gain of 3 of 16; the value stays as it was found.",
+        "The data do not tell breadth; the value stays as it was found.",
+    ]
+
+
+def test_what_is_known_of_each_taxel_replaces_what_was_assumed_of_all():
+    offsets = Effect("taxel_offset", {"offset_counts": tuple(np.linspace(-3, 3, 16))})
+    gains = Effect("taxel_gain", {"gain": tuple(np.linspace(0.9, 1.1, 16))})
+    ranges = from_calibration(make_calibration(effects=(offsets, gains)), "icra26")
+    assert ranges["skin.taxel_offset_counts"] == constant(0.0)
+    assert ranges["skin.scale_offset_per_n"] == constant(0.0)
+    neutral = from_calibration(make_calibration(effects=(Effect("taxel_offset", {"offset_counts": 0.0}),)))
+    assert neutral["skin.taxel_offset_counts"] == preset("iros24")["skin.taxel_offset_counts"]
+
+
+def case_of(name: str, width: float) -> Effect:
+    """A typical case with intervals that are some part of the bounds wide, and reach beyond them at times."""
+    given = EFFECTS[name].at_strength(1.0, np.random.default_rng(4), make_calibration().layout())
+    pairs = {
+        key: (value - width * (p.high - p.low), value + width * (p.high - p.low))
+        for key, value in given.items()
+        for p in [EFFECTS[name].parameter(key)]
+    }
+    return effect_from(name, given, pairs, taxels=16, poses=("a", "b"))
+
+
+@pytest.mark.parametrize("suffix", ["toml", "json", "yaml"])
+@pytest.mark.parametrize("name", EFFECTS)
+def test_draws_of_every_effect_go_into_a_skin(tmp_path, name, suffix):
+    ranges = from_calibration(make_calibration(effects=(case_of(name, 0.3),)))
+    write_ranges(ranges, tmp_path / f"r.{suffix}")
+    back = read_ranges(tmp_path / f"r.{suffix}")
+    assert back == ranges
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        drawn = back.sample(rng)["skin"]["effects"]
+        (applied,) = BASE.with_effects(drawn).effects
+        assert applied.effect.name == name
+        assert not applied.neutral
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_without_an_interval_or_with_none_to_speak_of_the_draw_is_what_was_found(name):
+    found = case_of(name, 0.0)
+    for effect in (found, Effect(name, found.parameters)):
+        drawn = from_calibration(make_calibration(effects=(effect,))).sample(np.random.default_rng(1))
+        for key, value in found.parameters.items():
+            assert np.array_equal(drawn["skin"]["effects"][name][key], value)
+    neutral = Effect(name, {p.name: p.neutral for p in EFFECTS[name].parameters})
+    drawn = from_calibration(make_calibration(effects=(neutral,))).sample(np.random.default_rng(1))
+    assert BASE.with_effects(drawn["skin"]["effects"]).effects[0].neutral
+
+
+def test_the_cloud_may_hold_effects(tmp_path):
+    calibration = make_calibration(effects=(Effect("creep", {"amplitude": 0.2}, {"amplitude": (0.1, 0.3)}),))
+    draws = dict(calibration.draws) | {"effects.creep.amplitude": np.linspace(0.1, 0.3, 200)}
+    ranges = from_calibration(replace(calibration, draws=draws), joint=True)
+    write_ranges(ranges, tmp_path / "r.toml")
+    drawn = read_ranges(tmp_path / "r.toml").sample(np.random.default_rng(1))["skin"]
+    row = np.flatnonzero(draws["effects.creep.amplitude"] == drawn["effects"]["creep"]["amplitude"])
+    assert draws["y_m"][row[0]] == drawn["y_m"]
 
 
 def test_the_cloud_is_rows_of_the_valley(tmp_path):

@@ -49,12 +49,52 @@ def test_noise_needs_a_level_that_is_drawn_per_episode_and_not_below_zero(level)
         Ranges({"skin.noise_sigma_counts": level, "skin.taxel_noise_counts": noise})
 
 
-def test_the_parameters_of_an_effect_may_have_any_name():
-    gains = U((0.9, 0.8), (1.1, 1.2))
-    ranges = Ranges({"skin.effects.hysteresis.width": U(0.0, 0.2), "skin.effects.taxel_gain.gain": gains})
-    sample = ranges.sample(np.random.default_rng(0))
-    assert isinstance(sample["skin"]["effects"]["hysteresis"]["width"], float)
-    assert sample["skin"]["effects"]["taxel_gain"]["gain"].shape == (2,)
+def test_the_parameters_of_an_effect_are_those_of_the_registry():
+    gains = U((0.9,) * 16, (1.1,) * 16)
+    ranges = Ranges(
+        {
+            "skin.effects.hysteresis.height": U(0.0, 0.2),
+            "skin.effects.taxel_gain.gain": gains,
+            "skin.effects.taxel_offset.offset_counts": U(-1.0, 1.0),
+            "skin.effects.force_bias.pose_scale": U((0.9, 1.0), (1.1, 1.2)),
+            "skin.effects.contact_offset.pose_along_m": U(0.0, 1e-3),
+            "skin.effects.creep.amplitude": Parameter.normal(0.0, 9.0, mode="episode"),
+        }
+    )
+    effects = ranges.sample(np.random.default_rng(0))["skin"]["effects"]
+    assert isinstance(effects["hysteresis"]["height"], float)
+    assert effects["taxel_gain"]["gain"].shape == effects["taxel_offset"]["offset_counts"].shape == (16,)
+    assert len(set(effects["taxel_offset"]["offset_counts"])) == 16
+    assert effects["force_bias"]["pose_scale"].shape == (2,)
+    assert isinstance(effects["contact_offset"]["pose_along_m"], float)
+    drawn = [
+        ranges.sample(np.random.default_rng(s))["skin"]["effects"]["creep"]["amplitude"] for s in range(9)
+    ]
+    assert min(drawn) == -0.6
+    assert max(drawn) == 1.5
+    with pytest.raises(ValueError, match="16 numbers, but a draw has 25"):
+        ranges.sample(np.random.default_rng(0), taxels=25)
+
+
+@pytest.mark.parametrize(
+    ("path", "parameter", "words"),
+    [
+        (
+            "hysteresis.hight",
+            U(0.0, 0.2),
+            "expected one of skin.effects.hysteresis.height, skin.effects.hysteresis",
+        ),
+        ("hysteresis.hight", U(0.0, 0.2), "Did you mean skin.effects.hysteresis.height?"),
+        ("hysteresys.height", U(0.0, 0.2), "Did you mean skin.effects.hysteresis.height?"),
+        ("hysteresis.height", U(0.0, 2.0), "high: expected -0.8 to 1.5; got 2"),
+        ("latency.delay_s", U(0.0, 20.0), "expected 0 to 1 s; got 20. Is the unit s?"),
+        ("hysteresis.height", U((0.0, 0.1), (0.2, 0.2)), "expected one number; got a list of 2"),
+    ],
+)
+def test_what_is_wrong_with_an_effect_is_said(path, parameter, words):
+    with pytest.raises(InputError) as caught:
+        Ranges({f"skin.effects.{path}": parameter})
+    assert words in str(caught.value)
 
 
 def test_it_is_a_mapping_that_cannot_be_changed():

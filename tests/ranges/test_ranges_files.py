@@ -16,35 +16,52 @@ NUMBERS = st.floats(-1e300, 1e300, allow_nan=False)
 POSITIVE = st.floats(1e-300, 1e300)
 
 
+WIDE = (
+    "skin.scale_per_n",
+    "skin.elasticity_pa_per_m",
+    "object.marble.random_force_n",
+    "skin.scale_offset_per_n",
+)
+"""Parameters with few bounds or none; of the last, one number a taxel."""
+
+
 @st.composite
-def parameters(draw):
+def parameters(draw, least: float):
     mode = draw(st.sampled_from(["episode", "step"]))
     source = draw(st.sampled_from(["calibrated", "assumed"]))
-    kind = draw(st.sampled_from(["uniform", "log_uniform", "normal", "constant", "lists"]))
-    if kind == "lists":
-        lows = draw(st.lists(NUMBERS, min_size=1, max_size=4))
-        return Parameter.uniform(tuple(lows), 1e300, mode, source)
+    kind = draw(st.sampled_from(["uniform", "log_uniform", "normal", "constant"]))
     if kind == "normal":
-        return Parameter.normal(draw(NUMBERS), draw(POSITIVE), mode, source)
+        return Parameter.normal(max(draw(NUMBERS), least), draw(POSITIVE), mode, source)
     if kind == "constant":
-        return Parameter.constant(draw(NUMBERS), mode, source)
+        return Parameter.constant(max(draw(NUMBERS), least), mode, source)
     low, high = sorted([draw(POSITIVE), draw(POSITIVE)])
     return getattr(Parameter, kind)(low, high, mode, source)
+
+
+LISTS = st.lists(NUMBERS, min_size=1, max_size=4).map(lambda lows: Parameter.uniform(tuple(lows), 1e300))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(
-    values=st.dictionaries(st.from_regex(r"[a-z][a-z_0-9]{0,12}", fullmatch=True), parameters(), max_size=4),
+    values=st.fixed_dictionaries(
+        {},
+        optional={
+            WIDE[0]: parameters(0.0),
+            WIDE[1]: parameters(0.0),
+            WIDE[2]: parameters(-1e300),
+            WIDE[3]: parameters(-1e300) | LISTS,
+            "skin.effects.creep.amplitude": st.floats(-0.6, 1.5).map(Parameter.constant),
+            "skin.effects.taxel_gain.gain": st.lists(st.floats(0.2, 5.0), min_size=1, max_size=4).map(
+                lambda lows: Parameter.uniform(tuple(lows), 5.0)
+            ),
+        },
+    ),
     rows=st.lists(st.tuples(NUMBERS, NUMBERS), max_size=4),
 )
 def test_what_is_written_is_read_exactly(tmp_path, suffix, values, rows):
-    joint = JointDraws(("skin.y_m", "skin.effects.creep.a"), rows) if rows else None
-    ranges = Ranges(
-        {f"skin.effects.hysteresis.{name}": parameter for name, parameter in values.items()},
-        joint,
-        {"dataset": 'a "quoted" näme\n'},
-    )
+    joint = JointDraws(("skin.y_m", "skin.effects.creep.amplitude"), rows) if rows else None
+    ranges = Ranges(values, joint, {"dataset": 'a "quoted" näme\n'})
     path = tmp_path / f"ranges{suffix}"
     write_ranges(ranges, path, force=True)
     assert read_ranges(path) == ranges
