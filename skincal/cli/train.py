@@ -67,7 +67,7 @@ def train(
             "--steps",
             min=1,
             help="Environment steps, of all environments together; rounded up to whole rounds.",
-            show_default="800000 for marble, 600000 for bolt",
+            show_default="as planned, or 800000 for marble, 600000 for bolt",
         ),
     ] = None,
     backend: Annotated[
@@ -103,17 +103,20 @@ def train(
         work, used = read_run(out)
         _same(out, task, told, work, used)
     else:
-        work = _work(task, policy, seed, backend, Settings(environments=envs or Settings.environments))
+        settings = Settings(environments=envs or Settings.environments)
+        work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
         used = _ranges(ranges)
         begin(work, used, out, force=force)
-    result = _train(out, work, used, steps or STEPS[task], processes=processes)
+    result = _train(out, work, used, steps or work.steps, processes=processes)
     if as_json:
         print_json(_as_json(result))
     else:
         typer.echo(_summary(result))
 
 
-def _work(task: Task, policy: Kind | None, seed: int | None, backend: Backend | None, settings: Any) -> Work:
+def _work(
+    task: Task, policy: Kind | None, seed: int | None, steps: int, backend: Backend | None, settings: Any
+) -> Work:
     from skincal.train import BackendName, PolicyKind, Work
     from skincal.train import Task as TrainTask
 
@@ -121,6 +124,7 @@ def _work(task: Task, policy: Kind | None, seed: int | None, backend: Backend | 
         TrainTask(task.value),
         PolicyKind((policy or Kind.tactile).value),
         seed or 0,
+        steps,
         BackendName((backend or Backend.sb3).value),
         settings,
     )
@@ -158,7 +162,7 @@ def _train(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool
 
     try:
         with Told(steps) as told:
-            return train(out, steps, maker(work, ranges), processes=processes, told=told)
+            return train(out, maker(work, ranges), steps, processes=processes, told=told)
     except KeyboardInterrupt:
         say(
             f"skincal: interrupted; go on from the last checkpoint with\n"

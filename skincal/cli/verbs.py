@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from skincal.cli import audit, collect, dataset, export_dr, fit, hand, imports, predict, serve_hand, train
+from skincal.cli import eval as evaluation
 
 
 def register(app: typer.Typer) -> None:
@@ -19,3 +20,4 @@ def register(app: typer.Typer) -> None:
     app.command("audit", epilog=audit.EPILOG)(audit.audit)
     app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)
     app.command("train", epilog=train.EPILOG)(train.train)
+    app.command("eval", epilog=evaluation.EPILOG)(evaluation.evaluate)

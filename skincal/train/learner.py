@@ -27,6 +27,17 @@ CRITIC_KEY: Final = "critic"
 Arrays = dict[str, NDArray[Any]]
 
 
+class Normalised(VecNormalize):
+    """Normalises in 32 bits: the buffer's samples are normalised each time, in 64 bits a sixth of a run."""
+
+    def _normalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
+        mean = obs_rms.mean.astype(np.float32)
+        scale = (1.0 / np.sqrt(obs_rms.var + self.epsilon)).astype(np.float32)
+        result = np.subtract(obs, mean, dtype=np.float32)
+        result *= scale
+        return np.clip(result, -self.clip_obs, self.clip_obs, out=result)
+
+
 class Learner(ABC):
     """Soft actor-critic on parallel environments, with all of its state in the open.
 
@@ -40,7 +51,7 @@ class Learner(ABC):
 
     def __init__(self, environments: VecEnv, settings: Settings, seed: int) -> None:
         self.settings = settings
-        self.normalised = VecNormalize(environments, norm_reward=False, clip_obs=settings.observation_clip)
+        self.normalised = Normalised(environments, norm_reward=False, clip_obs=settings.observation_clip)
         self.model = self._make(self.normalised, settings, seed)
         # A logger of one's own stays from one part of the run to the next; it writes nothing.
         self.model.set_logger(Logger(folder=None, output_formats=[]))

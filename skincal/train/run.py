@@ -85,8 +85,8 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
 
 def train(
     folder: Path,
-    steps: int,
     make: Make,
+    steps: int | None = None,
     *,
     processes: bool = False,
     told: Callable[[Round], None] = lambda _: None,
@@ -95,8 +95,8 @@ def train(
 
     Args:
         folder: of the run, made by :func:`begin`.
-        steps: environment steps that it shall have in the end, of all environments together.
         make: makes an environment.
+        steps: environment steps that it shall have in the end, of all environments together; None: as planned.
         processes: whether each environment has a process of its own.
         told: is given the figures of every round.
 
@@ -107,7 +107,7 @@ def train(
     work, ranges = read_run(folder)
     with _alone(folder), _learner(work, make, processes=processes) as learner:
         course = _Course(folder, work, learner, told)
-        course.go_on(work.settings.rounds(steps))
+        course.go_on(work.settings.rounds(steps or work.steps))
         network = learner.network()
         if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
             raise WorkError(f"{folder}: the networks hold numbers that are not finite; nothing was written")

@@ -88,6 +88,7 @@ class Work:
         task: what is learned.
         policy: what the policy sees.
         seed: of everything random in it.
+        steps: environment steps that are planned.
         backend: who does the learning.
         settings: of the algorithm.
         rounds_per_checkpoint: learning rounds between two checkpoints. All environments begin a new episode after a
@@ -98,6 +99,7 @@ class Work:
     task: Task
     policy: PolicyKind
     seed: int
+    steps: int
     backend: BackendName = BackendName.sb3
     settings: Settings = field(default_factory=Settings)
     rounds_per_checkpoint: int = 42
@@ -121,6 +123,7 @@ class Work:
             Task(table["task"]),
             PolicyKind(table["policy"]),
             int(table["seed"]),
+            int(table["steps"]),
             BackendName(table["backend"]),
             Settings(**settings),
             int(table["rounds_per_checkpoint"]),

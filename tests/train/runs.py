@@ -29,11 +29,11 @@ def make() -> gymnasium.Env:
 
 
 def work(backend: str = "sb3", seed: int = 3) -> Work:
-    return Work(Task.marble, PolicyKind.tactile, seed, BackendName(backend), SMALL, rounds_per_checkpoint=2)
+    return Work(Task.marble, PolicyKind.tactile, seed, 320, BackendName(backend), SMALL, 2)
 
 
 def run(folder: Path, steps: int, backend: str = "sb3", seed: int = 3) -> Trained:
     """Begins a run, or goes on with it."""
     if not folder.exists():
         begin(work(backend, seed), preset("iros24"), folder)
-    return train(folder, steps, make)
+    return train(folder, make, steps)

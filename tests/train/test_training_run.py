@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
 import runs
-
 from skincal.errors import InputError
 from skincal.train import Network, Settings, read_curve, read_policy, read_run, train
 from skincal.train.environments import segment_seed
@@ -52,7 +51,7 @@ def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
         raise KilledError
 
     with pytest.raises(KilledError):
-        train(folder, 4 * runs.CHECKPOINT_STEPS, runs.make, told=kill)
+        train(folder, runs.make, told=kill)
     assert read_curve(folder / "curve.csv")["steps"][-1] > 2 * runs.CHECKPOINT_STEPS
     runs.run(folder, 4 * runs.CHECKPOINT_STEPS)
     for a, b in zip(last_network(tmp_path / "straight"), last_network(folder), strict=True):
@@ -126,7 +125,7 @@ def test_it_learns(tmp_path, backend):
 
     settings = Settings(learning_starts=960, target_entropy=-2.0)
     begin(replace(runs.work(backend), settings=settings), preset("iros24"), tmp_path / "run")
-    train(tmp_path / "run", 10 * settings.steps_per_round, runs.make)
+    train(tmp_path / "run", runs.make, 10 * settings.steps_per_round)
     error = read_curve(tmp_path / "run" / "curve.csv")["error_m"]
     assert error[-1] < error[0] / 3
 
@@ -164,7 +163,7 @@ def test_a_damaged_checkpoint(tmp_path):
 
 def test_no_run(tmp_path):
     with pytest.raises(InputError, match=r"run\.toml: expected a training run begun by `skincal train`"):
-        train(tmp_path, 100, runs.make)
+        train(tmp_path, runs.make)
 
 
 def test_two_processes_at_one_run(tmp_path):

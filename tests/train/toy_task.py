@@ -31,6 +31,7 @@ class ToyTask(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.point = self.np_random.uniform(-1, 1, 2)
         self.phase = self.np_random.uniform(0, 2 * np.pi)
         self.step_number = 0
+        self.steps = round(10 * (options or {}).get("duration_s", STEPS / 10))
         self.seen = np.tile(self._look(), (STACK, 1))
         return self._observation(), {"randomized": {"phase": self.phase}}
 
@@ -40,8 +41,15 @@ class ToyTask(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.seen = np.vstack([self.seen[1:], self._look()])
         error = float(np.linalg.norm(self.target - self.point))
         drop = error > 3.0
-        info = {"error_m": 1e-3 * error, "drop": drop, "reward_terms": {"position": -error}, "randomized": {}}
-        return self._observation(), max(0.0, 1.0 - error), drop, self.step_number >= STEPS, info
+        info = {
+            "error_m": 1e-3 * error,
+            "drop": drop,
+            "reward_terms": {"position": -error},
+            "randomized": {},
+            "position_m": 1e-3 * self.point,
+            "target_m": 1e-3 * self.target,
+        }
+        return self._observation(), max(0.0, 1.0 - error), drop, self.step_number >= self.steps, info
 
     @property
     def target(self) -> np.ndarray:

@@ -1,0 +1,94 @@
+"""The pictures of an evaluation: exemplary runs, and the tracking error over time, for all policies side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from skincal.model import TaxelLayout
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LIGHT,
+    ORANGE,
+    PURPLE,
+    RED,
+    new_figure,
+    style,
+)
+from skincal.train.scores import Runs, Score
+
+EXAMPLES = 3
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, GREY)
+
+
+def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") -> Figure:
+    """Where the object went: three runs of each policy, over the taxels and the target's way.
+
+    Args:
+        runs: episodes of each policy, by its name.
+        layout: of the taxels.
+        title: above it all.
+    """
+    with style():
+        figure = new_figure(3.4 * len(runs) + 0.6, 3.9, title)
+        all_axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
+        for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
+            _draw_taxels(axes, layout)
+            _draw_runs(axes, some)
+            axes.set_title(name)
+            axes.set_aspect("equal", adjustable="box")
+            axes.set_xlabel("u [mm]")
+        all_axes[0].set_ylabel("v [mm]")
+        all_axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=4, borderaxespad=0.0)
+    return figure
+
+
+def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
+    """The mean tracking error over time with its 95 % interval, and how many runs go on.
+
+    Args:
+        scores: of each policy, by its name.
+        title: above it all.
+    """
+    with style():
+        figure = new_figure(6.4, 3.8, title)
+        axes = figure.subplots()
+        for (name, score), colour in zip(scores.items(), COLOURS * len(scores), strict=False):
+            axes.plot(score.time_s, 1e3 * score.error_m, color=colour, label=_label(name, score))
+            low, high = 1e3 * score.error_low_m, 1e3 * score.error_high_m
+            axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("tracking error [mm]")
+        axes.set_ylim(bottom=0)
+        axes.set_xlim(left=0)
+        axes.grid(axis="y")
+        axes.legend(loc="upper left")
+    return figure
+
+
+def _label(name: str, score: Score) -> str:
+    return f"{name} ({score.episodes - score.drops} of {score.episodes} held)"
+
+
+def _draw_taxels(axes: Axes, layout: TaxelLayout) -> None:
+    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
+        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
+        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor="none"))
+
+
+def _draw_runs(axes: Axes, runs: Runs) -> None:
+    """The first runs, of which nobody chose the best."""
+    axes.plot(*(1e3 * runs.target_m[0].T), color=BLACK, linewidth=1.0, label="target")
+    for i, colour in zip(range(min(EXAMPLES, len(runs))), (BLUE, ORANGE, GREEN), strict=False):
+        way = 1e3 * runs.object_m[i]
+        axes.plot(*way.T, color=colour, linewidth=1.2, label=f"run {i + 1}")
+        held = np.isfinite(way).all(axis=1)
+        if runs.dropped[i] and held.any():
+            axes.plot(*way[held][-1], "x", color=colour, markersize=6)

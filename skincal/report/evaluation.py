@@ -1,0 +1,82 @@
+"""What an evaluation leaves behind: figures, and the runs as a table."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from skincal.dataset.model_objects import layout_of
+from skincal.model import TaxelLayout
+from skincal.report.eval_marble import error_figure, runs_figure
+from skincal.report.style import save
+from skincal.robot import bundled_hand
+from skincal.train import Policy
+from skincal.train.evaluate import Trial
+from skincal.train.scores import Runs, Score
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """A policy that was evaluated.
+
+    Attributes:
+        name: by which it goes in figures; no other has it.
+        policy: itself.
+        runs: its episodes.
+        score: what they come to.
+    """
+
+    name: str
+    policy: Policy
+    runs: Runs
+    score: Score
+
+
+def names_of(policies: Sequence[Policy]) -> list[str]:
+    """A name for each policy: the file's, or, where it is ``policy.onnx``, that of its folder; numbered if need be."""
+    paths = [Path(policy.file).resolve() for policy in policies]
+    names = [path.parent.name if path.stem == "policy" else path.stem for path in paths]
+    number = Counter(names)
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(names):
+        if number[name] > 1:
+            seen[name] += 1
+            names[i] = f"{name}-{seen[name]}"
+    return names
+
+
+def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> None:
+    """Writes ``runs.png`` and ``error.png``."""
+    runs = {one.name: one.runs for one in found}
+    save(runs_figure(runs, _layout(), f"{trial.task}: the first runs of each policy"), folder / "runs.png")
+    scores = {one.name: one.score for one in found}
+    save(
+        error_figure(scores, f"{trial.task}: mean of {trial.episodes} runs, 95 % interval"),
+        folder / "error.png",
+    )
+
+
+def write_runs(found: Sequence[Evaluated], path: Path) -> None:
+    """Every step of every run as CSV."""
+    head = ["policy", "run", "time_s", "error_m", "u_m", "v_m", "target_u_m", "target_v_m", "angle_error_rad"]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(head)
+        for one in found:
+            runs = one.runs
+            for i in range(len(runs)):
+                for t, time_s in enumerate(runs.time_s):
+                    if runs.error_m[i, t] != runs.error_m[i, t]:
+                        break
+                    numbers = [time_s, runs.error_m[i, t], *runs.object_m[i, t], *runs.target_m[i, t]]
+                    writer.writerow(
+                        [one.name, i, *(f"{v:.6g}" for v in [*numbers, runs.angle_error_rad[i, t]])]
+                    )
+
+
+def _layout() -> TaxelLayout:
+    """Taxels of the hand that the tasks use."""
+    return layout_of(bundled_hand().meta.sensor, None)

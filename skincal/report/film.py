@@ -1,0 +1,44 @@
+"""A film of a run: the fingers, and beside them what the skin feels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PIL import Image
+
+from skincal.files import whole_file
+from skincal.ranges import Ranges
+from skincal.train import Policy
+from skincal.train.evaluate import POLICY_HZ, Trial, environment_for, episode
+
+COLOURS = 128
+
+
+def write_film(
+    policy: Policy,
+    trial: Trial,
+    path: Path,
+    *,
+    number: int = 0,
+    ranges: Ranges | None = None,
+    force: bool = False,
+) -> None:
+    """Writes a GIF of one run of a trial, in real time.
+
+    Args:
+        policy: acts.
+        trial: what is asked of it.
+        path: a ``.gif``.
+        number: of the run.
+        ranges: of the trial.
+        force: whether a file there is replaced.
+    """
+    environment = environment_for(policy, trial, ranges, render_mode="rgb_array")
+    try:
+        frames = [Image.fromarray(environment.render()) for _ in episode(policy, environment, trial, number)]  # type: ignore[arg-type]
+    finally:
+        environment.close()
+    small = [frame.quantize(COLOURS, dither=Image.Dither.NONE) for frame in frames]
+    with whole_file(path, force=force) as temporary:
+        first, *rest = small
+        first.save(temporary, save_all=True, append_images=rest, duration=round(1e3 / POLICY_HZ), loop=0)

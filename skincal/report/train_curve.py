@@ -1,0 +1,57 @@
+"""The picture of learning curves: reward, tracking error and lost objects over environment steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, new_figure, style
+
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
+SMOOTH_STEPS = 10_000
+"""Figures are means over so many steps: a single round holds eight episodes."""
+
+Curve = Mapping[str, NDArray[np.float64]]
+
+_PANELS = (
+    ("reward", "reward of a step", 1.0),
+    ("error_m", "tracking error [mm]", 1e3),
+    ("drops", "episodes with a drop [%]", 1e2),
+)
+
+
+def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
+    """Draws learning curves.
+
+    Args:
+        curves: columns of each run, by its name (see :func:`skincal.train.read_curve`).
+        title: above it all.
+    """
+    with style():
+        figure = new_figure(10.5, 3.2, title)
+        for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
+            for (name, curve), colour in zip(curves.items(), COLOURS * len(curves), strict=False):
+                steps, values = smoothed(curve["steps"], curve[column])
+                axes.plot(1e-3 * steps, factor * values, color=colour, label=name)
+            axes.set_xlabel("environment steps [thousands]")
+            axes.set_title(label)
+            axes.grid(axis="y")
+            axes.set_ylim(bottom=0)
+            if len(curves) > 1 and column == "reward":
+                axes.legend(loc="lower right")
+    return figure
+
+
+def smoothed(
+    steps: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means over blocks of :data:`SMOOTH_STEPS`; a block without any value is left out."""
+    block = (steps - 1) // SMOOTH_STEPS
+    finite = np.isfinite(values)
+    rows = [(steps[block == b].mean(), values[(block == b) & finite].mean())
+            for b in np.unique(block[finite])]  # fmt: skip
+    table = np.array(rows).reshape(-1, 2)
+    return table[:, 0], table[:, 1]

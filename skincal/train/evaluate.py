@@ -1,0 +1,203 @@
+"""Lets policies act in the published evaluations, and keeps what happened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.errors import InputError, Problem
+from skincal.ranges import Ranges
+from skincal.train.policy_file import Policy
+from skincal.train.scores import Runs
+from skincal.train.settings import ENVIRONMENT_IDS, Task
+
+FloatArray = NDArray[np.float64]
+Environment = gymnasium.Env[Any, Any]
+
+POLICY_HZ: Final = 10
+ORIENTATIONS_DEG: Final = (-45.0, 0.0, 45.0, 90.0)
+"""Of the bolt; the episodes take turns [°]."""
+
+RANDOMIZED: Final = ("finger.joint_offset_rad",)
+"""All that is randomised in the published evaluation; everything else is nominal."""
+
+DURATION_S: Final = {Task.marble: 8.0, Task.bolt: 24.0}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is asked of a policy.
+
+    Attributes:
+        task: what is rolled.
+        episodes: how often.
+        seed: of the episodes: the same ones for all policies.
+        duration_s: length of an episode [s]; None: 8 s for the marble, 24 s for the bolt.
+        randomize: names of parameters and tables that are drawn, the rest being nominal; None: all.
+        values: values by full name that take the place of draws.
+        trajectory: of the marble: ``circle``, ``random``, or targets (N, 2) at 10 Hz [m].
+        environment: further arguments of the environment.
+    """
+
+    task: Task
+    episodes: int = 100
+    seed: int = 0
+    duration_s: float | None = None
+    randomize: Sequence[str] | None = RANDOMIZED
+    values: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    trajectory: Any = "circle"
+    environment: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    @property
+    def steps(self) -> int:
+        """Steps of an episode that goes to its end."""
+        return round((self.duration_s or DURATION_S[self.task]) * POLICY_HZ)
+
+    def options(self, episode: int) -> dict[str, Any]:
+        """What an episode is begun with."""
+        options: dict[str, Any] = {
+            "duration_s": self.steps / POLICY_HZ,
+            "randomize": "all" if self.randomize is None else list(self.randomize),
+            "values": dict(self.values),
+        }
+        if self.task is Task.marble:
+            return {**options, "trajectory": self.trajectory}
+        return {**options, "orientation_deg": ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]}
+
+    def episode_seed(self, episode: int) -> int:
+        """Seed of an episode."""
+        return int(np.random.SeedSequence([self.seed, episode]).generate_state(1)[0] >> 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of an episode, as it is told while it happens."""
+
+    observation: Mapping[str, NDArray[np.float32]]
+    reward: float
+    info: Mapping[str, Any]
+    over: bool
+
+
+def check_task(policy: Policy, task: Task) -> None:
+    """Checks that a policy was made for a task.
+
+    Raises:
+        InputError: it was made for another.
+    """
+    if policy.description.task != task:
+        fix = f"skincal eval {policy.description.task} {policy.file}"
+        raise InputError(
+            [Problem(policy.file, f"a policy for {task}", f"one for {policy.description.task}", fix)]
+        )
+
+
+def environment_for(
+    policy: Policy, trial: Trial, ranges: Ranges | None = None, **arguments: Any
+) -> Environment:
+    """The environment in which a policy is tried.
+
+    Raises:
+        InputError: the policy is of another task, or sees something else than the environment shows.
+    """
+    import skincal.envs
+
+    assert skincal.envs  # registers the tasks
+    check_task(policy, trial.task)
+    kind = str(policy.description.policy)
+    given = {**trial.environment, **arguments}
+    environment = gymnasium.make(ENVIRONMENT_IDS[trial.task], policy=kind, ranges=ranges, **given)
+    check_fits(policy, environment)
+    return environment
+
+
+def check_fits(policy: Policy, environment: Environment) -> None:
+    """Checks that a policy sees and moves as much as an environment has.
+
+    Raises:
+        InputError: it does not.
+    """
+    space, about = environment.observation_space, policy.description
+    assert isinstance(space, gymnasium.spaces.Dict)
+    there = (gymnasium.spaces.flatdim(space["policy"]), gymnasium.spaces.flatdim(environment.action_space))
+    if (about.size, about.actions) != there:
+        expected = f"a policy from {there[0]} observed values to {there[1]} actions"
+        raise InputError([Problem(policy.file, expected, f"one from {about.size} to {about.actions}")])
+
+
+def episode(policy: Policy, environment: Environment, trial: Trial, number: int) -> Iterator[Step]:
+    """One episode, step by step."""
+    observation, _ = environment.reset(seed=trial.episode_seed(number), options=trial.options(number))
+    over = False
+    while not over:
+        observation, reward, lost, late, info = environment.step(policy(observation["policy"]))
+        over = lost or late
+        yield Step(observation, float(reward), info, over)
+
+
+def evaluate(
+    policy: Policy,
+    environment: Environment,
+    trial: Trial,
+    *,
+    told: Callable[[int], None] = lambda _: None,
+) -> Runs:
+    """Lets a policy act for all episodes of a trial.
+
+    Args:
+        policy: acts without noise.
+        environment: see :func:`environment_for`.
+        trial: what is asked.
+        told: is given the number of episodes that are done.
+    """
+    record = _Record(trial)
+    for number in range(trial.episodes):
+        for t, step in enumerate(episode(policy, environment, trial, number)):
+            record.add(number, t, step)
+        told(number + 1)
+    return record.runs()
+
+
+class _Record:
+    """Fills the arrays of :class:`~skincal.train.scores.Runs`."""
+
+    def __init__(self, trial: Trial) -> None:
+        n, t = trial.episodes, trial.steps
+        self._error, self._angle = np.full((n, t), np.nan), np.full((n, t), np.nan)
+        self._object, self._target = np.full((n, t, 2), np.nan), np.full((n, t, 2), np.nan)
+        self._dropped, self._rewards = np.zeros(n, dtype=np.bool_), np.zeros(n)
+        self._orientation = np.full(n, np.nan)
+        if trial.task is Task.bolt:
+            self._orientation[:] = np.resize(ORIENTATIONS_DEG, n)
+        self._steps = t
+
+    def add(self, number: int, t: int, step: Step) -> None:
+        """Adds a step; in the one that loses the object there is no place of it any more."""
+        info = step.info
+        self._rewards[number] += step.reward
+        self._target[number, t] = info["target_m"]
+        if info["drop"]:
+            self._dropped[number] = True
+            return
+        self._error[number, t] = info["error_m"]
+        self._object[number, t] = info["position_m"]
+        self._angle[number, t] = info.get("angle_rad", np.nan)
+
+    def runs(self) -> Runs:
+        """Everything."""
+        time_s = np.arange(1, self._steps + 1) / POLICY_HZ
+        return Runs(
+            time_s,
+            self._error,
+            self._object,
+            self._target,
+            self._dropped,
+            self._angle,
+            self._orientation,
+            self._rewards,
+        )

@@ -1,0 +1,168 @@
+"""Policy files: what is in them, and what is said of those that are none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("onnx", reason="needs skincal[train]")
+pytest.importorskip("onnxruntime", reason="needs skincal[policy]")
+
+import onnx
+
+from skincal.errors import InputError
+from skincal.train import Description, Network, PolicyKind, Task, bundled_policies, policy_path, read_policy
+from skincal.train.evaluate import check_task
+from skincal.train.onnx_file import as_onnx, write_policy
+
+ABOUT = Description(
+    task=Task.marble,
+    policy=PolicyKind.tactile,
+    observation=({"name": "policy", "size": 6},),
+    actions=2,
+    ranges_sha256="0" * 64,
+    seed=1,
+    steps=480,
+    wall_time_s=1.5,
+    backend="sb3",
+)
+
+
+def network(seed: int = 1, inputs: int = 6) -> Network:
+    rng = np.random.default_rng(seed)
+    layers = [
+        (rng.normal(size=(inputs, 5)), rng.normal(size=5)),
+        (rng.normal(size=(5, 2)), rng.normal(size=2)),
+    ]
+    return Network.build(rng.normal(size=inputs), rng.uniform(0.1, 3, inputs), 10.0, layers)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    write_policy(network(), ABOUT, tmp_path / "policy.onnx")
+    return tmp_path / "policy.onnx"
+
+
+def test_the_graph_computes_what_the_network_does(file):
+    observations = 3.0 * np.random.default_rng(2).normal(size=(50, 6))
+    np.testing.assert_allclose(read_policy(file)(observations), network()(observations), atol=1e-6)
+
+
+def test_it_holds_nothing_but_plain_operators(file):
+    model = onnx.load(file)
+    assert {node.op_type for node in model.graph.node} == {"Sub", "Mul", "Clip", "Gemm", "Relu", "Tanh"}
+    assert not model.functions
+    assert all(not value.external_data for value in model.graph.initializer)
+
+
+def test_the_description_comes_back(file):
+    assert read_policy(file).description == ABOUT
+
+
+def test_it_is_the_same_bytes_again(file, tmp_path):
+    write_policy(network(), ABOUT, tmp_path / "again.onnx")
+    assert (tmp_path / "again.onnx").read_bytes() == file.read_bytes()
+
+
+def test_an_existing_file_stays(file):
+    with pytest.raises(InputError, match="--force"):
+        write_policy(network(), ABOUT, file)
+
+
+@pytest.mark.parametrize(
+    ("make", "got"),
+    [
+        (lambda p: None, "no such file"),
+        (lambda p: p.mkdir(), "is a directory"),
+        (lambda p: p.write_bytes(b""), "no ONNX model"),
+        (lambda p: p.write_bytes(b"not a model at all"), "no ONNX model"),
+        (lambda p: p.write_bytes(np.random.default_rng(1).bytes(5000)), "no ONNX model"),
+    ],
+)
+def test_files_that_are_no_policy(tmp_path, make, got):
+    path = tmp_path / "other.onnx"
+    make(path)
+    with pytest.raises(InputError) as caught:
+        read_policy(path)
+    assert f"{path}: expected a policy written by `skincal train` (.onnx); got" in str(caught.value)
+    assert got in str(caught.value)
+
+
+def _changed(path: Path, **about: object) -> None:
+    model = as_onnx(network(), ABOUT)
+    model.metadata_props[0].value = json.dumps({**ABOUT.as_table(), **about})
+    path.write_bytes(model.SerializeToString())
+
+
+@pytest.mark.parametrize(
+    ("about", "got"),
+    [
+        ({"format": "skincal-policy/9"}, "skincal-policy/9"),
+        ({"task": "pen"}, "'pen' is not a valid Task"),
+        ({"actions": 3}, "described as one from"),
+        ({"observation": [{"name": "policy", "size": 7}]}, "described as one from"),
+        ({"observation": 7}, "a description with a fault"),
+    ],
+)
+def test_descriptions_with_a_fault(tmp_path, about, got):
+    _changed(tmp_path / "p.onnx", **about)
+    with pytest.raises(InputError) as caught:
+        read_policy(tmp_path / "p.onnx")
+    assert got in str(caught.value)
+
+
+def test_a_foreign_onnx_file(tmp_path):
+    model = as_onnx(network(), ABOUT)
+    del model.metadata_props[:]
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(InputError, match="an ONNX model without a description"):
+        read_policy(tmp_path / "p.onnx")
+
+
+def test_a_file_that_points_to_other_files_is_refused(tmp_path, monkeypatch):
+    """Weights may stand outside an ONNX file; a policy that reads other files is no policy."""
+    monkeypatch.chdir(tmp_path)
+    Path("secret.bin").write_bytes(np.zeros(30, np.float32).tobytes())
+    model = as_onnx(network(), ABOUT)
+    weight = next(value for value in model.graph.initializer if value.name == "weight_0")
+    onnx.external_data_helper.set_external_data(weight, "secret.bin")
+    weight.ClearField("raw_data")
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(InputError, match="no ONNX model"):
+        read_policy(tmp_path / "p.onnx")
+    with pytest.raises(InputError, match="no ONNX model"):
+        weight.external_data[0].value = str(tmp_path / "secret.bin")
+        (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+        read_policy(tmp_path / "p.onnx")
+
+
+def test_a_policy_of_another_task(file):
+    with pytest.raises(
+        InputError, match=r"expected a policy for bolt; got one for marble\. skincal eval marble"
+    ):
+        check_task(read_policy(file), Task.bolt)
+
+
+def test_names(file, tmp_path):
+    assert policy_path(file) == file
+    with pytest.raises(InputError, match="expected a policy file"):
+        policy_path(tmp_path / "nothing.onnx")
+    for name, path in bundled_policies().items():
+        assert policy_path(name) == path
+
+
+def test_bundled_policies_are_sound():
+    for name, path in bundled_policies().items():
+        policy = read_policy(path)
+        assert name.startswith(f"{policy.description.task}-{policy.description.policy}")
+        assert np.abs(policy(np.zeros(policy.description.size))).max() <= 1.0
+
+
+def test_descriptions_are_frozen():
+    with pytest.raises(AttributeError):
+        ABOUT.steps = 3  # type: ignore[misc]
+    assert replace(ABOUT, steps=3).steps == 3
