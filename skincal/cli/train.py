@@ -97,7 +97,7 @@ def train(
     """
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     told = {f"--{name}": value for name, value in given.items() if value is not None}
-    from skincal.train import Settings, begin, read_run
+    from skincal.train import Settings, begin, make_environment, read_run
 
     if resume:
         work, used = read_run(out)
@@ -106,6 +106,8 @@ def train(
         settings = Settings(environments=envs or Settings.environments)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
         used = _ranges(ranges)
+        # Whatever is wrong with the ranges is told before there is a folder.
+        make_environment(work, used).close()
         begin(work, used, out, force=force)
     result = _train(out, work, used, steps or work.steps, processes=processes)
     if as_json:

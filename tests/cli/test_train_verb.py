@@ -1,0 +1,183 @@
+"""``skincal train`` and ``skincal eval`` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
+
+from skincal.cli.main import main
+from skincal.ranges import preset, write_ranges
+from skincal.train import Description, Network, PolicyKind, Task, read_policy, write_policy
+
+ROUND = 60
+"""Steps of a round with one environment."""
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+def train(out: Path, *arguments: object) -> int:
+    return run("train", "marble", "--envs", 1, "--out", out, *arguments)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "run"
+    assert train(out, "--steps", ROUND, "--seed", 4) == 0
+    return out
+
+
+def test_what_a_run_leaves_behind(trained):
+    assert {path.name for path in trained.iterdir()} == {
+        "run.toml", "ranges.toml", "curve.csv", "checkpoint", "policy.onnx",
+    }  # fmt: skip
+    about = read_policy(trained / "policy.onnx").description
+    assert (about.task, about.policy, about.seed, about.steps) == ("marble", "tactile", 4, ROUND)
+    assert about.size == 5 * (16 + 6) + 4
+    assert about.actions == 6
+
+
+def test_json_and_going_on(trained, tmp_path, capsys):
+    import shutil
+
+    out = tmp_path / "run"
+    shutil.copytree(trained, out)
+    assert run("train", "marble", "--out", out, "--resume", "--steps", 2 * ROUND, "--json") == 0
+    shown, _ = capsys.readouterr()
+    answer = json.loads(shown)
+    assert answer["steps"] == 2 * ROUND
+    assert answer["policy"] == str(out / "policy.onnx")
+    assert answer["kind"] == "tactile"
+    assert answer["last_error_m"] > 0
+    assert len((out / "curve.csv").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--resume", "--seed", 5), "expected 4, with which the run began; got 5. Leave it out."),
+        (("--resume", "--policy", "desired"), "expected tactile, with which the run began; got desired"),
+        ((), "an output that does not exist yet"),
+    ],
+)
+def test_a_run_is_not_overwritten_or_changed(trained, capsys, arguments, said):
+    before = (trained / "policy.onnx").read_bytes()
+    assert run("train", "marble", "--out", trained, *arguments) == 2
+    assert said in capsys.readouterr().err
+    assert (trained / "policy.onnx").read_bytes() == before
+
+
+def test_going_on_with_nothing(tmp_path, capsys):
+    assert train(tmp_path / "no", "--resume") == 2
+    assert "expected a training run begun by `skincal train`" in capsys.readouterr().err
+
+
+def test_ranges_that_lack_a_parameter(tmp_path, capsys):
+    ranges = preset("iros24")
+    less = type(ranges)({name: p for name, p in ranges.items() if name != "skin.scale_per_n"})
+    write_ranges(less, tmp_path / "less.toml")
+    assert train(tmp_path / "run", "--ranges", tmp_path / "less.toml") == 2
+    assert "skin.scale_per_n" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
+    from skincal.ranges import Parameter, read_ranges
+
+    ranges = preset("iros24").replace({"object.marble.radius_m": Parameter.constant(0.005)})
+    write_ranges(ranges, tmp_path / "own.toml")
+    assert (
+        train(tmp_path / "run", "--ranges", tmp_path / "own.toml", "--steps", ROUND, "--policy", "desired")
+        == 0
+    )
+    assert read_ranges(tmp_path / "run" / "ranges.toml") == ranges
+    about = read_policy(tmp_path / "run" / "policy.onnx").description
+    assert about.size == 5 * 6 + 4
+    assert about.ranges_sha256 != _hash(preset("iros24"))
+    assert about.ranges_sha256 == _hash(ranges)
+
+
+def _hash(ranges: object) -> str:
+    from skincal.train.describe import ranges_hash
+
+    return ranges_hash(ranges)  # type: ignore[arg-type]
+
+
+def test_evaluation_as_json(trained, tmp_path, capsys):
+    """The contract's keys and shapes (section 6)."""
+    policy = trained / "policy.onnx"
+    out = tmp_path / "evaluation"
+    assert run("eval", "marble", policy, policy, "--episodes", 2, "--seed", 1, "--json", "--out", out) == 0
+    shown, _ = capsys.readouterr()
+    answer = json.loads(shown)
+    assert answer["task"] == "marble"
+    first, second = answer["policies"]
+    assert first == second
+    assert (first["file"], first["policy"], first["episodes"]) == (str(policy), "tactile", 2)
+    assert 0 <= first["drops"] <= 2
+    assert first["time_s"] == pytest.approx(0.1 * np.arange(1, 81))
+    assert len(first["error_m"]) == 80
+    assert {"error_settled_m", "error_end_m"} <= set(first)
+    assert first["error_m"][0] < 0.005
+    assert {path.name for path in out.iterdir()} == {"eval.json", "runs.csv", "runs.png", "error.png"}
+    assert json.loads((out / "eval.json").read_text()) == answer
+
+
+def test_evaluation_with_values_of_ones_own(trained, tmp_path, capsys):
+    policy = trained / "policy.onnx"
+    (tmp_path / "still.csv").write_text("u_m,v_m\n0.001,0.0\n")
+    answers = []
+    for radius in (0.005, 0.007, 0.007):
+        options = ["--set", f"object.marble.radius_m={radius}", "--trajectory", tmp_path / "still.csv"]
+        assert run("eval", "marble", policy, "--episodes", 1, "--duration-s", 0.5, "--json", *options) == 0
+        answers.append(json.loads(capsys.readouterr().out)["policies"][0]["error_m"])
+    assert len(answers[0]) == 5
+    assert answers[0] != answers[1] == answers[2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("marble", "no.onnx"), "no.onnx: expected a policy file"),
+        (
+            ("marble", "bad.onnx"),
+            "bad.onnx: expected a policy written by `skincal train` (.onnx); got something that",
+        ),
+        (("marble", "bolt.onnx"), "bolt.onnx: expected a policy for marble; got one for bolt"),
+        (
+            ("marble", "small.onnx"),
+            "expected a policy from 114 observed values to 6 actions; got one from 6 to 2",
+        ),
+        (("marble", "good.onnx", "--gif"), "--gif: expected --out"),
+        (("marble", "good.onnx", "--set", "skin.y_m"), "--set: expected NAME=VALUE"),
+        (("marble", "good.onnx", "--set", "skin.z_m=1"), "skin.z_m"),
+        (("marble", "good.onnx", "--randomize", "skin.z_m"), "skin.z_m"),
+        (
+            ("marble", "good.onnx", "--trajectory", "no.csv"),
+            "--trajectory no.csv: expected circle, random, still",
+        ),
+        (("pen", "good.onnx"), "marble"),
+    ],
+)
+def test_evaluations_that_cannot_be(trained, tmp_path, monkeypatch, capsys, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    Path("bad.onnx").write_bytes(b"no policy")
+    Path("good.onnx").write_bytes((trained / "policy.onnx").read_bytes())
+    for name, task in (("bolt.onnx", Task.bolt), ("small.onnx", Task.marble)):
+        layers = [(np.ones((6, 2)), np.zeros(2))]
+        about = Description(
+            task, PolicyKind.tactile, ({"name": "policy", "size": 6},), 2, "", 0, 0, 0.0, "sb3"
+        )
+        write_policy(Network.build(np.zeros(6), np.ones(6), 10.0, layers), about, name)
+    assert run("eval", *arguments, "--episodes", 1) == 2
+    shown, said_so = capsys.readouterr()
+    assert said in said_so
+    assert not shown
