@@ -1,6 +1,7 @@
-"""Gymnasium tasks: a marble that is rolled between two fingertips and felt by the calibrated skin.
+"""Gymnasium tasks: a marble and a bolt that are rolled between two fingertips and felt by the calibrated skin.
 
-Importing this package registers ``skincal/MarbleRoll-v0``; the classes are loaded when they are asked for.
+Importing this package registers ``skincal/MarbleRoll-v0`` and ``skincal/BoltRoll-v0``; the classes are loaded when they
+are asked for.
 """
 
 from importlib import import_module
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from skincal.envs.registration import ENVIRONMENTS, register_environments
 
 if TYPE_CHECKING:
+    from skincal.envs.bolt import BoltRollEnv
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
     from skincal.envs.options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 register_environments()
 
 _HOMES = {
+    "BoltRollEnv": "bolt",
     "EpisodeOptions": "options",
     "GraspOptions": "grasp",
     "JOINT_OFFSETS": "options",
@@ -39,6 +42,7 @@ __all__ = [
     "ENVIRONMENTS",
     "JOINT_OFFSETS",
     "ORIENTATIONS_DEG",
+    "BoltRollEnv",
     "EpisodeOptions",
     "GraspOptions",
     "MarbleRollEnv",

@@ -18,16 +18,23 @@ _LEFT_OUT: Final = ("noise", "random_force", "position_m", "psi_deg", "theta_deg
 """Draws that are over, or that change in every step."""
 
 
-def critic_parts(nominal: Values, joints: int, target: int, ahead: int) -> list[Part]:
-    """The parts of the critic's observation, in their order.
+def constant_parts(nominal: Values) -> list[Part]:
+    """What an episode was drawn with, in the order of the names.
 
     Args:
         nominal: values of an episode, for their names and sizes.
+    """
+    return [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _told(nominal)]
+
+
+def state_parts(joints: int, target: int, ahead: int) -> list[Part]:
+    """The true state, part by part.
+
+    Args:
         joints: number of joints n.
         target: number of coordinates of the target.
         ahead: how many targets ahead are seen.
     """
-    drawn = [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _told(nominal)]
     return [
         Part("angles", joints, -10.0, 10.0),
         Part("speeds", joints, -100.0, 100.0),
@@ -52,23 +59,20 @@ def critic_parts(nominal: Values, joints: int, target: int, ahead: int) -> list[
         Part("thumb_place", 3, -1.0, 1.0),
         Part("thumb_normal", 3, -1.0, 1.0),
         Part("held", 1, 0.0, 1.0),
-        *drawn,
     ]
 
 
-def critic_values(seen: View, values: Values, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """All parts by their names.
+def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """The parts of the true state by their names.
 
     Args:
         seen: what is true; positions and vectors are given in the fingertip frame.
-        values: the episode's draws.
         own: what the environment itself knows.
     """
     inside, turned = seen.tip.inside, seen.tip.turned
     nothing = np.zeros(3)
     skin, thumb = seen.skin, seen.thumb
     return {
-        **{path: values[path] for path in _told(values)},
         **own,
         "angles": seen.q_rad,
         "speeds": seen.dq_rad_per_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ class Part:
 
 
 class Layout:
-    """Parts one after the other, as one array of 32-bit floats.
+    """Parts one after the other, in one array.
 
     Args:
         parts: in their order.
@@ -55,6 +56,7 @@ class Layout:
         self.parts = tuple(parts)
         self.low = np.concatenate([np.full(p.size, p.low) for p in parts])
         self.high = np.concatenate([np.full(p.size, p.high) for p in parts])
+        self._slices = tuple(self.slices().items())
 
     @property
     def size(self) -> int:
@@ -67,9 +69,15 @@ class Layout:
         return {p.name: slice(a, b) for p, a, b in zip(self.parts, ends[:-1], ends[1:], strict=True)}
 
     def fill(self, values: Mapping[str, Any]) -> FloatArray:
-        """The array (size,): what is not finite is cut off as well."""
-        flat = np.concatenate([np.ravel(values[p.name]) for p in self.parts])
-        return np.clip(np.nan_to_num(flat, posinf=np.inf, neginf=-np.inf), self.low, self.high)
+        """The array (size,): what lies beyond its bounds is cut off, what is NaN is 0."""
+        flat = np.empty(len(self.low))
+        for name, where in self._slices:
+            flat[where] = values[name]
+        # A sum is finite where all its terms are.
+        if not math.isfinite(float(flat.sum())):
+            np.nan_to_num(flat, copy=False, posinf=np.inf, neginf=-np.inf)
+        np.maximum(flat, self.low, out=flat)
+        return np.minimum(flat, self.high, out=flat)
 
 
 class Seen:
@@ -82,6 +90,7 @@ class Seen:
         counts: smallest and largest count of a taxel.
         target: number of coordinates of the target.
         critic: what the critic sees besides.
+        constant: what of it stays the same over an episode; it comes last.
     """
 
     def __init__(
@@ -92,6 +101,7 @@ class Seen:
         counts: tuple[float, float],
         target: int,
         critic: Sequence[Part],
+        constant: Sequence[Part],
     ) -> None:
         parts = {
             "image": Part("image", taxels, *counts),
@@ -102,16 +112,34 @@ class Seen:
         self.now = Layout([parts[name] for name in KINDS[kind]])
         self.task = Layout([Part("target", target, -0.05, 0.05), Part("movement", target, -0.05, 0.05)])
         self.critic = Layout(critic)
+        self._constant = Layout(constant)
         self._stack: deque[FloatArray] = deque(maxlen=STACKED)
         low = np.concatenate([*[self.now.low] * STACKED, self.task.low])
         high = np.concatenate([*[self.now.high] * STACKED, self.task.high])
         self.space = gymnasium.spaces.Dict(
-            {"policy": _box(low, high), "critic": _box(self.critic.low, self.critic.high)}
+            {
+                "policy": _box(low, high),
+                "critic": _box(
+                    np.concatenate([self.critic.low, self._constant.low]),
+                    np.concatenate([self.critic.high, self._constant.high]),
+                ),
+            }
         )
 
-    def begin(self) -> None:
-        """Forgets what was seen."""
+    def layout(self) -> tuple[dict[str, Any], ...]:
+        """The parts of the policy's observation in their order: ``name``, ``size``, and ``steps_ago``."""
+        stacked = [(part, ago) for ago in reversed(range(STACKED)) for part in self.now.parts]
+        parts = [*stacked, *((part, 0) for part in self.task.parts)]
+        return tuple({"name": part.name, "size": part.size, "steps_ago": ago} for part, ago in parts)
+
+    def begin(self, constant: Mapping[str, Any]) -> None:
+        """Forgets what was seen.
+
+        Args:
+            constant: what the critic is told of the new episode.
+        """
         self._stack.clear()
+        self._told = self._constant.fill(constant)
 
     def observe(self, values: Mapping[str, Any], critic: Mapping[str, Any]) -> Observation:
         """The next observation; at the beginning of an episode the first one stands for those before it.
@@ -127,7 +155,7 @@ class Seen:
         policy = np.concatenate([*self._stack, self.task.fill(values)])
         return {
             "policy": policy.astype(np.float32),
-            "critic": self.critic.fill(critic).astype(np.float32),
+            "critic": np.concatenate([self.critic.fill(critic), self._told]).astype(np.float32),
         }
 
 

@@ -7,7 +7,10 @@ from gymnasium.envs.registration import (
     registry,
 )
 
-ENVIRONMENTS = {"skincal/MarbleRoll-v0": "skincal.envs.marble:MarbleRollEnv"}
+ENVIRONMENTS = {
+    "skincal/MarbleRoll-v0": "skincal.envs.marble:MarbleRollEnv",
+    "skincal/BoltRoll-v0": "skincal.envs.bolt:BoltRollEnv",
+}
 """Entry points by name."""
 
 

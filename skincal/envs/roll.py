@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.dataset.findings import did_you_mean
 from skincal.envs.bodies import Body
-from skincal.envs.critic import critic_parts, critic_values
+from skincal.envs.critic import constant_parts, state_parts, state_values
 from skincal.envs.drawing import (
     Drawer,
     ObjectName,
@@ -112,9 +112,17 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._scene: Scene | None = None
         n = self.pinch.joints
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n,), np.float32)
-        critic = critic_parts(self._drawer.nominal, n, self.target_size, len(AHEAD))
-        self._seen = Seen(policy, n, self.skin.taxels, self.skin.range_counts, self.target_size, critic)
+        state = state_parts(n, self.target_size, len(AHEAD))
+        constant = constant_parts(self._drawer.nominal)
+        self._seen = Seen(
+            policy, n, self.skin.taxels, self.skin.range_counts, self.target_size, state, constant
+        )
         self.observation_space = cast("gymnasium.Space[Observation]", self._seen.space)
+
+    @property
+    def observation_layout(self) -> tuple[dict[str, Any], ...]:
+        """The parts of the policy's observation in their order: ``name``, ``size``, and ``steps_ago``."""
+        return self._seen.layout()
 
     @classmethod
     def default_options(cls) -> TaskOptions:
@@ -170,7 +178,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._desired = self._clipped(command)
         if self.policy == "tactile":
             self.skin.begin(values, self._sensor.pose, self._body_now)
-        self._seen.begin()
+        self._seen.begin(values)
 
     def _duration_s(self, asked: EpisodeOptions) -> float:
         return self.options.duration_s if asked.duration_s is None else asked.duration_s
@@ -236,7 +244,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def _look(self) -> None:
         assert self._scene is not None
-        self._view: View = view(self._scene, self._sensor, by_contact=self.object_name == "bolt")
+        self._view: View = view(self._scene, self._sensor)
 
     def _target_m(self) -> FloatArray:
         """The target (2,) at this moment, patch coordinates [m]."""
@@ -298,7 +306,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             "ahead": np.concatenate([self._targets[k + a] - self._targets[k] for a in AHEAD]),
             "orientation": self._orientation(),
         }
-        return self._seen.observe(values, critic_values(seen, self._values, own))
+        return self._seen.observe(values, state_values(seen, own))
 
     def _orientation(self) -> FloatArray:
         """What the critic is told of how the object lies (4,); nothing of a marble."""

@@ -80,7 +80,7 @@ class View:
         body: the object's frame.
         velocity_m_per_s: (3,) the object's, root frame [m/s].
         spin_rad_per_s: (3,) the object's, root frame [rad/s].
-        position_m: (2,) where the object is on the sensor, patch coordinates [m].
+        position_m: (2,) the place on the sensor that is nearest to the object's centre, patch coordinates [m].
         held: whether it is still held in place.
         sound: whether all of this can be believed.
     """
@@ -133,19 +133,17 @@ class View:
         return Felt(contacts, float(across), float(friction[1]), 0.0, self.q_rad)
 
 
-def view(scene: Scene, sensor: Sensor, *, by_contact: bool) -> View:
+def view(scene: Scene, sensor: Sensor) -> View:
     """Looks at a scene.
 
     Args:
         scene: as it is.
         sensor: where the patch is.
-        by_contact: the object is where it touches; else, and where it does not touch, where its centre is nearest.
     """
     q, dq = scene.joints()
     skin, thumb = scene.touches()
     tip, body = scene.tip(scene.skin_link), scene.object_frame()
     velocity, spin = scene.object_motion()
-    at = np.array(skin.point_m) if by_contact and skin is not None else body.origin_m
     sound = scene.sound()
     return View(
         q_rad=q,
@@ -157,7 +155,7 @@ def view(scene: Scene, sensor: Sensor, *, by_contact: bool) -> View:
         body=body,
         velocity_m_per_s=velocity,
         spin_rad_per_s=spin,
-        position_m=sensor.patch_m(tip.inside(at)) if sound else np.zeros(2),
+        position_m=sensor.patch_m(tip.inside(body.origin_m)) if sound else np.zeros(2),
         held=scene.held,
         sound=sound,
     )

@@ -1,0 +1,89 @@
+"""A bolt that is rolled along a sine; how it lies, the policy has to feel."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skincal.envs.bodies import Body, Bolt
+from skincal.envs.drawing import Values, number
+from skincal.envs.options import ORIENTATIONS_DEG, EpisodeOptions
+from skincal.envs.roll import RollEnv, TaskOptions
+from skincal.envs.trajectories import BOLT_HZ, sine
+
+FloatArray = NDArray[np.float64]
+
+
+class BoltRollEnv(RollEnv):
+    """``skincal/BoltRoll-v0``: see :class:`RollEnv`.
+
+    The bolt is put between the fingers at one of four angles from the finger's across direction, its head in front. The
+    policy is told how far it shall be along its normal, but not which way that is: the axis of the bolt, as it lies on
+    the sensor when the fingers have taken it, turned by 90° on.
+    """
+
+    object_name = "bolt"
+    target_size = 1
+
+    @classmethod
+    def default_options(cls) -> TaskOptions:
+        """The sine is up to four times as fast as the marble's ways."""
+        return TaskOptions(speed_rad_per_s=0.6)
+
+    def _body(self, values: Values) -> Body:
+        return Bolt(number(values, "object.bolt.radius_m"), number(values, "object.bolt.mass_kg"))
+
+    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
+        drawn = float(self.np_random.choice(ORIENTATIONS_DEG))
+        self._orientation_deg = drawn if asked.orientation_deg is None else asked.orientation_deg
+        psi, theta, phi = (number(values, f"object.bolt.{name}_deg") for name in ("psi", "theta", "phi"))
+        angles = [self._orientation_deg + psi, theta, phi]
+        return Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+
+    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+        drawn = float(self.np_random.uniform(*BOLT_HZ))
+        self._frequency_hz = drawn if asked.frequency_hz is None else asked.frequency_hz
+        return sine(steps, self._frequency_hz)
+
+    def _look(self) -> None:
+        super()._look()
+        if self._step == 0:
+            self._first_rad = self._axis_rad()
+            self._start_m = self._view.position_m
+
+    def _axis_rad(self) -> float:
+        """The angle of the bolt's axis on the sensor, from +u towards +v [rad]."""
+        seen = self._view
+        if not seen.sound:
+            return 0.0
+        u, v = self._sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
+        return math.atan2(v, u)
+
+    def _normal(self) -> FloatArray:
+        """The direction (2,) in which it shall roll."""
+        return np.array([-math.sin(self._first_rad), math.cos(self._first_rad)])
+
+    def _target_m(self) -> FloatArray:
+        return self._targets[self._step, 0] * self._normal()
+
+    def _angle_rad(self) -> float | None:
+        return math.remainder(self._axis_rad() - self._first_rad, 2 * math.pi)
+
+    def _orientation(self) -> FloatArray:
+        first = self._first_rad
+        return np.array([math.cos(first), math.sin(first), self._angle_rad() or 0.0, self._frequency_hz])
+
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        own = {
+            "orientation_deg": self._orientation_deg,
+            "orientation_rad": self._first_rad,
+            "orientation_error_rad": self._angle_rad() or 0.0,
+            "frequency_hz": self._frequency_hz,
+            "rolled_m": float((self._view.position_m - self._start_m) @ self._normal()),
+            "rolled_target_m": float(self._targets[self._step, 0]),
+        }
+        return super()._info(terms) | own
