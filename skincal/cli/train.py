@@ -93,7 +93,8 @@ def train(
     """Learn a policy with the published soft actor-critic.
 
     The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`), the last
-    checkpoint, and in the end the policy: an ONNX file with its normalisation and a description, and no code.
+    checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation and a description, and
+    no code.
     """
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     told = {f"--{name}": value for name, value in given.items() if value is not None}

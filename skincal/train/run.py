@@ -106,21 +106,20 @@ def train(
     """
     work, ranges = read_run(folder)
     with _alone(folder), _learner(work, make, processes=processes) as learner:
-        course = _Course(folder, work, learner, told)
+        course = _Course(folder, work, ranges, learner, told)
         course.go_on(work.settings.rounds(steps or work.steps))
-        network = learner.network()
-        if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
-            raise WorkError(f"{folder}: the networks hold numbers that are not finite; nothing was written")
-        about = describe(work, ranges, learner, course.progress.steps, course.progress.wall_s)
-        write_policy(network, about, folder / POLICY, force=True)
+        about = course.write_policy()
     return Trained(folder, folder / POLICY, about, course.last)
 
 
 class _Course:
     """The way of one run from checkpoint to checkpoint."""
 
-    def __init__(self, folder: Path, work: Work, learner: Learner, told: Callable[[Round], None]) -> None:
-        self.folder, self.work, self.learner, self.told = folder, work, learner, told
+    def __init__(
+        self, folder: Path, work: Work, ranges: Ranges, learner: Learner, told: Callable[[Round], None]
+    ) -> None:
+        self.folder, self.work, self.ranges = folder, work, ranges
+        self.learner, self.told = learner, told
         self.last: Round | None = None
         there = (folder / CHECKPOINT).is_dir()
         self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else Progress()
@@ -130,6 +129,18 @@ class _Course:
         with Curve(self.folder / CURVE, self.progress.steps) as curve:
             while self.progress.rounds < rounds:
                 self._segment(min(rounds, self._next_checkpoint()), curve)
+                self.write_policy()
+
+    def write_policy(self) -> Description:
+        """Writes the policy as it is now."""
+        network = self.learner.network()
+        if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
+            raise WorkError(
+                f"{self.folder}: the networks hold numbers that are not finite; nothing was written"
+            )
+        about = describe(self.work, self.ranges, self.learner, self.progress.steps, self.progress.wall_s)
+        write_policy(network, about, self.folder / POLICY, force=True)
+        return about
 
     def _next_checkpoint(self) -> int:
         every = self.work.rounds_per_checkpoint
