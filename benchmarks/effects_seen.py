@@ -1,0 +1,106 @@
+"""What presses tell of every effect: the paper's static ones, the paper's with frames, and those of a full session.
+
+``python benchmarks/effects_seen.py`` writes ``benchmarks/results/effects_seen.json``, which the pages of the effects
+show: whether a typical case (strength 1) is visible, from which strength on, which effects imitate it and how well, and
+what is missing where it is not visible. Pose, E and S are nominal. A plan does not say which tangential forces there
+will be; here each press is given one of a random direction, SHEAR_N rms along each axis, so that ``shear`` has a row.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skincal import __version__
+from skincal.collect import Mount, Plan, full_plan, paper_plan
+from skincal.dataset import read_dataset
+from skincal.diagnose.audit import audit_dataset
+from skincal.diagnose.base import GUESSED_PA_PER_M, GUESSED_PER_N
+from skincal.diagnose.plan import plan_session
+from skincal.fit.observe import Readout
+from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
+from skincal.gap.base import BaseModel, base_columns, resolution_of
+from skincal.gap.noise import assumed_floor
+from skincal.gap.reasons import facts_of, why_not
+from skincal.hand.hands import hand_named
+
+ROOT = Path(__file__).parent.parent
+RESULT = ROOT / "benchmarks" / "results" / "effects_seen.json"
+STATIC = ROOT / "data" / "paper-like"
+SEED = 1
+SHEAR_N = 0.3
+LIKEST = 4
+"""So many of the best imitations are kept."""
+
+
+def static() -> tuple[dict[str, EffectAudit], dict[str, str], int]:
+    """The bundled session of static presses without times and covariates."""
+    report = audit_dataset(read_dataset(STATIC), None, np.random.default_rng(SEED))
+    return dict(report.effects), dict(report.reasons), report.presses
+
+
+def planned(plan: Plan) -> tuple[dict[str, EffectAudit], dict[str, str], int]:
+    """A plan on the bundled hand."""
+    description = hand_named()
+    meta, mount = description.meta, Mount.of(description.meta)
+    readout = Readout(meta.sensor.value_min, meta.sensor.value_max, meta.sensor.integer)
+    model = BaseModel(
+        mount.surface,
+        mount.layout,
+        mount.pose,
+        GUESSED_PA_PER_M,
+        GUESSED_PER_N,
+        readout,
+        resolution_of(mount.layout),
+    )
+    rng = np.random.default_rng(SEED)
+    session = plan_session(plan, description)
+    shear = rng.normal(0.0, SHEAR_N, (len(plan), 2))[np.maximum(session.row, 0)]
+    session = replace(session, samples=replace(session.samples, shear_n=shear))
+    options = AuditOptions(position_sigma_m=meta.position.sigma_m)
+    base = base_columns(model, session)
+    found = audit(linearise(model, session, base, assumed_floor(readout), options, rng), options)
+    facts = facts_of(session)
+    return found, {n: why_not(one, facts) for n, one in found.items() if not one.visible}, len(plan)
+
+
+def row(found: EffectAudit, reasons: dict[str, str]) -> dict[str, Any]:
+    """What is kept of one effect."""
+    likest = sorted(found.overlaps.items(), key=lambda pair: -pair[1])[:LIKEST] if found.distance > 0 else []
+    smallest = found.smallest_strength
+    return {
+        "visible": found.visible,
+        "smallest_strength": float(f"{smallest:.2g}") if np.isfinite(smallest) else None,
+        "consistent_with": list(found.consistent_with),
+        "imitated_by": {name: round(cosine, 2) for name, cosine in likest},
+        "reason": reasons.get(found.name),
+    }
+
+
+def main() -> None:
+    """Audits the three sessions and writes the result."""
+    layout = Mount.of(hand_named().meta).layout
+    sessions = {
+        "paper_static": static(),
+        "paper_with_frames": planned(paper_plan(np.random.default_rng(SEED), layout)),
+        "full": planned(full_plan(np.random.default_rng(SEED), layout, second_indenter_m=0.004)),
+    }
+    content = {
+        "command": "python benchmarks/effects_seen.py",
+        "version": __version__,
+        "seed": SEED,
+        "shear_rms_n": SHEAR_N,
+        "sessions": {
+            name: {"presses": presses, "effects": {key: row(one, reasons) for key, one in found.items()}}
+            for name, (found, reasons, presses) in sessions.items()
+        },
+    }
+    RESULT.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,325 @@
+"""Pictures of what each effect does to a press: the model with it and without it, where it shows best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from skincal.effects import EffectSkin, Samples, effect
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
+from skincal.model.arrays import FloatArray
+from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, style
+
+FEW = 16
+"""Up to so many values are drawn as bars."""
+
+STRENGTH = 2.0
+"""Strength of the effect in a picture: twice a typical case."""
+
+_FORCE_N, _SEED = 3.0, 3
+_CENTRE_M, _RADIUS_M = 0.0235, 0.0115
+_PLACE_M = (0.6e-3, 1.0e-3)
+"""Where presses are, across and along from the middle of the patch: between taxels, so that several feel it [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One line of a picture: values (n,) over x (n,), without the effect and with it."""
+
+    label: str
+    x: FloatArray
+    base: FloatArray
+    changed: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """What an effect does.
+
+    Attributes:
+        name: of the effect.
+        x_label: of the curves.
+        y_label: of the curves.
+        curves: where it shows best.
+        change: (rows, cols) change of the image where it is largest [counts].
+        place_m: (2,) where that press is on the patch [m]; NaN where nothing touches.
+    """
+
+    name: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    change: FloatArray
+    place_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Samples of some presses, and how to look at them: label, taxel and rows of each curve."""
+
+    samples: Samples
+    place_m: FloatArray
+    x: FloatArray
+    x_label: str
+    curves: tuple[tuple[str, int, slice], ...]
+    y_label: str = "strongest taxel [counts]"
+    each_taxel: bool = False
+
+
+@cache
+def _base() -> EffectSkin:
+    surface, layout = Cylinder(_RADIUS_M), TaxelLayout.grid(4, 4, taxel_size_m=2.5e-3, pitch_m=4e-3)
+    patch = Patch.build(surface, layout, SensorPose(_CENTRE_M, 0.0), resolution_m=0.4e-3)
+    return EffectSkin(Skin(patch, SkinParameters(2.5e8, 70.0)), surface)
+
+
+def signature(name: str, strength: float = STRENGTH) -> Signature:
+    """What an effect does to a sensor of 4 by 4 taxels on a fingertip.
+
+    Args:
+        name: of the effect.
+        strength: 1 is a typical case.
+
+    Raises:
+        InputError: there is no such effect.
+    """
+    one = effect(name)
+    view = _VIEWS.get(name, _course if one.has_memory else _forces)()
+    base = _base()
+    given = one.at_strength(strength, np.random.default_rng(_SEED), base.skin.patch.layout)
+    values, changed = base.values(view.samples), base.with_effects({name: given}).values(view.samples)
+    change = changed - values
+    if view.each_taxel:
+        image, place = np.diag(change), np.full(2, np.nan)
+        curves = (Curve("with it", view.x, np.diag(values), np.diag(changed)),)
+    else:
+        largest = int(np.argmax((change**2).sum(axis=1)))
+        image = change[largest]
+        place = view.place_m[largest] if view.samples.touching[largest] else np.full(2, np.nan)
+        curves = tuple(
+            Curve(label, view.x[rows], values[rows, taxel], changed[rows, taxel])
+            for label, taxel, rows in view.curves
+        )
+    return Signature(name, view.x_label, view.y_label, curves, image.reshape(4, 4), place)
+
+
+def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
+    """The picture of an effect: curves without it and with it, and a map of the largest change.
+
+    Args:
+        name: of the effect.
+        strength: 1 is a typical case.
+
+    Raises:
+        InputError: there is no such effect.
+    """
+    found = signature(name, strength)
+    with style():
+        figure = new_figure(7.6, 2.6)
+        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
+        _draw_curves(left, found)
+        _draw_change(figure, right, found)
+    return figure
+
+
+def _draw_curves(axes: Axes, found: Signature) -> None:
+    bars = len(found.curves[0].x) <= FEW
+    for curve, colour, dashes in zip(found.curves, (BLUE, ORANGE), ("--", ":"), strict=False):
+        if bars:
+            axes.bar(curve.x, curve.changed, color=colour, width=0.7, label=curve.label)
+            axes.plot(curve.x, curve.base, "_", color=BLACK, ms=11, mew=1.4, label="without it")
+        else:
+            axes.plot(curve.x, curve.changed, color=colour, lw=1.6, label=curve.label)
+            axes.plot(curve.x, curve.base, color=GREY, lw=1.2, ls=dashes)
+    if bars:
+        axes.margins(y=0.3)
+        axes.set_ylim(bottom=0.0)
+    else:
+        axes.plot([], [], color=GREY, lw=1.2, ls="--", label="without it")
+    axes.set_xlabel(found.x_label)
+    axes.set_ylabel(found.y_label)
+    axes.legend(loc="upper right" if bars else "best", ncols=2 if bars else 1)
+
+
+def _draw_change(figure: Figure, axes: Axes, found: Signature) -> None:
+    most = max(float(np.abs(found.change).max()), 1e-9)
+    half = 8.0
+    shown = axes.imshow(
+        found.change, origin="lower", cmap=DIVERGING, vmin=-most, vmax=most, extent=(-half, half, -half, half)
+    )
+    if np.isfinite(found.place_m).all():
+        for colour, width in (("white", 3.0), (BLACK, 1.2)):
+            axes.plot(*(1e3 * found.place_m), "+", color=colour, ms=9, mew=width)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_title("largest change [counts]", fontweight="normal", fontsize=9)
+    figure.colorbar(shown, ax=axes, shrink=0.85)
+
+
+def _samples(place_m: FloatArray, force_n: FloatArray, **covariates: ArrayLike) -> Samples:
+    """Presses at places (K, 2) across and along from the middle of the patch, with all covariates."""
+    surface = Cylinder(_RADIUS_M)
+    start = np.tile([0.0, _CENTRE_M, _RADIUS_M], (len(place_m), 1))
+    points = surface.offset(start, place_m[:, 0], place_m[:, 1])
+    usual: dict[str, ArrayLike] = {
+        "time_s": np.zeros(len(place_m)),
+        "phase": HOLD,
+        "speed_m_per_s": 1e-3,
+        "cycle": 9,
+        "pose": 0,
+        "temperature_c": 25.0,
+        "shear_u_n": 1.0,
+        "shear_v_n": 0.0,
+    }
+    contacts = Contacts(points, surface.normal_at(points), force_n)
+    return Samples.of(contacts, Sphere(0.006), touching=force_n > 0, **(usual | covariates))
+
+
+def _here(count: int) -> FloatArray:
+    return np.tile(_PLACE_M, (count, 1))
+
+
+def _strongest() -> tuple[int, int]:
+    """The taxel that feels the press most, and the next one."""
+    image = _base().values(_samples(_here(1), np.array([_FORCE_N])))[0]
+    order = np.argsort(-image)
+    return int(order[0]), int(order[1])
+
+
+def _press(load_s: float, hold_s: float, rest_s: float, **more: ArrayLike) -> Samples:
+    """One press at 100 Hz: a fifth of a second of rest, load, hold, unload, rest."""
+    step, before = 0.01, 20
+    load, hold, rest = (round(length / step) for length in (load_s, hold_s, rest_s))
+    rise = np.arange(1, load + 1) / load
+    share = np.concatenate([np.zeros(before), rise, np.ones(hold), 1 - rise, np.zeros(rest)])
+    phase = np.repeat([IDLE, LOAD, HOLD, UNLOAD, IDLE], [before, load, hold, load, rest])
+    time = step * np.arange(1, len(share) + 1)
+    return _samples(_here(len(share)), _FORCE_N * share, time_s=time, phase=phase, press=0, **more)
+
+
+def _course() -> _View:
+    """One press over time, with a long hold and a rest."""
+    samples, taxel = _press(0.4, 4.0, 3.0), _strongest()[0]
+    assert samples.time_s is not None
+    return _View(samples, _here(len(samples)), samples.time_s, "time [s]", (("with it", taxel, slice(None)),))
+
+
+def _quick() -> _View:
+    """A quick press over time."""
+    samples, taxel = _press(0.3, 0.4, 0.3), _strongest()[0]
+    assert samples.time_s is not None
+    return _View(samples, _here(len(samples)), samples.time_s, "time [s]", (("with it", taxel, slice(None)),))
+
+
+def _loop() -> _View:
+    """One slow press over its force."""
+    samples, taxel = _press(1.5, 0.3, 0.2), _strongest()[0]
+    force = samples.contacts.force_n
+    return _View(samples, _here(len(samples)), force, "force [N]", (("with it", taxel, slice(None)),))
+
+
+def _speeds() -> _View:
+    """Loading at two speeds, over the force."""
+    force, taxel = np.linspace(0.05, _FORCE_N, 60), _strongest()[0]
+    speed = np.repeat([2.5e-4, 4e-3], len(force))
+    time = np.concatenate([np.linspace(0, 4, 60), np.linspace(10, 10.25, 60)])
+    samples = _samples(
+        _here(120),
+        np.tile(force, 2),
+        time_s=time,
+        phase=LOAD,
+        speed_m_per_s=speed,
+        press=np.repeat([0, 1], 60),
+    )
+    curves = (("0.25 mm/s", taxel, slice(0, 60)), ("4 mm/s", taxel, slice(60, 120)))
+    return _View(samples, _here(120), np.tile(force, 2), "force [N], loading", curves)
+
+
+def _forces() -> _View:
+    """Holds at several forces: the strongest taxel and the next one."""
+    force = np.linspace(0.0, 5.0, 51)
+    first, second = _strongest()
+    curves = (("strongest taxel", first, slice(None)), ("the next one", second, slice(None)))
+    return _View(_samples(_here(51), force), _here(51), force, "force [N]", curves, "value [counts]")
+
+
+def _poses() -> _View:
+    """Holds at several forces in two hand poses."""
+    force, taxel = np.linspace(0.01, 4.0, 41), _strongest()[0]
+    pose = np.repeat([0, 1], 41)
+    samples = _samples(_here(82), np.tile(force, 2), pose=pose)
+    curves = (("in one pose", taxel, slice(0, 41)), ("in another", taxel, slice(41, 82)))
+    return _View(samples, _here(82), np.tile(force, 2), "force [N]", curves)
+
+
+def _session(touching: bool) -> _View:
+    """The same press, or the untouched skin, over ten minutes."""
+    time = np.linspace(0.0, 600.0, 31)
+    samples = _samples(
+        _here(31), np.full(31, _FORCE_N if touching else 0.0), time_s=time, phase=HOLD if touching else IDLE
+    )
+    first, second = _strongest()
+    lines = (("with it", first, slice(None)),) if touching else (
+        ("one taxel", first, slice(None)), ("another", second, slice(None)))  # fmt: skip
+    label = "the same press [counts]" if touching else "untouched [counts]"
+    return _View(samples, _here(31), time, "time of the session [s]", lines, label)
+
+
+def _touches() -> _View:
+    """The same press again and again."""
+    cycle = np.arange(7.0)
+    samples = _samples(_here(7), np.full(7, _FORCE_N), cycle=cycle)
+    curves = (("with it", _strongest()[0], slice(None)),)
+    return _View(samples, _here(7), cycle, "earlier touches of the site", curves, "the same press [counts]")
+
+
+def _places() -> _View:
+    """A press that wanders across the patch, as one taxel sees it."""
+    across = np.linspace(-8e-3, 8e-3, 81)
+    place = np.column_stack([across, np.full(81, _PLACE_M[1])])
+    samples = _samples(place, np.full(81, _FORCE_N))
+    curves = (("with it", _strongest()[0], slice(None)),)
+    return _View(
+        samples, place, 1e3 * across, "place of the press, across [mm]", curves, "one taxel [counts]"
+    )
+
+
+def _taxels() -> _View:
+    """A press on each taxel, as that taxel sees it."""
+    place = _base().skin.patch.layout.centres_m
+    samples = _samples(place, np.full(len(place), _FORCE_N))
+    x = np.arange(float(len(place)))
+    return _View(
+        samples, place, x, "taxel, pressed at its centre", (), "that taxel [counts]", each_taxel=True
+    )
+
+
+_VIEWS: Final[Mapping[str, Callable[[], _View]]] = MappingProxyType(
+    {
+        "force_bias": _poses,
+        "contact_offset": _places,
+        "shear": _places,
+        "spread": _places,
+        "crosstalk": _places,
+        "ghosting": _places,
+        "rate": _speeds,
+        "hysteresis": _loop,
+        "latency": _quick,
+        "first_cycle": _touches,
+        "taxel_gain": _taxels,
+        "taxel_offset": _taxels,
+        "dead_taxel": _taxels,
+        "gain_drift": lambda: _session(touching=True),
+        "baseline_drift": lambda: _session(touching=False),
+    }
+)
+"""Where an effect shows best. Others, those to come included, are drawn over force, or over time if they remember."""
