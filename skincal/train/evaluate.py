@@ -186,7 +186,7 @@ class _Record:
             return
         self._error[number, t] = info["error_m"]
         self._object[number, t] = info["position_m"]
-        self._angle[number, t] = info.get("angle_rad", np.nan)
+        self._angle[number, t] = info.get("orientation_error_rad", np.nan)
 
     def runs(self) -> Runs:
         """Everything."""

@@ -42,6 +42,8 @@ def test_what_a_run_leaves_behind(trained):
     about = read_policy(trained / "policy.onnx").description
     assert (about.task, about.policy, about.seed, about.steps) == ("marble", "tactile", 4, ROUND)
     assert about.size == 5 * (16 + 6) + 4
+    assert about.observation[0] == {"name": "image", "size": 16, "steps_ago": 4}
+    assert about.observation[-1] == {"name": "movement", "size": 2, "steps_ago": 0}
     assert about.actions == 6
 
 
@@ -141,6 +143,22 @@ def test_evaluation_with_values_of_ones_own(trained, tmp_path, capsys):
         answers.append(json.loads(capsys.readouterr().out)["policies"][0]["error_m"])
     assert len(answers[0]) == 5
     assert answers[0] != answers[1] == answers[2]
+
+
+def test_evaluation_of_a_bolt(tmp_path, capsys):
+    """A policy that does nothing holds the bolt and rolls it nowhere."""
+    part = {"name": "policy", "size": 112}
+    about = Description(Task.bolt, PolicyKind.tactile, (part,), 6, "", 0, 0, 0.0, "sb3")
+    still = Network.build(np.zeros(112), np.ones(112), 10.0, [(np.zeros((112, 6)), np.zeros(6))])
+    write_policy(still, about, tmp_path / "still.onnx")
+    assert run("eval", "bolt", tmp_path / "still.onnx", "--episodes", 8, "--duration-s", 0.5, "--json") == 0
+    (entry,) = json.loads(capsys.readouterr().out)["policies"]
+    assert (entry["direction_right"], entry["held_to_end"], entry["drops"]) == (0.0, 1.0, 0)
+    assert entry["held_s"] == pytest.approx(0.5)
+    assert entry["angle_error_rad"] < 0.2
+    assert list(entry["by_orientation_deg"]) == ["-45", "0", "45", "90"]
+    assert set(entry["by_orientation_deg"]["0"]) >= {"direction_right", "held_to_end", "drops"}
+    assert entry["by_orientation_deg"]["0"]["episodes"] == 2
 
 
 @pytest.mark.parametrize(
