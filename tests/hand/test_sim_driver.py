@@ -11,6 +11,7 @@ from calibrations import make_calibration
 from hands import other_hand
 
 from skincal.calibration import Effect, write_calibration
+from skincal.effects import EFFECTS
 from skincal.errors import InputError
 from skincal.hand import HandCommand, HandError, create_driver
 from skincal.hand.sim import SimDriver
@@ -94,6 +95,17 @@ def test_the_truth_is_written(tmp_path: Path) -> None:
         assert truth["model"]["scale_per_n"] == driver.truth.scale_per_n
         assert truth["effects"][0]["name"] == "creep"
         assert truth["effects"][0]["parameters"]["amplitude"] != 0
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_can_be_asked_for_by_its_name(name: str) -> None:
+    driver = create_driver("sim", seed="3", effects=f"{name}=1")
+    assert isinstance(driver, SimDriver)
+    one = EFFECTS[name]
+    assert not one.is_neutral(one.checked(driver.truth.effects[name], 16))
+    none = create_driver("sim", seed="3", effects=f"{name}=0")
+    assert isinstance(none, SimDriver)
+    assert one.is_neutral(one.checked(none.truth.effects[name], 16))
 
 
 def test_the_skin_may_be_that_of_a_calibration(tmp_path: Path) -> None:
