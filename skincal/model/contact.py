@@ -133,11 +133,11 @@ def contact_rotations(normals: ArrayLike) -> FloatArray:
         y[at_tip] = np.cross(z[at_tip], [1.0, 0.0, 0.0])
         length[at_tip] = np.sqrt(np.einsum("ki,ki->k", y[at_tip], y[at_tip]))
     y /= length[:, None]
-    x = np.stack(
-        [y[:, i] * z[:, j] - y[:, j] * z[:, i] for i, j in ((1, 2), (2, 0), (0, 1))],
-        axis=1,
-    )
-    return np.stack([x, y, z], axis=-1)
+    rotations = np.empty((len(z), 3, 3))
+    for k, i, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        rotations[:, k, 0] = y[:, i] * z[:, j] - y[:, j] * z[:, i]
+    rotations[:, :, 1], rotations[:, :, 2] = y, z
+    return rotations
 
 
 def _checked_rotations(rotations: ArrayLike, count: int) -> FloatArray:

@@ -58,41 +58,55 @@ class Settled:
     weight_m2: FloatArray
 
 
-def settle(distance_m: FloatArray, weight_m2: FloatArray, load_m3: FloatArray) -> Settled:
+def settle(
+    distance_m: FloatArray, weight_m2: FloatArray, load_m3: FloatArray, near_m: FloatArray | None = None
+) -> Settled:
     """The depth at which the load is carried.
 
-    The carried load is convex and piecewise linear in the depth, with a kink at every gap. Newton's method from
-    above takes one linear piece after the other: it never goes below the solution, drops at least one point in
-    every step, and ends where the set of points that carry no longer changes. There the depth is exact.
+    The carried load is convex and piecewise linear in the depth, with a kink at every gap. Newton's method takes one
+    linear piece after the other: from anywhere its first step leads to the solution or above it, from there on it never
+    goes below, drops at least one point in every step, and ends where the set of points that carry no longer changes.
+    There the depth is exact.
 
     Args:
         distance_m: (K, N) [m]; inf or NaN where a point cannot be touched.
         weight_m2: (K, N) [m²]; a point without weight cannot be touched either.
         load_m3: (K,) F / E [m³], finite, zero or more.
+        near_m: (K,) levels that the solution is thought to lie near, inf where nothing is thought [m]. It saves steps
+            and changes nothing else.
     """
     out = ~((weight_m2 > 0) & (distance_m < np.inf))
     first = np.where(out, np.inf, distance_m).min(axis=1, initial=np.inf)
-    gap = distance_m - np.where(first < np.inf, first, 0.0)[:, None]
+    begin = np.where(first < np.inf, first, 0.0)
+    gap = distance_m - begin[:, None]
     gap[out] = 0.0
     weight = np.where(out, 0.0, weight_m2)
     area = weight.sum(axis=1)
     pressed = (area > 0) & (load_m3 > 0)
+    near = np.full(len(load_m3), np.inf) if near_m is None else np.maximum(near_m - begin, 0.0)
     if pressed.all():
-        return Settled(first, _depth(gap, weight, area, load_m3), gap, weight)
+        return Settled(first, _depth(gap, weight, load_m3, near), gap, weight)
     depth = np.zeros(len(load_m3))
     if pressed.any():
-        depth[pressed] = _depth(gap[pressed], weight[pressed], area[pressed], load_m3[pressed])
+        depth[pressed] = _depth(gap[pressed], weight[pressed], load_m3[pressed], near[pressed])
     return Settled(first, depth, gap, weight)
 
 
-def _depth(gap: FloatArray, weight: FloatArray, area: FloatArray, load: FloatArray) -> FloatArray:
+def _depth(gap: FloatArray, weight: FloatArray, load: FloatArray, near: FloatArray) -> FloatArray:
     """The depth (K,) > 0 with sum_i w_i max(depth - g_i, 0) = load > 0; the smallest gap is 0."""
     moment = weight * gap
-    depth = (load + moment.sum(axis=1)) / area
+    depth = _level(gap, weight, moment, load, near)
     while True:
-        carries = (gap <= depth[:, None]).astype(np.float64)
-        area = np.einsum("kn,kn->k", carries, weight)
-        lower = (load + np.einsum("kn,kn->k", carries, moment)) / area
+        lower = _level(gap, weight, moment, load, depth)
         if not (lower < depth).any():
             return depth
         depth = np.minimum(lower, depth)
+
+
+def _level(
+    gap: FloatArray, weight: FloatArray, moment: FloatArray, load: FloatArray, depth: FloatArray
+) -> FloatArray:
+    """The depth (K,) at which the points that carry at another depth would carry the load, they and no others."""
+    carries = (gap <= depth[:, None]).astype(np.float64)
+    area = np.einsum("kn,kn->k", carries, weight)
+    return (load + np.einsum("kn,kn->k", carries, moment)) / area

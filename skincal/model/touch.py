@@ -114,7 +114,8 @@ def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing, law: StressLaw |
     order = np.argsort(begins, axis=1)
     begins = np.sort(begins, axis=1)
     soonest = order[:, :_COARSE]
-    centre = pressing.tip_bound.distance(np.take_along_axis(place, soonest[:, None], axis=2))
+    near = place[:, :, soonest[0]] if len(place) == 1 else np.take_along_axis(place, soonest[:, None], axis=2)
+    centre = pressing.tip_bound.distance(near)
     limit = _guess(tiles, pressing, soonest, centre)
     while True:
         width = max(1, int((begins <= limit[:, None]).sum(axis=1).max()))
@@ -161,7 +162,7 @@ def _look(
     weight = np.maximum(moved[..., 3], 0.0)
     distance, facing = indenter.heights(moved[..., :3], pressing.directions, pressing.bound, limit_m)
     taxel = tiles.taxel.take(tile, axis=0).reshape(len(tile), -1)
-    settled = settle(distance, weight, pressing.load_m3)
+    settled = settle(distance, weight, pressing.load_m3, limit_m)
     if law is not None:
         settled = settle_under(law, settled, pressing.load_m3)
     return Touch(points, tile, taxel, facing, settled)

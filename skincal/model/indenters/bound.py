@@ -72,10 +72,11 @@ class Bound:
         if slack_m is not None:
             distance -= slack_m
             aside_2 = np.maximum(np.sqrt(aside_2) - slack_m, 0.0) ** 2
-        outside = (aside_2 > self.reach_m[:, :, None] ** 2).any(axis=1)
+        outside = aside_2 > self.reach_m[:, :, None] ** 2
         aside_2 *= self.bend_per_m[:, :, None]
-        distance += aside_2.max(axis=1)
-        distance[outside] = np.inf
+        single = aside_2.shape[1] == 1
+        distance += aside_2[:, 0] if single else aside_2.max(axis=1)
+        distance[outside[:, 0] if single else outside.any(axis=1)] = np.inf
         return distance
 
 

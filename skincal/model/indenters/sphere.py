@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,8 @@ from numpy.typing import ArrayLike
 from skincal.model.arrays import FloatArray, as_floats, positive
 from skincal.model.indenters.base import Indenter, RayHits
 from skincal.model.indenters.bound import Bound, frames
+
+_UP = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,17 @@ class Sphere(Indenter):
 
     def bound(self, directions: FloatArray, contacts_m: FloatArray) -> Bound:
         """See :meth:`Indenter.bound`. About its own centre: -sqrt(R² - r²) >= -R + r² / 2R."""
+        del contacts_m
+        if len(directions) == 1 and tuple(directions[0].tolist()) == _UP:
+            return self._upright
+        return self._paraboloid(directions)
+
+    @cached_property
+    def _upright(self) -> Bound:
+        """The bound of a press without rotations."""
+        return self._paraboloid(np.array([_UP]))
+
+    def _paraboloid(self, directions: FloatArray) -> Bound:
         one = np.ones((len(directions), 1))
         return Bound(
             axis_m=one * [0.0, 0.0, self.radius_m],
