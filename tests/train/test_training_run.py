@@ -42,6 +42,24 @@ def test_going_on_is_exact(tmp_path, backend):
         assert np.array_equal(one[column], other[column], equal_nan=True)
 
 
+@pytest.mark.slow
+def test_going_on_is_exact_in_the_real_environment(tmp_path):
+    """Physics begins anew with every episode, so nothing of an earlier one is missed."""
+    from dataclasses import replace
+
+    from skincal.ranges import preset
+    from skincal.train import begin, maker
+
+    work = replace(runs.work(), settings=replace(runs.SMALL, learning_starts=40), rounds_per_checkpoint=3)
+    rounds = work.settings.steps_per_round
+    for name, stops in (("straight", (12,)), ("twice", (6, 12))):
+        begin(work, preset("iros24"), tmp_path / name)
+        for stop in stops:
+            train(tmp_path / name, maker(work, preset("iros24")), stop * rounds)
+    straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
+    assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+
+
 def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
     runs.run(tmp_path / "straight", 4 * runs.CHECKPOINT_STEPS)
     folder = tmp_path / "killed"
