@@ -133,6 +133,20 @@ def test_evaluation_as_json(trained, tmp_path, capsys):
     assert json.loads((out / "eval.json").read_text()) == answer
 
 
+def test_a_film_of_a_run(trained, tmp_path):
+    from PIL import Image
+
+    out = tmp_path / "evaluation"
+    arguments = ["--episodes", 1, "--duration-s", 0.4, "--out", out, "--gif"]
+    assert run("eval", "marble", trained / "policy.onnx", *arguments) == 0
+    with Image.open(out / "run.gif") as film:
+        assert film.n_frames == 4
+        assert film.info["duration"] == 100
+        first = np.asarray(film.convert("RGB")).copy()
+        film.seek(3)
+        assert not np.array_equal(first, np.asarray(film.convert("RGB")))
+
+
 def test_evaluation_with_values_of_ones_own(trained, tmp_path, capsys):
     policy = trained / "policy.onnx"
     (tmp_path / "still.csv").write_text("u_m,v_m\n0.001,0.0\n")
