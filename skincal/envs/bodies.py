@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.model import Contacts, Indenter, MeshIndenter, Sphere
+from skincal.envs.bolt_indenter import BoltIndenter, BoltShape
+from skincal.model import Contacts, Indenter, Sphere
 
 FloatArray = NDArray[np.float64]
 
@@ -140,6 +141,11 @@ class Bolt(Body):
         return self._FLATS * self.radius_m / 2
 
     @property
+    def head_corner_m(self) -> float:
+        """From the axis to the corners of the head [m]."""
+        return self.head_radius_m * 2 / math.sqrt(3)
+
+    @property
     def behind_m(self) -> float:
         """From the end of the shank to the centre of mass [m]."""
         shank, head = self._volumes
@@ -197,7 +203,7 @@ class Bolt(Body):
     def mesh(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """Vertices (V, 3) [m] and faces (F, 3): shank and head, each closed."""
         shank = _prism(self.radius_m, 96, 0.0, self.shank_m + self.head_m / 2)
-        head = _prism(self.head_radius_m * 2 / math.sqrt(3), 6, self.shank_m, self.shank_m + self.head_m)
+        head = _prism(self.head_corner_m, 6, self.shank_m, self.shank_m + self.head_m)
         vertices = np.concatenate([shank[0], head[0]]) - [self.behind_m, 0.0, 0.0]
         return vertices, np.concatenate([shank[1], head[1] + len(shank[0])])
 
@@ -219,8 +225,16 @@ class Bolt(Body):
 
 
 @lru_cache(maxsize=8)
-def _bolt_indenter(radius_m: float) -> MeshIndenter:
-    return MeshIndenter(*Bolt(radius_m, 1.0).mesh())
+def _bolt_indenter(radius_m: float) -> BoltIndenter:
+    bolt = Bolt(radius_m, 1.0)
+    shape = BoltShape(
+        radius_m=radius_m,
+        start_m=-bolt.behind_m,
+        head_m=bolt.shank_m - bolt.behind_m,
+        end_m=bolt.shank_m + bolt.head_m - bolt.behind_m,
+        head_radius_m=bolt.head_corner_m,
+    )
+    return BoltIndenter(*bolt.mesh(), shape)
 
 
 def _prism(radius_m: float, sides: int, start_m: float, end_m: float) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -33,7 +33,7 @@ from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import RewardScales, Situation, reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import TactileSkin
+from skincal.envs.tactile import Felt, TactileSkin
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import InputError, Problem
 from skincal.ranges import Ranges
@@ -291,7 +291,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         }
         if self.policy == "tactile":
             self.image = self.skin.image(
-                seen.felt(self._body_now),
+                self.felt(),
                 k / POLICY_HZ,
                 np.asarray(self._drawn("skin.taxel_noise_counts")),
             )
@@ -307,6 +307,10 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             "orientation": self._orientation(),
         }
         return self._seen.observe(values, state_values(seen, own))
+
+    def felt(self) -> Felt | None:
+        """The present contact as the skin takes it; None where nothing touches."""
+        return self._view.felt(self._body_now)
 
     def _orientation(self) -> FloatArray:
         """What the critic is told of how the object lies (4,); nothing of a marble."""

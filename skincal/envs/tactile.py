@@ -100,8 +100,8 @@ class TactileSkin:
             noise_counts: (J,) noise [counts].
         """
         counts = self._values(felt, time_s) + self._offset + noise_counts
-        # Adding zero turns the converter's -0 into 0; what is not known is nothing.
-        return np.nan_to_num(self._converter.apply(counts)) + 0.0
+        # Adding zero turns the converter's -0 into 0; observations make of NaN a 0.
+        return self._converter.apply(counts) + 0.0
 
     def _values(self, felt: Felt | None, time_s: float) -> FloatArray:
         if self._stream is not None:
