@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
 import runs
 from skincal.errors import InputError
-from skincal.train import Network, Settings, read_curve, read_policy, read_run, train
+from skincal.ranges import preset
+from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
 from skincal.train.environments import segment_seed
 
 JAX = pytest.param("sbx", marks=[pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning")])
@@ -45,11 +47,6 @@ def test_going_on_is_exact(tmp_path, backend):
 @pytest.mark.slow
 def test_going_on_is_exact_in_the_real_environment(tmp_path):
     """Physics begins anew with every episode, so nothing of an earlier one is missed."""
-    from dataclasses import replace
-
-    from skincal.ranges import preset
-    from skincal.train import begin, maker
-
     work = replace(runs.work(), settings=replace(runs.SMALL, learning_starts=40), rounds_per_checkpoint=3)
     rounds = work.settings.steps_per_round
     for name, stops in (("straight", (12,)), ("twice", (6, 12))):
@@ -58,6 +55,15 @@ def test_going_on_is_exact_in_the_real_environment(tmp_path):
             train(tmp_path / name, maker(work, preset("iros24")), stop * rounds)
     straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
     assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+
+
+@pytest.mark.slow
+def test_processes_change_nothing(tmp_path):
+    for name, processes in (("one", False), ("many", True)):
+        begin(runs.work(), preset("iros24"), tmp_path / name)
+        train(tmp_path / name, runs.make, runs.CHECKPOINT_STEPS, processes=processes)
+    one, many = last_network(tmp_path / "one"), last_network(tmp_path / "many")
+    assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
 
 
 def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
@@ -136,11 +142,6 @@ def test_the_critics_see_everything():
 @pytest.mark.parametrize("backend", ["sb3", JAX])
 def test_it_learns(tmp_path, backend):
     """The toy task is learned with the published rates: the error falls to a third of what chance gives."""
-    from dataclasses import replace
-
-    from skincal.ranges import preset
-    from skincal.train import begin
-
     settings = Settings(learning_starts=960, target_entropy=-2.0)
     begin(replace(runs.work(backend), settings=settings), preset("iros24"), tmp_path / "run")
     train(tmp_path / "run", runs.make, 10 * settings.steps_per_round)
