@@ -1,4 +1,4 @@
-"""``python -m benchmarks.blind make``; each has ``--help``."""
+"""``python -m benchmarks.blind make|run|score``; each has ``--help``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-VERBS = ("make",)
+VERBS = ("make", "run", "score")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

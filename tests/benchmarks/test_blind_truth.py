@@ -16,13 +16,15 @@ from benchmarks.blind.truth.body import draw_body, values
 from benchmarks.blind.truth.catalogue import EFFECTS
 from benchmarks.blind.truth.chain import counts, read, shown
 from benchmarks.blind.truth.contact import SPACING_M, Foundation, Hardening, Layer
+from benchmarks.blind.truth.decoys import DECOYS
 from benchmarks.blind.truth.images import ContactKind, ImageStore
+from benchmarks.blind.truth.outside import OUTSIDE
 from benchmarks.blind.truth.protocol import make_plan
 from benchmarks.blind.truth.rig import centres_m, on_finger
 from benchmarks.blind.truth.session import make_session
 from benchmarks.blind.truth.spec import Spec
 from benchmarks.blind.truth.strength import Refit
-from benchmarks.blind.truth.writing import sealed, unsealed
+from benchmarks.blind.truth.writing import press_columns, sealed, unsealed
 from skincal.dataset import read_dataset
 from skincal.effects import EFFECTS as CATALOGUE
 from skincal.model import (
@@ -163,7 +165,7 @@ def test_refit_absorbs_the_base_model(plain):
 
 
 @pytest.mark.parametrize(
-    ("name", "law"), [("hysteresis", "layer"), ("crosstalk", "foundation"), ("rate", "layer")]
+    ("name", "law"), [("hysteresis", "foundation"), ("crosstalk", "foundation"), ("rate", "layer")]
 )
 def test_strength_is_hit(name, law):
     session = make_session(Spec("one", 1, 5, law, effects=((name, 0.4),)))
@@ -201,3 +203,69 @@ def test_make_writes_a_dataset_that_skincal_reads(protocol, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([*given, "--out", str(out)])
     assert "there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", list(OUTSIDE))
+def test_outside_the_catalogue_is_nothing_without_strength(kind, plain):
+    effect = OUTSIDE[kind].draw(np.random.default_rng(3))
+    assert effect.name == "not in the catalogue"
+    base = counts(plain.scene)
+    np.testing.assert_allclose(counts(plain.scene, [replace(effect, strength=1e-9)]), base, atol=1e-3)
+    assert np.abs(counts(plain.scene, [effect]) - base).max() > 0.5
+
+
+def test_outside_is_expected_to_be_unknown():
+    label = make_session(Spec("outside", 0, 5, "foundation", outside=("breathing", 0.7))).label
+    assert label["expected"] == "unknown" and label["outside"] == "breathing"
+    assert label["effects"][0]["strength_g"] == pytest.approx(0.7, rel=0.03)
+
+
+@pytest.mark.parametrize("decoy", DECOYS)
+def test_decoys_hide_nothing_and_differ_from_a_plain_session(decoy):
+    plain = make_session(Spec("decoy", 0, 5, "foundation"))
+    session = make_session(Spec("decoy", 0, 5, "foundation", decoy=decoy))
+    assert session.label["expected"] == "none"
+    ours, theirs = press_columns(session), press_columns(plain)
+    differ = [name for name in ours if not np.array_equal(ours[name], theirs[name])]
+    if decoy == "shuffled":
+        assert {"pose", "cycle", "speed_m_per_s", "temperature_c"} <= set(differ)
+        np.testing.assert_array_equal(session.scene.plan.cycle, plain.scene.plan.cycle)
+        assert sorted(ours["cycle"]) == sorted(theirs["cycle"])
+    if decoy == "positions":
+        assert session.scene.body.sigma_m > plain.scene.body.sigma_m
+        first = np.array([rows[0] for rows in session.scene.by_press])
+        true = np.column_stack([session.scene.touches.arc_m[first], session.scene.touches.along_m[first]])
+        assert np.abs(session.measured_m - true).max() < 2e-3
+    if decoy == "noisy":
+        assert session.label["noise_floor_rmse_counts"]["frame_rmse"] > 1.0
+    assert differ
+
+
+def test_faults():
+    dying = make_session(Spec("robust", 0, 5, "foundation", decoy="dying"))
+    (effect,) = dying.label["effects"]
+    late = dying.scene.line.time_s > 0.7 * dying.scene.length_s
+    assert dying.label["expected"] == "effects" and effect["name"] == "dead_taxel"
+    for taxel in effect["parameters"]["taxels"]:
+        assert dying.reading[late, taxel].max() < 15
+    jump = make_session(Spec("robust", 1, 5, "foundation", decoy="jump"))
+    rest = jump.scene.line.press < 0
+    late = jump.scene.line.time_s > 0.75 * jump.scene.length_s
+    rise = jump.reading[rest & late].mean(axis=0) - jump.reading[rest & (jump.scene.line.time_s < 60)].mean(
+        axis=0
+    )
+    assert 3 <= np.count_nonzero(rise > 2) <= 6
+    assert jump.label["expected"] == "none" and "baseline_drift" in jump.label["also_fine"]
+
+
+def test_an_effect_without_a_trace_is_not_expected():
+    # Static sessions have one hand pose: an error of the other one does not exist.
+    labels = (
+        make_session(Spec("poor", n, 5, "foundation", "static", (("contact_offset", 0.5),))).label
+        for n in range(8)
+    )
+    for label in labels:
+        (effect,) = label["effects"]
+        posed = effect["parameters"]["stretch_per_m"] == (0.0, 0.0)
+        assert label["expected"] == ("none" if posed else "effects")
+        assert (effect["strength_g"] < 0.05) == posed

@@ -10,7 +10,7 @@ from benchmarks.blind.truth.contact import Foundation, Hardening, Law, Layer
 from benchmarks.blind.truth.images import ContactKind, ImageStore
 from benchmarks.blind.truth.rig import FINGER_RADIUS_M, SPHERES_M, Floats, Ints, centres_m
 
-LARGEST_N = 9.0
+LARGEST_N = 8.0
 LAWS = ("foundation", "layer")
 
 
@@ -89,8 +89,17 @@ class Touches:
         return replace(self, arc_m=self.arc_m + arc_m, along_m=self.along_m + along_m)
 
 
-def values(body: Body, touches: Touches, change: ContactChange | None = None) -> Floats:
-    """What the base model reads (K, J) [counts], not noisy, not rounded, not clipped."""
+def values(
+    body: Body, touches: Touches, change: ContactChange | None = None, moves_m: Floats | None = None
+) -> Floats:
+    """What the base model reads (K, J) [counts], not noisy, not rounded, not clipped.
+
+    Args:
+        body: the sensor.
+        touches: what touches where (K,).
+        change: what is another in the contact.
+        moves_m: how far each taxel has moved round and along the finger (K, J, 2) [m].
+    """
     change = change or ContactChange()
     elasticity, centres = body.elasticity_pa_per_m, body.centres_m
     found = np.zeros((len(touches.force_n), len(centres)))
@@ -98,8 +107,9 @@ def values(body: Body, touches: Touches, change: ContactChange | None = None) ->
         at = np.flatnonzero((touches.sphere == row) & (touches.force_n > 0))
         if len(at):
             kind = ContactKind(radius + change.sphere_added_m, change.hardening, change.sheet_m)
-            arc = centres[:, 0] - touches.arc_m[at, None]
-            along = centres[:, 1] - touches.along_m[at, None]
+            place = centres[None] if moves_m is None else centres + moves_m[at]
+            arc = place[:, :, 0] - touches.arc_m[at, None]
+            along = place[:, :, 1] - touches.along_m[at, None]
             force = touches.force_n[at, None] / elasticity
             found[at] = body.images.images(kind, body.alpha_deg).loads(force, arc, along)
     return body.scale_per_n * elasticity * found

@@ -18,7 +18,8 @@ def counts(scene: Scene, effects: Sequence[Effect] = ()) -> Floats:
     touches = scene.touches
     for effect in effects:
         touches = effect.touches(touches, scene)
-    x = values(scene.body, touches, _change(effects))
+    moves = [m for m in (effect.moves(scene) for effect in effects) if m is not None]
+    x = values(scene.body, touches, _change(effects), sum(moves[1:], moves[0]) if moves else None)
     for stage in Stage:
         for effect in (e for e in effects if e.stage is stage):
             x = effect.signal(x, scene)

@@ -33,8 +33,10 @@ SIDE = 160
 """Cells of a field in each direction: 16 mm, so that what is smeared over a taxel does not reach round its ends."""
 
 _COARSE_M, _COARSE_HALF = 0.2e-3, 24
-_DEPTHS, _DEEPEST_M = 32, 2.2e-3
-_BISECTIONS = 48
+_LEVELS, _BISECTIONS = 40, 48
+_DEEPEST_M = 3.8e-3
+_DEPTHS, _MORE = 28, 1.1
+"""A layer is solved for as many depths up to that of a foundation, and on in the same steps times the latter."""
 
 
 def axis_m() -> Floats:
@@ -97,23 +99,36 @@ class Foundation:
 
     name = "linear foundation"
 
+    def depths_m(self, sphere_m: float, force_m3: Floats, hardening: Hardening | None) -> Floats:
+        """How far the sphere has come under forces over E (n,) [m³]."""
+        return self._solved(_whole(sphere_m), force_m3, hardening)
+
     def fields(self, sphere_m: float, largest_m3: float, hardening: Hardening | None) -> Fields:
         """Fields up to a force over E [m³]."""
-        arc, along = np.meshgrid(axis_m(), axis_m(), indexing="ij")
-        geometry = Geometry.of(sphere_m, arc, along)
-        near = geometry.gap_m < _DEEPEST_M * 1.5
-        gap, weight = geometry.gap_m[near], geometry.along_normal[near] * SPACING_M**2
-        root = np.linspace(0.0, np.sqrt(largest_m3), 40)
-        low, high = np.zeros(len(root)), np.full(len(root), _DEEPEST_M * 1.5)
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            carried = _pressure(middle[:, None] - gap, hardening) @ weight
-            enough = carried >= root**2
-            high, low = np.where(enough, middle, high), np.where(enough, low, middle)
+        geometry = _whole(sphere_m)
+        root = np.linspace(0.0, np.sqrt(largest_m3), _LEVELS)
+        depth = self._solved(geometry, root**2, hardening)
+        near = geometry.gap_m < depth[-1]
         felt = np.zeros((len(root), SIDE, SIDE))
         part = (geometry.along_normal * geometry.facing)[near]
-        felt[:, near] = _pressure(high[:, None] - gap, hardening) * part
-        return Fields(root, felt, high)
+        felt[:, near] = _pressure(depth[:, None] - geometry.gap_m[near], hardening) * part
+        return Fields(root, felt, depth)
+
+    @staticmethod
+    def _solved(geometry: Geometry, force_m3: Floats, hardening: Hardening | None) -> Floats:
+        near = geometry.gap_m < _DEEPEST_M
+        gap, weight = geometry.gap_m[near], geometry.along_normal[near] * SPACING_M**2
+        low, high = np.zeros(len(force_m3)), np.full(len(force_m3), _DEEPEST_M)
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            enough = _pressure(middle[:, None] - gap, hardening) @ weight >= force_m3
+            high, low = np.where(enough, middle, high), np.where(enough, low, middle)
+        return high
+
+
+def _whole(sphere_m: float) -> Geometry:
+    """On the cells of a field."""
+    return Geometry.of(sphere_m, *np.meshgrid(axis_m(), axis_m(), indexing="ij"))
 
 
 def _pressure(penetration_m: Floats, hardening: Hardening | None) -> Floats:
@@ -178,7 +193,8 @@ class Layer:
         geometry = Geometry.of(sphere_m, s, t)
         weight = 4 * _COARSE_M**2 * geometry.along_normal
         depths, carried, felt = [0.0], [0.0], [np.zeros((SIDE, SIDE))]
-        for depth in _DEEPEST_M * np.linspace(0.0, 1.0, _DEPTHS)[1:]:
+        step = _MORE * float(Foundation().depths_m(sphere_m, np.array([largest_m3]), None)[0]) / _DEPTHS
+        for depth in np.arange(step, _DEEPEST_M, step):
             pressure = self._touching(depth - geometry.gap_m)
             if hardening is not None:
                 pressure = pressure * hardening.factor(np.maximum(depth - geometry.gap_m, 0.0))

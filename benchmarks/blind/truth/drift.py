@@ -47,13 +47,14 @@ class BaselineDrift(Effect):
 
 @dataclass(frozen=True)
 class GainDrift(Effect):
-    """Wear, ``y = x / (1 + a (t / T)^p)``, or Arrhenius' law with the temperature inside the skin."""
+    """Wear, ``y = x / (1 + a (t / T)^p)``; its reverse for a < 0; or Arrhenius' law with the skin's temperature."""
 
     power: float = 1.0
     warm: bool = False
 
     name = "gain_drift"
     typical = 0.1
+    largest = 1.5
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
@@ -67,4 +68,5 @@ class GainDrift(Effect):
             start = float(scene.temperature_c[0]) + _CELSIUS_K
             way = start * (1 - start / (start + _warmth(scene, 15.0)))
             return x * np.exp(self.strength * way)[:, None]
-        return x / (1 + self.strength * (scene.line.time_s / scene.length_s) ** self.power)[:, None]
+        change = (1 + abs(self.strength) * (scene.line.time_s / scene.length_s) ** self.power)[:, None]
+        return x / change if self.strength > 0 else x * change

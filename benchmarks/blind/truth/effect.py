@@ -102,6 +102,11 @@ class Effect:
         """What is another in the contact itself."""
         return None
 
+    def moves(self, scene: Scene) -> Floats | None:
+        """How far the taxels themselves move round and along the finger (N, J, 2) [m]."""
+        del scene
+        return None
+
     def reported(self, scene: Scene) -> Floats:
         """What is added to the measured position of every press, round and along the finger (K, 2) [m]."""
         return np.zeros((len(scene.plan.presses), 2))

@@ -26,6 +26,7 @@ class Shear(Effect):
     name = "shear"
     stage = Stage.LOADS
     typical = 0.8
+    largest = 6.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
@@ -58,6 +59,7 @@ class ForceBias(Effect):
 
     name = "force_bias"
     typical = 1.0
+    largest = 3.5
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
@@ -90,6 +92,7 @@ class ContactOffset(Effect):
 
     name = "contact_offset"
     typical = 0.3
+    largest = 0.9
     in_positions = True
 
     @classmethod

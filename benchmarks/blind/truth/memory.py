@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.blind.truth.effect import Effect, Scene, Stage, lagged
-from benchmarks.blind.truth.protocol import HOLD, LOAD
+from benchmarks.blind.truth.protocol import LOAD
 from benchmarks.blind.truth.rig import Floats, Ints
 
 _SUBSTEPS = 6
@@ -36,15 +36,18 @@ class Hysteresis(Effect):
 
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
-        y = x.copy()
-        for rows in scene.by_press:
-            moving = rows[np.flatnonzero(np.abs(np.diff(x[rows], axis=0)).max(axis=1) > 0) + 1]
-            z, state = np.ones((len(rows), x.shape[1])), np.ones(x.shape[1])
-            for row in moving:
-                state = self._step(state, x[row] - x[row - 1])
-                z[row - rows[0] :] = state
-            y[rows] = x[rows] * (1 - self.strength * z)
-        return y
+        touching = scene.touching
+        first = np.array([rows[0] for rows in scene.by_press])
+        length = np.array([len(rows) for rows in scene.by_press])
+        rise = np.diff(x, axis=0, prepend=x[:1])
+        z, state = np.ones_like(x), np.ones((len(first), x.shape[1]))
+        # All presses side by side, each from its own beginning.
+        for step in range(1, int(length.max())):
+            live = np.flatnonzero(length > step)
+            moving = live[np.abs(rise[first[live] + step]).max(axis=1) > 0]
+            state[moving] = self._step(state[moving], rise[first[moving] + step])
+            z[first[live] + step] = state[live]
+        return np.where(touching[:, None], x * (1 - self.strength * z), x)
 
     def _step(self, z: Floats, rise: Floats) -> Floats:
         part = rise / self.width_counts / _SUBSTEPS
@@ -94,6 +97,7 @@ class Rate(Effect):
     name = "rate"
     stage = Stage.MEMORY
     typical = 0.05
+    largest = 0.5
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
@@ -132,6 +136,7 @@ class FirstCycle(Effect):
 
     name = "first_cycle"
     typical = 0.1
+    largest = 0.8
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
@@ -153,8 +158,3 @@ def _largest_before(site: Ints, force_n: Floats) -> Floats:
         before[row] = largest.get(place, 0.0)
         largest[place] = max(before[row], force)
     return before
-
-
-def held(scene: Scene) -> Ints:
-    """Rows of samples in a hold."""
-    return np.flatnonzero(scene.line.phase == HOLD)

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.truth.body import LAWS, Body, Touches, draw_body
+from benchmarks.blind.truth.body import Body, Touches, draw_body
 from benchmarks.blind.truth.catalogue import EFFECTS
 from benchmarks.blind.truth.chain import counts, read, shown
+from benchmarks.blind.truth.decoys import ALSO_FINE, covariate_order, disturbed, disturbed_body, fault
 from benchmarks.blind.truth.effect import Effect, Scene
-from benchmarks.blind.truth.protocol import HOLD, PRESSES, make_plan, timeline
-from benchmarks.blind.truth.rig import SLACK_M, SPHERES_M, Floats
+from benchmarks.blind.truth.outside import OUTSIDE
+from benchmarks.blind.truth.protocol import HOLD, make_plan, timeline
+from benchmarks.blind.truth.rig import SLACK_M, SPHERES_M, Floats, Ints
 from benchmarks.blind.truth.spec import Spec
 from benchmarks.blind.truth.strength import Refit, of_strength
 
 FORCE_NOISE_N, SHEAR_NOISE_N, TEMPERATURE_NOISE_C = 0.01, 0.012, 0.05
-ACHIEVED_FORCE, FORCE_ERROR = 0.014, 0.001
+ACHIEVED_FORCE, FORCE_ERROR = 0.014, 0.004
 PLACED_M = 0.3e-3
+NOTHING_G = 0.05
+"""A protocol can leave an effect without any trace (an error of the second hand pose, where there is but one)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,7 @@ class Session:
         measured_m: (K, 2) measured places round and along the finger [m].
         force_n, shear_n, temperature_c: measured, sample by sample.
         reading: (N, J) of the sensor [counts].
+        order: (K,) whose covariates are written to each press.
         with_frames: whether samples are written, or only means of holds.
         label: what is hidden.
     """
@@ -41,6 +46,7 @@ class Session:
     shear_n: Floats
     temperature_c: Floats
     reading: Floats
+    order: Ints
     with_frames: bool
     label: dict[str, Any]
 
@@ -53,10 +59,11 @@ class Session:
 def make_session(spec: Spec) -> Session:
     """The session of a spec; the same spec gives the same session."""
     rng = np.random.default_rng([spec.seed, spec.number, *spec.suite.encode()])
-    body = draw_body(rng, spec.law)
+    body = disturbed_body(rng, draw_body(rng, spec.law), spec.decoy)
     scene = _scene(rng, body, spec.protocol)
     effects, strengths = _effects(rng, spec, scene)
-    clean = counts(scene, effects)
+    clean = disturbed(rng, counts(scene, effects), scene, spec.decoy)
+    order = covariate_order(rng, len(scene.plan.presses), spec.decoy)
     reading = read(rng, clean, body.noise_counts)
     touching = scene.touching
     session = Session(
@@ -66,8 +73,9 @@ def make_session(spec: Spec) -> Session:
             scene.touches.force_n * _force_errors(rng, scene) + _noise(rng, scene, FORCE_NOISE_N), 0.0
         ),
         scene.shear_n + _noise(rng, scene, SHEAR_NOISE_N, 2) * touching[:, None],
-        scene.temperature_c + _noise(rng, scene, TEMPERATURE_NOISE_C),
+        _told_temperature(scene, order) + _noise(rng, scene, TEMPERATURE_NOISE_C),
         reading,
+        order,
         spec.protocol != "static",
         {},
     )
@@ -97,12 +105,26 @@ def _temperature(rng: np.random.Generator, time_s: Floats) -> Floats:
     return 24.0 + rng.uniform(0, 0.6) + rng.uniform(1.0, 2.5) * share ** rng.uniform(0.8, 1.6) + waves
 
 
+def _told_temperature(scene: Scene, order: Ints) -> Floats:
+    """What is written (N,): the true one, unless covariates are those of other presses."""
+    if np.array_equal(order, np.arange(len(order))):
+        return scene.temperature_c
+    of_press = np.array([scene.temperature_c[rows].mean() for rows in scene.by_press])
+    return of_press[order][scene.line.near]
+
+
 def _effects(rng: np.random.Generator, spec: Spec, scene: Scene) -> tuple[list[Effect], list[float]]:
     wanted = [(EFFECTS[name].draw(rng), g) for name, g in spec.effects]
-    if not wanted:
+    if spec.outside is not None:
+        kind, g = spec.outside
+        wanted.append((OUTSIDE[kind].draw(rng), g))
+    broken = fault(rng, spec.decoy)
+    if not wanted and broken is None:
         return [], []
     refit = Refit.of(scene)
     found = [of_strength(effect, refit, g) for effect, g in wanted]
+    if broken is not None:
+        found.append((broken, refit.strength(broken)))
     return [effect for effect, _ in found], [g for _, g in found]
 
 
@@ -135,12 +157,19 @@ def _label(
         "session": spec.name,
         "suite": spec.suite,
         "contact_law": body.images.law.name,
+        "layer": asdict(body.images.law),
         "protocol": spec.protocol,
         "truth": body.plain(),
         "constant_position_error_m": dict(zip(("arc", "y"), body.constant_m, strict=True)),
         "truth_as_the_positions_tell_it": body.as_positions_tell(),
-        "expected": "unknown" if spec.outside else "effects" if effects else "none",
+        "expected": "unknown"
+        if spec.outside
+        else "effects"
+        if max(strengths, default=0) > NOTHING_G
+        else "none",
         "decoy": spec.decoy,
+        "also_fine": list(ALSO_FINE.get(spec.decoy or "", ())),
+        "outside": spec.outside[0] if spec.outside else None,
         "effects": [
             {"name": effect.name, "strength_g": g, "parameters": dict(effect.plain())}
             for effect, g in zip(effects, strengths, strict=True)
@@ -162,6 +191,3 @@ def _floor(session: Session, clean: Floats) -> dict[str, float]:
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-__all__ = ["LAWS", "PRESSES", "Session", "make_session"]

@@ -122,7 +122,7 @@ def of_strength(effect: Effect, refit: Refit, wanted: float) -> tuple[Effect, fl
         ended = size >= effect.largest and tried[-1][1] < wanted
         if ended or tried[-1][1] < tried[-2][1] < wanted or abs(tried[-1][1] / wanted - 1) < _NEAR_ENOUGH:
             break
-    size, found = min(tried, key=lambda pair: abs(pair[1] - wanted))
+    size, found = min(tried, key=lambda pair: abs(np.log(max(pair[1], _LEAST) / wanted)))
     return replace(effect, strength=float(sign * size)), found
 
 

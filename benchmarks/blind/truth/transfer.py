@@ -25,6 +25,7 @@ class Saturation(Effect):
     name = "saturation"
     stage = Stage.CONVERTER
     typical = 1.5
+    largest = 3.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
@@ -97,7 +98,7 @@ class Stiffening(Effect):
 
     name = "stiffening"
     typical = 0.7
-    largest = 4.0
+    largest = 2.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:

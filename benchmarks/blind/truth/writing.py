@@ -20,7 +20,7 @@ from benchmarks.blind.truth.session import Session
 
 _DATASET = """format = "skincal-dataset/1"
 created = 2026-11-20T12:00:00Z
-source = "{source}"
+source = "bench"
 
 [sensor]
 rows = 4
@@ -40,10 +40,10 @@ kind = "sphere"
 radius_m = 0.006
 
 [mount]
-y_m = {y_m:.4f}
-beta_deg = {beta_deg:.1f}
-alpha_deg = {alpha_deg:.1f}
-y_range_m = [{y_low:.4f}, {y_high:.4f}]
+y_m = 0.0235
+beta_deg = 0.0
+alpha_deg = 0.0
+y_range_m = [0.0195, 0.0275]
 beta_range_deg = [-12.0, 12.0]
 alpha_range_deg = [-20.0, 20.0]
 
@@ -57,9 +57,7 @@ _POSES = np.array(["A", "B"], dtype=object)
 def write_session(session: Session, folder: Path) -> None:
     """Writes the dataset folder; it must not be there yet."""
     folder.mkdir(parents=True)
-    mount = session.label.get("mount", {"y_m": 0.0235, "beta_deg": 0.0, "alpha_deg": 0.0})
-    text = _DATASET.format(source="bench", y_low=0.0195, y_high=0.0275, **mount)
-    (folder / "dataset.toml").write_text(text, encoding="utf-8")
+    (folder / "dataset.toml").write_text(_DATASET, encoding="utf-8")
     pyarrow.csv.write_csv(pa.table(press_columns(session)), folder / "presses.csv")
     if session.with_frames:
         pyarrow.parquet.write_table(pa.table(frame_columns(session)), folder / "frames.parquet")
@@ -80,11 +78,11 @@ def press_columns(session: Session) -> dict[str, Any]:
     target = on_finger(plan.column("arc_m"), plan.column("along_m"))
     columns |= dict(zip(("target_x_m", "target_y_m", "target_z_m"), np.round(target, 7).T, strict=True))
     columns["target_force_n"] = np.round(plan.column("force_n"), 6)
-    shear = np.round(session.of_holds(session.shear_n), 4)
+    shear, order = np.round(session.of_holds(session.shear_n), 4), session.order
     return columns | {
-        "pose": _POSES[plan.column("pose").astype(int)],
-        "cycle": plan.cycle,
-        "speed_m_per_s": plan.column("speed_m_per_s"),
+        "pose": _POSES[plan.column("pose").astype(int)[order]],
+        "cycle": plan.cycle[order],
+        "speed_m_per_s": plan.column("speed_m_per_s")[order],
         "indenter_radius_m": plan.column("sphere_m"),
         "shear_u_n": shear[:, 0],
         "shear_v_n": shear[:, 1],
@@ -96,6 +94,7 @@ def frame_columns(session: Session) -> dict[str, Any]:
     """The columns of ``frames.parquet``."""
     scene = session.scene
     line, idle = scene.line, scene.line.phase == IDLE
+    told = session.order[line.near]
 
     def touching(column: Floats, digits: int) -> Floats:
         return np.where(idle, np.nan, np.round(column, digits))
@@ -112,9 +111,9 @@ def frame_columns(session: Session) -> dict[str, Any]:
     }
     columns |= dict(zip(taxel_names(), session.reading.astype(np.int16).T, strict=True))
     return columns | {
-        "pose": _POSES[scene.pose],
-        "cycle": touching(scene.of_press(scene.plan.cycle.astype(np.float64)), 0),
-        "speed_m_per_s": touching(scene.of_press(scene.plan.column("speed_m_per_s")), 6),
+        "pose": _POSES[scene.plan.column("pose").astype(int)[told]],
+        "cycle": touching(scene.plan.cycle.astype(np.float64)[told], 0),
+        "speed_m_per_s": touching(scene.plan.column("speed_m_per_s")[told], 6),
         "indenter_radius_m": touching(np.array(SPHERES_M)[scene.touches.sphere], 6),
         "shear_u_n": touching(session.shear_n[:, 0], 4),
         "shear_v_n": touching(session.shear_n[:, 1], 4),

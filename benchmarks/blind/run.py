@@ -1,0 +1,143 @@
+"""Runs the blind test: makes each session, fits it, diagnoses it, and keeps what ``skincal diagnose`` said.
+
+    python -m benchmarks.blind run --out DIR                        # all 644 sessions, hours
+    python -m benchmarks.blind run --out DIR --suite none,decoy --limit 5
+
+What DIR holds: ``results/NAME.json``, a session each, with the wall and the processor time of both commands;
+``labels/NAME.sealed``, what is hidden, which only ``python -m benchmarks.blind score`` opens. A session that has a
+result is skipped, so the same command goes on where it was interrupted, and a larger one adds to it. Commands get a
+folder whose name tells nothing. Sessions of all suites take turns: half a run is half of each suite.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind.bench import COARSE, Bench, RunError, write_whole
+from benchmarks.blind.suites import SUITES, specs
+from benchmarks.blind.truth.spec import Spec
+
+Record = dict[str, Any]
+
+
+def planned(suites: Sequence[str], seed: int, limit: int | None) -> list[Spec]:
+    """The sessions of some suites, in turns, so that a part of them is a part of each suite."""
+    found: list[tuple[float, Spec]] = []
+    for suite in suites:
+        chosen = specs(suite, seed)[:limit]
+        found += [((n + 0.5) / len(chosen), spec) for n, spec in enumerate(chosen)]
+    return [spec for _, spec in sorted(found, key=lambda pair: pair[0])]
+
+
+def check_study(out: Path, study: Record) -> None:
+    """Refuses a folder that holds another test.
+
+    Raises:
+        RunError: it does.
+    """
+    file = out / "study.json"
+    if not file.exists():
+        write_whole(file, (json.dumps(study, indent=1) + "\n").encode())
+        return
+    found = json.loads(file.read_text(encoding="utf-8"))
+    if found != study:
+        raise RunError(f"{file}: holds the test {found}, not {study}; give another --out")
+
+
+def check_diagnose(bench: Bench) -> None:
+    """Refuses to begin with a skincal that cannot diagnose.
+
+    Raises:
+        RunError: it cannot.
+    """
+    if bench.skincal("diagnose", "--help").status != 0:
+        raise RunError(
+            "skincal diagnose: expected a verb of this name, this skincal has none; install one that has"
+        )
+
+
+def run_all(bench: Bench, wanted: Sequence[Spec], workers: int, tell: Callable[[str], None]) -> int:
+    """Runs the sessions that have no result; returns how many failed."""
+    failed = 0
+    with ThreadPoolExecutor(workers) as pool:
+        running = {pool.submit(bench.run, spec): spec for spec in wanted}
+        try:
+            for number, future in enumerate(as_completed(running), start=1):
+                record = future.result()
+                ok = all(record.get(verb, {}).get("status") == 0 for verb in ("fit", "diagnose"))
+                failed += not ok
+                tell(
+                    f"{number} of {len(wanted)}: {record['session']} {_times(record)}{'' if ok else ' FAILED'}"
+                )
+        except BaseException:
+            bench.stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return failed
+
+
+def _times(record: Record) -> str:
+    verbs = [verb for verb in ("fit", "diagnose") if verb in record]
+    return ", ".join(
+        f"{verb} {record[verb]['wall_s']:.0f} s ({record[verb]['cpu_s']:.0f} s)" for verb in verbs
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.blind run", description=__doc__, formatter_class=raw
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, help="folder of the test; with one that is there, it goes on")
+    add("--suite", default=",".join(SUITES), help=f"some of {','.join(SUITES)} (default all)")
+    add("--limit", type=int, help="only so many sessions of each suite")
+    add("--workers", type=int, default=1, help="sessions at a time, each on about one core (default 1)")
+    add("--seed", type=int, default=0, help="of the whole test (default 0)")
+    add("--retry", action="store_true", help="run again what failed")
+    add("--keep", action="store_true", help="keep datasets and calibrations")
+    add("--timeout", type=float, default=3600.0, help="seconds for a command (default 3600)")
+    add("--diagnose-options", default="", metavar="TEXT", help="for the diagnosis, such as '--thorough'")
+    return parser
+
+
+def _has_result(file: Path, retry: bool) -> bool:
+    if not file.exists():
+        return False
+    record = json.loads(file.read_text(encoding="utf-8"))
+    return not retry or record.get("diagnose", {}).get("status") == 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the test; returns the exit status: 1 if a session failed, 2 if it could not begin."""
+    parser = _parser()
+    given = parser.parse_args(arguments)
+    suites = given.suite.split(",")
+    if unknown := [suite for suite in suites if suite not in SUITES]:
+        parser.error(f"--suite: expected some of {', '.join(SUITES)}; got {', '.join(unknown)}")
+    extra = tuple(shlex.split(given.diagnose_options))
+    bench = Bench(given.out, given.keep, given.timeout, extra=extra)
+    try:
+        check_diagnose(bench)
+        check_study(
+            given.out, {"seed": given.seed, "diagnose_options": list(extra), "fit_options": list(COARSE)}
+        )
+    except RunError as error:
+        print(error, file=sys.stderr)
+        return 2
+    wanted = planned(suites, given.seed, given.limit)
+    missing = [spec for spec in wanted if not _has_result(bench.result_file(spec), given.retry)]
+    print(f"{len(wanted)} sessions, {len(missing)} to run", file=sys.stderr)
+    try:
+        failed = run_all(bench, missing, given.workers, lambda text: print(text, file=sys.stderr))
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on", file=sys.stderr)
+        return 130
+    return 1 if failed else 0
