@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import typer
 
-from skincal.cli import audit, collect, dataset, export_dr, fit, hand, imports, predict, serve_hand, train
+from skincal.cli import (
+    audit,
+    collect,
+    dataset,
+    diagnose,
+    export_dr,
+    fit,
+    hand,
+    imports,
+    predict,
+    serve_hand,
+    train,
+)
 from skincal.cli import eval as evaluation
 
 
@@ -18,6 +30,7 @@ def register(app: typer.Typer) -> None:
     app.command("fit", epilog=fit.EPILOG)(fit.fit)
     app.command("predict", epilog=predict.EPILOG)(predict.predict)
     app.command("audit", epilog=audit.EPILOG)(audit.audit)
+    app.command("diagnose", epilog=diagnose.EPILOG)(diagnose.diagnose)
     app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)
     app.command("train", epilog=train.EPILOG)(train.train)
     app.command("eval", epilog=evaluation.EPILOG)(evaluation.evaluate)

@@ -13,7 +13,7 @@ from skincal.dataset import HOLD, IDLE, Dataset, idle_means
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.effects.samples import UNKNOWN
 from skincal.fit.observe import Readout
-from skincal.gap.session import GapSession, binned, of_holds
+from skincal.gap.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
 
@@ -31,12 +31,12 @@ def readout_of(dataset: Dataset) -> Readout:
     return Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
 
 
-def gap_session(dataset: Dataset) -> GapSession:
+def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
     """The session of a dataset: its frames in bins, or the hold means of its presses where it has no frames.
 
     Presses without a known place, or without force, are left out of the observations.
     """
-    return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset)
+    return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset, binning)
 
 
 def press_rows(dataset: Dataset) -> Ints:
@@ -49,7 +49,7 @@ def press_rows(dataset: Dataset) -> Ints:
     return np.where(known, order[place], -1)
 
 
-def _of_frames(dataset: Dataset) -> GapSession:
+def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     row = press_rows(dataset)
@@ -74,7 +74,7 @@ def _of_frames(dataset: Dataset) -> GapSession:
         phase=frames.phase[use],
         **_covariates(column),
     )
-    return binned(samples, row, frames.counts[use], dataset.surface())
+    return binned(samples, row, frames.counts[use], dataset.surface(), binning)
 
 
 def _of_presses(dataset: Dataset) -> GapSession:
@@ -130,6 +130,15 @@ def _covariates(column: Any) -> dict[str, Any]:
 
 def _any(values: NDArray[Any]) -> bool:
     return bool(np.isfinite(values).any())
+
+
+def pose_names(dataset: Dataset) -> tuple[str, ...]:
+    """Names of the hand poses of a dataset, by their numbers; none where poses were not recorded."""
+    own = None if dataset.frames is None else dataset.frames.column("pose")
+    given = dataset.presses.column("pose") if own is None else own
+    if given is None:
+        return ()
+    return tuple(sorted(set(given.astype(str).tolist()) - {"", "nan"}))
 
 
 def pose_numbers(names: NDArray[Any]) -> Ints:

@@ -55,11 +55,12 @@ _SHORTEST, _SHORTER = 0.04, 0.4
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where the search for an effect begins: numbers to be found, and parameters that are held beside them."""
+    """Where the search for an effect begins: numbers to be found, parameters held beside them, first coordinates."""
 
     effect: str
     coords: tuple[Coordinate, ...]
     held: Mapping[str, Parameters] = field(default_factory=dict[str, Parameters])
+    x: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +245,8 @@ def search(scene: Scene, start: Start, learn: View, score: View, steps: int = 5)
         score: observations that they are scored on.
         steps: at most.
     """
-    coords, x = start.coords, np.zeros(len(start.coords))
+    coords = start.coords
+    x = clipped(coords, np.array(start.x)) if start.x else np.zeros(len(coords))
     strong, prior = strengths(coords), priors(coords)
 
     def change(at: FloatArray) -> FloatArray:

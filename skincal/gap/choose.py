@@ -14,10 +14,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skincal.effects import EFFECTS
-from skincal.gap.candidates import Found, Scene, best_of
+from skincal.gap.candidates import Found, Scene, Start, best_of, search
 from skincal.gap.free import Coordinate, priors
 from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.library import Library
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, RefitOptions, refit
 from skincal.gap.session import GapSession
@@ -40,6 +40,8 @@ class ChoiceOptions:
         alike: effects stay in the set of names if they explain at least this part of what the best one does.
         contenders: so many are fitted in full at most.
         contend: effects that explain at least this part of the best are fitted in full.
+        searched: so many are searched, those that explain most to first order.
+        near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less.
     """
 
@@ -47,10 +49,12 @@ class ChoiceOptions:
     significant: float = 0.01
     share_first: float = 0.25
     share_later: float = 0.4
-    of_all: float = 0.04
+    of_all: float = 0.06
     alike: float = 0.93
     contenders: int = 3
     contend: float = 0.6
+    searched: int = 8
+    near: float = 0.1
     enough: float = 0.03
 
 
@@ -179,10 +183,11 @@ def excess_of(material: Material, residual: FloatArray, null_mean: float) -> flo
 def choose(
     before: Model,
     material: Material,
+    library: Library,
     p_value: PValue,
     null_mean: float,
     options: ChoiceOptions | None = None,
-    names: Sequence[str] | None = None,
+    extra: Mapping[str, Start] | None = None,
     heard: Heard = lambda _: None,
 ) -> Choice:
     """Names effects one by one.
@@ -190,20 +195,20 @@ def choose(
     Args:
         before: the base model, fitted.
         material: the session.
+        library: sensitivities of the effects that may be named.
         p_value: of a score.
         null_mean: mean square of a null session's residual.
         options: when an effect is named.
-        names: effects that may be named; all of them if not given.
+        extra: starts of effects that are not in the library.
         heard: told what is being done.
     """
     options = options or ChoiceOptions()
-    pool = tuple(names or EFFECTS)
     model, named, rounds = before, list[Named](), list[Round]()
     first = excess_of(material, before.refit.slopes.residual, null_mean)
     left = first
     while len(named) < options.most and left > options.enough * first and first > 0:
         heard(f"round {len(named) + 1}: searching")
-        found = _searched(model, material, [n for n in pool if n not in model.names])
+        found = _searched(model, material, library, options, extra or {})
         if not found:
             break
         chance = p_value(found[0].effect, found[0].scored)
@@ -225,12 +230,25 @@ def choose(
     return Choice(before, model, tuple(named), tuple(rounds), (first, left))
 
 
-def _searched(model: Model, material: Material, names: Sequence[str]) -> list[Found]:
+def _searched(
+    model: Model, material: Material, library: Library, options: ChoiceOptions, extra: Mapping[str, Start]
+) -> list[Found]:
     scene = Scene.of(
         model.hypothesis, model.refit.slopes, material.session, material.reading, material.options
     )
-    learn, score = scene.part(material.learn), scene.part(material.score)
-    found = [one for name in names if (one := best_of(scene, name, learn, score)) is not None]
+    views = scene.part(material.learn), scene.part(material.score)
+    residuals = views[0].residual, views[1].residual
+    first = {
+        name: float(library.falls(name, views, residuals)[0][0])
+        for name in library.columns
+        if name not in model.names
+    }
+    order = sorted(first, key=lambda n: -first[n])[: options.searched]
+    names = [
+        n for i, n in enumerate(order) if i < options.contenders or first[n] > options.near * first[order[0]]
+    ]
+    found = [one for name in names if (one := best_of(scene, name, *views)) is not None]
+    found += [search(scene, start, *views) for name, start in extra.items() if name not in model.names]
     return sorted(found, key=lambda f: -f.scored)
 
 

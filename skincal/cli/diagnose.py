@@ -1,0 +1,108 @@
+"""``skincal diagnose``: where simulation and data disagree, what is missing, and a calibration that has it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from skincal.cli.common import (
+    DatasetArgument,
+    ForceOption,
+    JsonOption,
+    OutOption,
+    SeedOption,
+    example,
+    plain,
+    print_json,
+    say,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from skincal.diagnose.diagnosis import Diagnosis
+
+EPILOG = example("skincal diagnose run cal --out cal-2", "skincal diagnose run cal --out cal-2 --json")
+
+
+def diagnose(
+    dataset: DatasetArgument,
+    calibration: Annotated[
+        Path,
+        typer.Argument(metavar="CAL", help="Folder of a calibration of this sensor.", show_default=False),
+    ],
+    out: OutOption,
+    thorough: Annotated[
+        bool, typer.Option("--thorough", help="Five times as many null sessions, and more contenders.")
+    ] = False,
+    seed: SeedOption = 0,
+    report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Tell where simulation and data disagree, name what is missing, and add it to the model.
+
+    The verdict is "none" (nothing missing can be shown), "effects" (named, with their parameters) or "unknown"
+    (something is missing that none of the known effects explains). NEWCAL is a calibration like any other; CAL stays as
+    it is.
+    """
+    from skincal.calibration import read_calibration, write_calibration
+    from skincal.dataset import read_dataset
+    from skincal.diagnose.options import DiagnoseOptions, thoroughly
+    from skincal.diagnose.summary import summary
+    from skincal.diagnose.workflow import diagnose as diagnosed
+    from skincal.files import refuse_existing
+
+    refuse_existing(out, force=force, marker="calibration.toml")
+    data, cal = read_dataset(dataset), read_calibration(calibration)
+    warn((*data.warnings, *cal.warnings))
+    options = thoroughly() if thorough else DiagnoseOptions()
+    with _stages() as heard:
+        found = diagnosed(data, cal, options, seed, heard)
+        heard("report")
+        told = plain({**summary(found), "calibration": str(out)})
+
+        def beside(folder: Path) -> None:
+            from skincal.report.diagnosis import write_diagnosis_report
+
+            write_diagnosis_report(found, data, folder, told, pages=report)
+
+        made = replace(
+            found.calibration,
+            provenance=replace(
+                found.calibration.provenance, command=" ".join(["skincal", *sys.argv[1:]]), seed=seed
+            ),
+        )
+        write_calibration(made, out, force=force, beside=beside)
+    if as_json:
+        print_json(told)
+        return
+    _tell(found, out, report)
+
+
+@contextmanager
+def _stages() -> Generator[Callable[[str], None]]:
+    """Which stage is at work, on standard error; nothing where it is no terminal."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    with console.status("reading") as status:
+        yield status.update
+
+
+def _tell(found: Diagnosis, out: Path, report: bool) -> None:
+    from skincal.report.diagnosis_words import verdict_lines
+
+    for line in verdict_lines(found):
+        typer.echo(line)
+    say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))

@@ -1,0 +1,90 @@
+"""What a diagnosis found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from skincal.calibration import Calibration, Finding
+from skincal.diagnose.audit import AuditReport
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.gap.choose import Choice, Material
+from skincal.gap.heldout import Gap
+from skincal.gap.noise import NoiseFloor
+from skincal.gap.null import Null
+from skincal.gap.session import GapSession
+from skincal.gap.signatures import Signature
+from skincal.gap.split import Split
+from skincal.model.arrays import FloatArray
+
+Verdict = Literal["none", "effects", "unknown"]
+
+
+@dataclass(frozen=True, eq=False)
+class NamedEffect:
+    """An effect that was named.
+
+    Attributes:
+        name: of the effect.
+        consistent_with: names that these data cannot tell apart from it, itself first.
+        p_value: of a null session doing as well.
+        parameters: a number, or one a taxel or pose.
+        intervals: low and high of each, 95 %.
+        where: where the residual lies that it explains.
+        share: part of the excess of its round that it explains.
+    """
+
+    name: str
+    consistent_with: tuple[str, ...]
+    p_value: float
+    parameters: Mapping[str, FloatArray]
+    intervals: Mapping[str, tuple[FloatArray, FloatArray]]
+    where: str
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """A verdict and everything it rests on.
+
+    Attributes:
+        verdict: ``none`` (nothing missing can be shown), ``effects`` (named), ``unknown`` (something is missing that
+            none of the known effects explains).
+        effects: that were named, strongest first.
+        unexplained: whether something significant is left beside them.
+        where: in a sentence, where the residual lies that the base model leaves.
+        gap: on presses that nobody has fitted; None where there are none.
+        floor: the noise.
+        audit: what these presses can show at all.
+        null: simulated sessions in which nothing is missing.
+        choice: how effects were chosen; None where the base model could not be fitted.
+        signatures: on what the residual depends, strongest first.
+        findings: glitches, jumps, dead taxels, what the data lack.
+        split: which presses learned, chose, and were kept for the end.
+        session: what was looked at.
+        material: the same as it was split.
+        calibration: with the effects added; the given one where the verdict is ``none``.
+        options: settings.
+        seed: of the randomness.
+        next_presses: in words, the presses that would tell what is still open.
+    """
+
+    verdict: Verdict
+    effects: tuple[NamedEffect, ...]
+    unexplained: bool
+    where: str
+    gap: Gap
+    floor: NoiseFloor
+    audit: AuditReport
+    null: Null
+    choice: Choice
+    signatures: tuple[Signature, ...]
+    findings: tuple[Finding, ...]
+    split: Split
+    session: GapSession
+    material: Material
+    calibration: Calibration
+    options: DiagnoseOptions
+    seed: int
+    next_presses: tuple[str, ...] = ()

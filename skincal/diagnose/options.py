@@ -1,0 +1,33 @@
+"""How a diagnosis goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from skincal.gap.choose import ChoiceOptions
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions:
+    """Settings of a diagnosis.
+
+    Attributes:
+        null_draws: null sessions of each contact law.
+        choice: when an effect is named.
+        explained: part of the excess that the named effects must explain together; else the verdict is ``unknown``.
+        unexplained: part of the excess that may be left before a diagnosis says that something is.
+        reach_m: how far a press is looked for from its measured place where the dataset does not bound it [m].
+    """
+
+    null_draws: int = 60
+    choice: ChoiceOptions = field(default_factory=ChoiceOptions)
+    explained: float = 0.75
+    unexplained: float = 0.12
+    reach_m: float = 2e-3
+
+
+def thoroughly() -> DiagnoseOptions:
+    """Settings for when there is time: more null sessions, and more effects fitted in full."""
+    return DiagnoseOptions(
+        null_draws=300, choice=ChoiceOptions(contenders=6, contend=0.3, searched=22, near=0.0)
+    )

@@ -1,0 +1,159 @@
+"""From a dataset and a calibration to what a diagnosis works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.calibration import Calibration
+from skincal.calibration.skin import effects_of
+from skincal.dataset import Dataset
+from skincal.diagnose.base import calibrated_model, floor_of, thinned
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.session import gap_session, pose_names, sites
+from skincal.errors import InputError, Problem, WorkError
+from skincal.gap.base import BaseModel
+from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.noise import NoiseFloor, rounding
+from skincal.gap.reading import Reading
+from skincal.gap.refit import RefitOptions
+from skincal.gap.session import Binning, GapSession
+from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, split_presses
+from skincal.gap.start import start_places
+from skincal.model.arrays import IntArray
+
+FEWEST_PRESSES = 12
+"""Fewer cannot be fitted, choose and be kept for the end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A session ready to be diagnosed.
+
+    Attributes:
+        session: what was pressed, presses where they were measured.
+        reading: what was read.
+        floor: the noise.
+        start: sensor, effects that the calibration has already, and where presses were to a first guess.
+        known_effects: the same effects.
+        poses: names of the hand poses, by their numbers.
+        split: of the presses.
+        part: (N,) part of each observation; one at rest goes with the press before it.
+        options: priors of a refit.
+        full: observations at the frame rate; the same as ``session`` where there are no frames.
+        full_reading: what was read of them.
+    """
+
+    session: GapSession
+    reading: Reading
+    floor: NoiseFloor
+    start: Hypothesis
+    known_effects: dict[str, Parameters]
+    poses: tuple[str, ...]
+    split: Split
+    part: IntArray
+    options: RefitOptions
+    full: GapSession
+    full_reading: Reading
+
+    def is_part(self, *parts: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """(N,) observations of some parts."""
+        return np.isin(self.part, parts)
+
+
+def prepare(
+    dataset: Dataset, calibration: Calibration, options: DiagnoseOptions, rng: np.random.Generator
+) -> Prepared:
+    """Reads a session as a diagnosis needs it.
+
+    Raises:
+        WorkError: too few presses have a known place and a force.
+        InputError: there is no position at all.
+    """
+    if not np.isfinite(dataset.meta.position.sigma_m):
+        place = "dataset.toml" if dataset.folder is None else str(dataset.folder / "dataset.toml")
+        fix = "A pressure chamber cannot be diagnosed press by press; press single places."
+        raise InputError([Problem(f"{place}: [position] sigma_m", "places that were measured", "inf", fix)])
+    whole = gap_session(dataset)
+    presses = len(np.unique(whole.press[whole.press >= 0]))
+    if presses < FEWEST_PRESSES:
+        raise WorkError(
+            f"{presses} presses with a known place and a force: expected {FEWEST_PRESSES} at least, because some "
+            "are fitted, some choose and some are kept for the end; record more presses"
+        )
+    model = calibrated_model(calibration, dataset)
+    session = thinned(model, whole)
+    floor = floor_of(dataset, None, rng, session.taxels)
+    session, sigma = _weighted(session, floor, model, calibration)
+    reading = Reading.of(session, sigma, model.readout)
+    extra = calibration.loss.extra
+    sigma_m = _positive(extra.get("position_sigma_m"), dataset.meta.position.sigma_m)
+    refit = RefitOptions(sigma_m, _positive(extra.get("force_sigma_relative"), 0.005))
+    reach = dataset.meta.position.slack_m
+    reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
+    names = pose_names(dataset)
+    known: dict[str, Parameters] = dict(effects_of(calibration, names))
+    places = start_places(model, session, reading, sigma_m, min(reach, 3 * options.reach_m))
+    split = _split(dataset, session, rng)
+    full = session if not session.has_frames else _full(dataset, session)
+    return Prepared(
+        session,
+        reading,
+        floor,
+        Hypothesis(model, places, known),
+        known,
+        names,
+        split,
+        _parts(session, split),
+        refit,
+        full,
+        Reading.of(full, sigma, model.readout),
+    )
+
+
+def _weighted(
+    session: GapSession, floor: NoiseFloor, model: BaseModel, calibration: Calibration
+) -> tuple[GapSession, float]:
+    """The session with the number of frames that each observation is worth, and the noise of one."""
+    if session.has_frames:
+        return session, floor.frame_counts
+    sigma = floor.frame_counts
+    if floor.frame_from != "hold frames":
+        sigma = _positive(calibration.loss.extra.get("noise_sigma_counts"), sigma)
+    full = float(np.hypot(sigma, rounding(model.readout)))
+    mean = floor.mean_counts * sigma / floor.frame_counts
+    return replace(session, frames=np.full(len(session), max(1.0, (full / mean) ** 2))), sigma
+
+
+def _full(dataset: Dataset, session: GapSession) -> GapSession:
+    """Every frame an observation of its own."""
+    whole = gap_session(dataset, Binning(*[len(dataset.frames or ())] * 4))
+    return whole if session.taxels is None else whole.of_taxels(session.taxels)
+
+
+def _split(dataset: Dataset, session: GapSession, rng: np.random.Generator) -> Split:
+    """The split of all presses, in blocks of session time."""
+    site = sites(dataset)
+    seen = session.press[session.press >= 0]
+    rows, first = np.unique(seen, return_index=True)
+    when = np.full(len(site), len(seen))
+    when[rows] = first
+    order = np.argsort(when, kind="stable")
+    part = np.empty(len(site), dtype=np.int64)
+    part[order] = split_presses(site[order], rng).part
+    return Split(part)
+
+
+def _parts(session: GapSession, split: Split) -> IntArray:
+    """(N,) part of each observation; rest before the first press is learned from."""
+    last = np.maximum.accumulate(np.where(session.press >= 0, np.arange(len(session)), -1))
+    owner = np.where(last >= 0, session.press[np.maximum(last, 0)], -1)
+    return np.where(owner >= 0, split.part[np.maximum(owner, 0)], TRAIN)
+
+
+def _positive(value: object, otherwise: float) -> float:
+    return float(value) if isinstance(value, int | float) and 0 < value < np.inf else otherwise
+
+
+__all__ = ["FEWEST_PRESSES", "FINAL", "SELECTION", "TRAIN", "Prepared", "prepare"]

@@ -1,0 +1,74 @@
+"""A diagnosis as other programs read it (contract, ``skincal diagnose --json``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
+
+SLACK_EFFECT = "contact_offset"
+"""It lives in the positions: what it takes away is slack, not error of the images."""
+
+
+def summary(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Verdict, effects, what cannot be seen, the gap, and what it rests on, as plain values."""
+    d, gap = diagnosis, diagnosis.gap
+    named = d.verdict == "effects"
+    numbers: dict[str, Any] = {
+        "heldout_rmse_before": gap.before,
+        "heldout_rmse_after": gap.after if named else gap.before,
+        "noise_floor_rmse": gap.floor,
+        "closed": gap.closed if named else None,
+        "closed_interval": list(gap.interval) if named else None,
+        "presses": gap.presses,
+        "frames": gap.frames,
+    }
+    if any(e.name == SLACK_EFFECT for e in d.effects):
+        numbers["slack_rms_before_m"] = gap.slack_before_m
+        numbers["slack_rms_after_m"] = gap.slack_after_m
+    return {
+        "verdict": d.verdict,
+        "effects": [_effect(e) for e in d.effects],
+        "unexplained": d.unexplained,
+        "where": d.where,
+        "cannot_see": list(d.audit.cannot_see),
+        "why_not": dict(d.audit.reasons),
+        "gap": numbers,
+        "explained": d.choice.explained if d.choice.excess[0] > 0 else None,
+        "candidates": _candidates(d),
+        "signatures": [vars(s) for s in d.signatures],
+        "findings": [vars(f) for f in d.findings],
+        "noise_frame_counts": d.floor.frame_counts,
+        "null_sessions": len(d.null.laws),
+        "next_presses": list(d.next_presses),
+        "seed": d.seed,
+    }
+
+
+def _effect(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "consistent_with": list(effect.consistent_with),
+        "p_value": effect.p_value,
+        "parameters": {name: value.tolist() for name, value in effect.parameters.items()},
+        "intervals": {name: [low.tolist(), high.tolist()] for name, (low, high) in effect.intervals.items()},
+        "where": effect.where,
+        "share": effect.share,
+    }
+
+
+def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
+    """What was tried in each round: scores on the presses that choose, and what a full fit explained."""
+    null = diagnosis.null
+    return [
+        [
+            {
+                "name": f.effect,
+                "score": f.scored,
+                "p_value": null.p_value(f.effect, f.scored),
+                "explained_by_full_fit": one.falls.get(f.effect),
+            }
+            for f in one.found
+        ]
+        for one in diagnosis.choice.rounds
+    ]

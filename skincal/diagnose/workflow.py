@@ -1,0 +1,270 @@
+"""The diagnosis, stage by stage: noise, where, what can be seen, what is missing, add it, show the gap shrink.
+
+The base model is fitted again with every press's place, on the presses that learn and choose; a calibration that was
+fitted to all of them has then no advantage. Null sessions say which scores nothing can reach. Effects are named one by
+one. What was named is fitted once more to all presses for the calibration that comes out, but not for the gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.calibration import Calibration
+from skincal.calibration.matching import check_same_sensor
+from skincal.dataset import Dataset
+from skincal.diagnose.audit import audit_dataset
+from skincal.diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
+from skincal.diagnose.findings import findings_of
+from skincal.diagnose.newcal import new_calibration
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, prepare
+from skincal.gap.candidates import Scene, Start
+from skincal.gap.choose import Choice, Material, Model, choose
+from skincal.gap.dying import NAME as DEAD_TAXEL
+from skincal.gap.dying import dead_start
+from skincal.gap.free import parameters_at
+from skincal.gap.heldout import Gap, gap_closed
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.library import Library
+from skincal.gap.null import Null, law_error, simulate_null
+from skincal.gap.refit import refit
+from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
+from skincal.gap.signatures import Signature, signature_columns, signature_falls, where_text
+from skincal.gap.twin import twins_for
+from skincal.model.arrays import FloatArray, IntArray
+
+Heard = Callable[[str], None]
+_SIGNIFICANT = 0.01
+_WIDTH = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """The base model about a session, and what must not sway a verdict taken out.
+
+    Attributes:
+        model: fitted to the presses that learn and choose.
+        material: the session, split.
+        glitches: rows of presses that were left out.
+        dead: taxels that do not answer.
+        jumps: of the level at rest, taken off.
+    """
+
+    model: Model
+    material: Material
+    glitches: IntArray
+    dead: tuple[Dead, ...]
+    jumps: tuple[Jump, ...]
+
+
+def diagnose(
+    dataset: Dataset,
+    calibration: Calibration,
+    options: DiagnoseOptions | None = None,
+    seed: int = 0,
+    heard: Heard = lambda _: None,
+) -> Diagnosis:
+    """Finds what a calibrated simulation lacks against a dataset.
+
+    Args:
+        dataset: the session.
+        calibration: of the same sensor; effects that it has already are kept.
+        options: settings.
+        seed: of all chance.
+        heard: told which stage begins.
+
+    Raises:
+        InputError: the calibration is of another sensor.
+        WorkError: too few presses, or a base model that fits nowhere.
+    """
+    options = options or DiagnoseOptions()
+    check_same_sensor(calibration, dataset)
+    rng = np.random.default_rng(seed)
+    heard("noise floor and places")
+    ready = prepare(dataset, calibration, options, rng)
+    heard("what can be seen")
+    audit = audit_dataset(dataset, calibration, rng)
+    heard("base model")
+    base = fit_base(ready)
+    scene = _scene(base)
+    heard("sensitivities of the effects")
+    library = Library.of(scene)
+    signs = signature_columns(base.model.refit.slopes, ready.session, dataset.layout())
+    null = _null(base, scene, library, options, rng, {n: c for n, (_, c) in signs.items()}, heard)
+    start = dead_start(scene.bench, base.dead)
+    extra: dict[str, Start] = {} if start is None else {DEAD_TAXEL: start}
+    choice = choose(
+        base.model,
+        base.material,
+        library,
+        null.p_value,
+        null.mean_square,
+        options.choice,
+        extra,
+        heard,
+    )
+    heard("gap on presses nobody has fitted")
+    gap = _gap(ready, base, choice, rng)
+    verdict, unexplained = judged(choice, null, options)
+    effects = () if verdict != "effects" else _named(choice, ready, base, dataset)
+    heard("calibration")
+    final = calibration if verdict != "effects" else _refitted(ready, base, choice, calibration, dataset)
+    return Diagnosis(
+        verdict,
+        effects,
+        unexplained,
+        _where(base, base.model, dataset),
+        gap,
+        ready.floor,
+        audit,
+        null,
+        choice,
+        _signatures(scene, base, null, signs),
+        findings_of(
+            dataset.layout(),
+            dataset.presses.press,
+            base.glitches.tolist(),
+            base.jumps,
+            base.dead,
+            ready.reading.seen,
+        ),
+        ready.split,
+        ready.session,
+        base.material,
+        final,
+        options,
+        seed,
+    )
+
+
+def fit_base(ready: Prepared) -> Base:
+    """Fits the base model, and again where glitches or jumps had a part in it."""
+    known = ready.is_part(TRAIN, SELECTION)
+    first = refit(
+        ready.start, ready.session, ready.reading, ready.options, learn=known, fixed=ready.known_effects
+    )
+    residual, seen = first.slopes.residual, ready.reading.seen
+    wild = glitches(residual, seen, ready.session.press)
+    reading = without_presses(ready.reading, ready.session.press, wild)
+    values = first.slopes.values
+    dead = tuple(dead_taxels(values, reading, ready.session))
+    jumped = tuple(jumps(values, reading, ready.session, list(dead)))
+    if len(wild) or jumped:
+        reading = without_jumps(reading, ready.session, list(jumped))
+        options = replace(ready.options, settle=0)
+        first = refit(
+            first.hypothesis, ready.session, reading, options, learn=known, fixed=ready.known_effects
+        )
+    learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
+    material = Material(ready.session, reading, learn, score, ready.options)
+    return Base(Model(first, (), ready.known_effects), material, wild, dead, jumped)
+
+
+def _scene(base: Base) -> Scene:
+    m = base.material
+    return Scene.of(base.model.hypothesis, base.model.refit.slopes, m.session, m.reading, m.options)
+
+
+def _null(
+    base: Base,
+    scene: Scene,
+    library: Library,
+    options: DiagnoseOptions,
+    rng: np.random.Generator,
+    signs: Mapping[str, FloatArray],
+    heard: Heard,
+) -> Null:
+    errors = {"fitted": np.zeros_like(scene.zero)}
+    hypothesis = base.model.hypothesis
+    for twin in twins_for(hypothesis, base.material.session):
+        heard(f"null sessions: {twin.name}")
+        errors[twin.name] = law_error(hypothesis, base.material, twin)
+    return simulate_null(scene, base.material, library, errors, options.null_draws, rng, signs)
+
+
+def judged(choice: Choice, null: Null, options: DiagnoseOptions) -> tuple[Verdict, bool]:
+    """The verdict, and whether something significant is left unexplained."""
+    if not choice.rounds or choice.excess[0] <= 0:
+        return "none", False
+    found = choice.rounds[0].found[0]
+    if not choice.named and null.p_value(found.effect, found.scored) > options.choice.significant:
+        return "none", False
+    if choice.named and choice.explained >= options.explained:
+        return "effects", 1 - choice.explained > options.unexplained
+    return "unknown", True
+
+
+def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) -> Gap:
+    """Before and after on the presses that were kept for the end; glitches are not looked at."""
+    rows = (ready.split.part[np.maximum(ready.full.press, 0)] == FINAL) & (ready.full.press >= 0)
+    rows &= ~np.isin(ready.full.press, base.glitches)
+    reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
+    ends = (choice.before.hypothesis, choice.after.hypothesis)
+    return gap_closed(*ends, ready.full, reading, rows, rng)
+
+
+def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tuple[NamedEffect, ...]:
+    found: list[NamedEffect] = []
+    spread = np.sqrt(np.maximum(np.diag(choice.after.refit.covariance)[5:], 0.0))
+    x, coords = choice.after.refit.x, choice.after.coords
+    low = parameters_at(coords, x - _WIDTH * spread, choice.after.held)
+    high = parameters_at(coords, x + _WIDTH * spread, choice.after.held)
+    best = choice.after.hypothesis.effects
+    where = _where(base, choice.before, dataset)
+    for one in choice.named:
+        ends = {
+            name: (
+                np.minimum(low[one.name][name], high[one.name][name]),
+                np.maximum(low[one.name][name], high[one.name][name]),
+            )
+            for name in best[one.name]
+        }
+        found.append(
+            NamedEffect(
+                one.name, one.consistent_with, one.p_value, dict(best[one.name]), ends, where, one.share
+            )
+        )
+    return tuple(found)
+
+
+def _where(base: Base, model: Model, dataset: Dataset) -> str:
+    m = base.material
+    return where_text(model.refit.slopes.residual, m.reading.seen, m.session, dataset.layout(), m.known)
+
+
+def _signatures(
+    scene: Scene, base: Base, null: Null, signs: Mapping[str, tuple[str, FloatArray]]
+) -> tuple[Signature, ...]:
+    whole = scene.part(base.material.known)
+    excess = max(1.0, float((whole.residual**2).sum()) - null.mean_square * whole.residual.size)
+    found: list[Signature] = []
+    for name, (meaning, columns) in signs.items():
+        fall = float(signature_falls(whole, columns, whole.residual)[0])
+        beaten = int((null.signatures[name] >= fall).sum())
+        found.append(Signature(name, meaning, fall / excess, (1 + beaten) / (1 + len(null.laws))))
+    return tuple(sorted(found, key=lambda s: -s.share))
+
+
+def _refitted(
+    ready: Prepared, base: Base, choice: Choice, calibration: Calibration, dataset: Dataset
+) -> Calibration:
+    """The calibration with what was named, fitted to all presses."""
+    start: Hypothesis = choice.after.hypothesis
+    options = replace(ready.options, settle=0)
+    last = refit(
+        start,
+        ready.session,
+        base.material.reading,
+        options,
+        choice.after.coords,
+        choice.after.refit.x,
+        fixed=choice.after.held,
+    )
+    seen = base.material.reading.seen
+    mean_square = float((last.slopes.residual[seen] ** 2).mean())
+    return new_calibration(
+        calibration, last, choice.after.coords, choice.after.held, mean_square, dataset, ready.poses
+    )

@@ -1,0 +1,103 @@
+"""How much of the gap is gone, on presses that neither the fit nor the choice has seen.
+
+Before and after are compared on the same frames, with measured counts as they are and predictions as the converter
+would show them on average. A press may place itself within its slack, alike before and after. The floor is the noise of
+the frames at the values that are predicted. An interval comes from drawing whole presses again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.reading import Reading
+from skincal.gap.session import GapSession
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
+
+_DRAWS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """The gap on presses nobody has fitted.
+
+    Attributes:
+        before: root mean square error of a taxel with the base model [counts].
+        after: with the named effects [counts].
+        floor: noise alone [counts].
+        closed: (before² - after²) / (before² - floor²); NaN where there is no gap.
+        interval: where ``closed`` lies, 95 %.
+        presses: number of presses looked at.
+        frames: number of frames, or of hold means.
+        slack_before_m: root mean square of what presses had to move [m].
+        slack_after_m: with the named effects [m].
+        errors: (presses, 3) sums of squares before, after and of the floor, and their number, press by press.
+    """
+
+    before: float
+    after: float
+    floor: float
+    closed: float
+    interval: tuple[float, float]
+    presses: int
+    frames: int
+    slack_before_m: float
+    slack_after_m: float
+    errors: FloatArray
+
+
+def gap_closed(
+    before: Hypothesis,
+    after: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    rows: BoolArray,
+    rng: np.random.Generator,
+) -> Gap:
+    """The gap before and after.
+
+    Args:
+        before: the base model, places of the held-out presses found.
+        after: the same with effects.
+        session: at full rate: one observation a frame, or a hold mean.
+        reading: of it.
+        rows: (N,) observations that are looked at.
+        rng: for the interval.
+    """
+    seen = reading.seen & rows[:, None]
+    ends = [hypothesis.values(session) for hypothesis in (before, after)]
+    first, second = (np.where(seen, reading.counts - reading.expected(v), 0.0) ** 2 for v in ends)
+    noise = np.where(seen, reading.deviation(ends[1]) ** 2, 0.0)
+    presses = np.unique(session.press[rows])
+    sums = np.array(
+        [[part[own].sum() for part in (first, second, noise, seen)] for own in _owned(session, rows, presses)]
+    ).reshape(-1, 4)
+    total = sums.sum(axis=0)
+    drawn = rng.integers(0, len(presses), (_DRAWS, len(presses)))
+    again = _closed(sums[drawn].sum(axis=1))
+    slack = [np.sqrt((h.places[presses, :2] ** 2).sum(axis=1).mean()) for h in (before, after)]
+    rms = np.sqrt(total[:3] / total[3]).tolist()
+    return Gap(
+        rms[0],
+        rms[1],
+        rms[2],
+        float(_closed(total[None])[0]),
+        (float(np.nanquantile(again, 0.025)), float(np.nanquantile(again, 0.975))),
+        len(presses),
+        int(rows.sum()),
+        float(slack[0]),
+        float(slack[1]),
+        sums,
+    )
+
+
+def _owned(session: GapSession, rows: BoolArray, presses: IntArray) -> list[IntArray]:
+    return [np.flatnonzero(rows & (session.press == press)) for press in presses]
+
+
+def _closed(sums: FloatArray) -> FloatArray:
+    """(before - after) / (before - floor) for rows of sums (n, 4)."""
+    gap = sums[:, 0] - sums[:, 2]
+    return np.where(gap > 0, (sums[:, 0] - sums[:, 1]) / np.where(gap > 0, gap, 1.0), np.nan)

@@ -1,0 +1,110 @@
+"""What scores come out where nothing is missing: simulated sessions of this protocol, under several contact laws.
+
+A null session is the fitted sensor at the fitted places, under its own law or a twin's (:mod:`skincal.gap.twin`), with
+noise, rounding and clipping. Under a twin the base model is fitted first, as it is to data. All sessions share the
+linearised, whitened sensitivities of the effects, so a hundred of them cost no more than one: an effect's score is that
+of its best form, found on the training presses and scored on the selection presses as with data.
+
+The p-value of a score is the share of null sessions in which *any* effect does as well, each counted in units of what
+it reaches itself in one null session of twenty: a list of 22 effects is then no more prone to false alarms than one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skincal.gap.candidates import Scene
+from skincal.gap.choose import Material
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.library import Library
+from skincal.gap.refit import refit
+from skincal.gap.signatures import signature_falls
+from skincal.gap.twin import Twin
+from skincal.model.arrays import FloatArray
+
+_UNIT_QUANTILE = 0.95
+_LEAST_UNIT = 5.0
+"""A score of a few is noise for every effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """Scores of null sessions.
+
+    Attributes:
+        laws: name of the law of each session (D,).
+        scores: (D,) by effect.
+        mean_square: mean square of the whitened residual of a null session's values.
+        signatures: what each signature explains of a session (D,).
+    """
+
+    laws: tuple[str, ...]
+    scores: Mapping[str, FloatArray]
+    mean_square: float
+    signatures: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
+
+    def unit(self, name: str) -> float:
+        """The score that an effect reaches in one null session of twenty."""
+        own = self.scores.get(name)
+        return _LEAST_UNIT if own is None else max(_LEAST_UNIT, float(np.quantile(own, _UNIT_QUANTILE)))
+
+    @property
+    def best(self) -> FloatArray:
+        """(D,) the best score of any effect in each session, in units."""
+        return np.max([own / self.unit(name) for name, own in self.scores.items()], axis=0)
+
+    def p_value(self, name: str, score: float) -> float:
+        """The chance that any effect does as well in a null session."""
+        beaten = int((self.best >= score / self.unit(name)).sum())
+        return (1 + beaten) / (1 + len(self.laws))
+
+
+def law_error(hypothesis: Hypothesis, material: Material, twin: Twin) -> FloatArray:
+    """Whitened residual (N, J) that a twin's law leaves when the base model is fitted to it without noise."""
+    values = twin.values(hypothesis, material.session)
+    reading = material.reading.with_counts(material.reading.expected(values))
+    options = replace(material.options, settle=0, steps=5)
+    return refit(hypothesis, material.session, reading, options, learn=material.known).slopes.residual
+
+
+def simulate_null(
+    scene: Scene,
+    material: Material,
+    library: Library,
+    errors: Mapping[str, FloatArray],
+    draws: int,
+    rng: np.random.Generator,
+    signatures: Mapping[str, FloatArray] | None = None,
+) -> Null:
+    """Scores of all effects in null sessions.
+
+    Args:
+        scene: of the base model's fit.
+        material: how the session is split.
+        library: sensitivities of the effects about it.
+        errors: (N, J) whitened residual of each law; zero for the fitted one.
+        draws: sessions of each law.
+        rng: for noise.
+        signatures: columns (N, J, n) of what describes a residual.
+    """
+    seen = material.reading.seen
+    views = scene.part(material.learn), scene.part(material.score)
+    laws = tuple(law for law in errors for _ in range(draws))
+    drawn = np.concatenate(
+        [
+            np.where(seen, error, 0.0)[..., None]
+            + seen[..., None] * rng.standard_normal((*seen.shape, draws))
+            for error in errors.values()
+        ],
+        axis=-1,
+    )
+    mean_square = float((drawn[seen] ** 2).mean())
+    first, second = (view.projection.apply(drawn[view.rows].reshape(-1, drawn.shape[-1])) for view in views)
+    scores = {name: library.falls(name, views, (first, second))[1] for name in library.columns}
+    whole = scene.part(material.known)
+    all_of = whole.projection.apply(drawn[whole.rows].reshape(-1, drawn.shape[-1]))
+    told = {name: signature_falls(whole, columns, all_of) for name, columns in (signatures or {}).items()}
+    return Null(laws, scores, mean_square, told)

@@ -1,0 +1,210 @@
+"""What must not sway a verdict: single glitch presses, taxels that die, and taxels that jump together.
+
+All three are looked for about the fitted base model, and listed as what they are. A glitch press is left out. A taxel
+that dies is a case of ``dead_taxel``, with the moment found by going through all presses. A jump of the level at rest
+is taken off, so that it is not taken for a drift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.gap.reading import Reading
+from skincal.gap.session import GapSession
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
+
+_GLITCH = 12.0
+"""A glitch press has so many times the mean squared residual of all but the worst tenth of presses."""
+_MOST_GLITCHES = 0.05
+_DEAD = 0.3
+"""A taxel that answers with less than this part is dead."""
+_LIT_COUNTS = 15.0
+_SURE = 200.0
+"""Fall of the squared residual that makes a dead taxel or a jump sure."""
+_LEAST_JUMP = 1.5
+_FEWEST = 8
+
+
+@dataclass(frozen=True)
+class Dead:
+    """A taxel that does not answer.
+
+    Attributes:
+        taxel: its column.
+        from_s: since when, after the session began [s]; 0 for always.
+        stuck_counts: what it reads.
+        answer: part of the value that still shows.
+    """
+
+    taxel: int
+    from_s: float
+    stuck_counts: float
+    answer: float
+
+
+@dataclass(frozen=True)
+class Jump:
+    """Taxels whose level at rest jumps at one moment.
+
+    Attributes:
+        taxels: their columns.
+        at_s: when, after the session began [s].
+        counts: by how much each jumps.
+    """
+
+    taxels: tuple[int, ...]
+    at_s: float
+    counts: tuple[float, ...]
+
+
+def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
+    """Rows of presses whose residual is out of all proportion to that of the others.
+
+    Args:
+        residual: (N, J) whitened, of a fitted model.
+        seen: (N, J) where something was read.
+        press: (N,) row of the press of each observation.
+    """
+    rows = np.unique(press[press >= 0])
+    if len(rows) < _FEWEST:
+        return rows[:0]
+    mean = np.array([(residual[press == row] ** 2).sum() / max(1, seen[press == row].sum()) for row in rows])
+    usual = max(1.0, float(np.quantile(mean, 0.9)))
+    wild = mean > _GLITCH * usual
+    return rows[wild] if wild.sum() <= max(1, _MOST_GLITCHES * len(rows)) else rows[:0]
+
+
+def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> list[Dead]:
+    """Taxels that do not follow the model at all from some moment on.
+
+    Args:
+        values: (N, J) of a fitted model [counts].
+        reading: what was read.
+        session: gives times and presses.
+    """
+    expected, spread = reading.expected(values), reading.deviation(values)
+    time = _time(session)
+    starts = _press_starts(session)
+    found: list[Dead] = []
+    for taxel in range(values.shape[1]):
+        y, x = reading.counts[:, taxel], expected[:, taxel]
+        ok = reading.seen[:, taxel]
+        best = (_SURE, None)
+        for begin in [0, *starts[1 :: max(1, len(starts) // 30)]]:
+            rows = np.flatnonzero(ok & (np.arange(len(y)) >= begin))
+            if len(np.unique(session.press[rows][x[rows] > _LIT_COUNTS])) < 3:
+                continue
+            weight = 1 / spread[rows, taxel] ** 2
+            answer, level = _line(x[rows], y[rows], weight)
+            after = (weight * (y[rows] - answer * x[rows] - level) ** 2).sum()
+            fall = float((weight * (y[rows] - x[rows]) ** 2).sum() - after)
+            if fall > best[0] and answer < _DEAD:
+                best = (fall, Dead(taxel, float(time[begin]), level / max(1 - answer, 0.1), max(answer, 0.0)))
+        if best[1] is not None:
+            found.append(best[1])
+    return found if len(found) <= values.shape[1] // 3 else []
+
+
+def _line(x: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    """Slope and offset of a weighted straight line."""
+    total = weight.sum()
+    mx, my = float((weight * x).sum() / total), float((weight * y).sum() / total)
+    curve = float((weight * (x - mx) ** 2).sum())
+    slope = float((weight * (x - mx) * (y - my)).sum()) / curve if curve > 0 else 1.0
+    return slope, my - slope * mx
+
+
+def jumps(values: FloatArray, reading: Reading, session: GapSession, dead: list[Dead]) -> list[Jump]:
+    """Jumps of the level at rest that a slow drift does not explain.
+
+    Args:
+        values: (N, J) of a fitted model [counts].
+        reading: what was read.
+        session: gives times, and where nothing touches.
+        dead: taxels that are not looked at.
+    """
+    rest = np.flatnonzero(session.press < 0)
+    if len(rest) < 2 * _FEWEST:
+        return []
+    time, residual = _time(session), reading.residual(values)
+    weight = reading.weight(values)
+    found: dict[int, list[tuple[int, float]]] = {}
+    for taxel in sorted(set(range(values.shape[1])) - {d.taxel for d in dead}):
+        rows = rest[weight[rest, taxel] > 0]
+        if len(rows) < 2 * _FEWEST:
+            continue
+        r, w = residual[rows, taxel], weight[rows, taxel]
+        step = _step(r, w)
+        if step is None or abs(step[1]) < _LEAST_JUMP:
+            continue
+        found.setdefault(int(rows[step[0]]), []).append((taxel, step[1]))
+    return _together(found, time)
+
+
+def _step(r: FloatArray, w: FloatArray) -> tuple[int, float] | None:
+    """Where a step is, and how high, if it beats a straight line and a curve by far; None else."""
+    total = float((r**2).sum())
+    share = np.linspace(-1.0, 1.0, len(r))
+    slow = w[:, None] * np.stack([np.ones_like(share), share, share**2, share**3], axis=1)
+    drift = float((r @ np.linalg.qr(slow)[0]) @ (r @ np.linalg.qr(slow)[0]))
+    best = (0.0, 0, 0.0)
+    pull, curve = np.cumsum((r * w)[::-1])[::-1], np.cumsum((w**2)[::-1])[::-1]
+    for k in range(3, len(r) - 3):
+        # Levels before and after are both free: what differs is the step.
+        first = np.array([pull[0] - pull[k], curve[0] - curve[k]])
+        fall = first[0] ** 2 / max(first[1], 1e-12) + pull[k] ** 2 / max(curve[k], 1e-12)
+        if fall > best[0]:
+            best = (float(fall), k, float(pull[k] / curve[k] - first[0] / max(first[1], 1e-12)))
+    left_by_step, left_by_drift = total - best[0], total - drift
+    sure = best[0] > _SURE and left_by_drift - left_by_step > _SURE
+    return (best[1], best[2]) if sure and left_by_step < 0.5 * left_by_drift else None
+
+
+def _together(found: dict[int, list[tuple[int, float]]], time: FloatArray) -> list[Jump]:
+    """Jumps within a few observations of each other are one."""
+    groups: list[tuple[int, list[tuple[int, float]]]] = []
+    for row in sorted(found):
+        if groups and row - groups[-1][0] <= 6:
+            groups[-1][1].extend(found[row])
+        else:
+            groups.append((row, list(found[row])))
+    return [
+        Jump(tuple(t for t, _ in taxels), float(time[row]), tuple(c for _, c in taxels))
+        for row, taxels in groups
+    ]
+
+
+def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> Reading:
+    """The reading with jumps taken off."""
+    counts, time = reading.counts.copy(), _time(session)
+    for jump in jumped:
+        later = time >= jump.at_s
+        for taxel, height in zip(jump.taxels, jump.counts, strict=True):
+            counts[later, taxel] -= height
+    return reading.with_counts(counts)
+
+
+def without_presses(reading: Reading, press: IntArray, rows: IntArray) -> Reading:
+    """The reading without some presses."""
+    return reading.trusting(np.where(np.isin(press, rows), 0.0, 1.0)[:, None])
+
+
+def _time(session: GapSession) -> FloatArray:
+    """(N,) time of each observation after the session began [s]; its number where there is no clock."""
+    samples = session.samples
+    if samples.time_s is None:
+        return np.arange(len(session), dtype=np.float64)
+    total = np.bincount(
+        session.observation[session.observation >= 0],
+        samples.elapsed_s[session.observation >= 0],
+        len(session),
+    )
+    return total / np.bincount(session.observation[session.observation >= 0], minlength=len(session))
+
+
+def _press_starts(session: GapSession) -> list[int]:
+    """The first observation of each press, in the order of time."""
+    change = np.flatnonzero(np.diff(session.press, prepend=-2) != 0)
+    return [int(i) for i in change if session.press[i] >= 0]

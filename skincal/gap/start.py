@@ -1,0 +1,79 @@
+"""Where each press really was, to begin with: the best place of a grid within its slack, sensor as given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.effects import Samples
+from skincal.effects.samples import HOLD
+from skincal.gap.base import BaseModel
+from skincal.gap.hypothesis import PLACE
+from skincal.gap.reading import Reading
+from skincal.gap.session import GapSession
+from skincal.model.arrays import FloatArray, IntArray
+
+_STEPS = 11
+_IMAGE_ERROR = 0.03
+"""What an image may be off anyway, in parts of its values: the place is looked for, not the last digit."""
+
+
+def start_places(
+    model: BaseModel, session: GapSession, reading: Reading, sigma_m: float, reach_m: float
+) -> FloatArray:
+    """Places (P, 3) of all presses.
+
+    Args:
+        model: the sensor.
+        session: what was pressed.
+        reading: what was read.
+        sigma_m: of a measured place [m].
+        reach_m: how far to look on each side [m].
+    """
+    places = np.zeros((session.presses, PLACE))
+    seen = _observations(session)
+    if not len(seen):
+        return places
+    samples = _one_sample(session, seen)
+    axis = np.linspace(-reach_m, reach_m, _STEPS)
+    across, along = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
+    spots = len(across)
+    owner = np.repeat(np.arange(len(seen)), spots)
+    tried = Samples.of(
+        samples.contacts[owner],
+        (samples.indenters, samples.indenter[owner]),
+        touching=samples.touching[owner],
+        press=samples.press[owner],
+    )
+    skin = model.skin
+    moved = skin.setting.moved(tried, np.tile(across, len(seen)), np.tile(along, len(seen)))
+    values = skin.values(moved)[:, session.taxels] if session.taxels is not None else skin.values(moved)
+    for i, row in enumerate(seen.tolist()):
+        expected = reading.expected(values[i * spots : (i + 1) * spots])
+        spread = np.hypot(reading.sigma_counts / np.sqrt(reading.frames[row]), _IMAGE_ERROR * expected)
+        gone = np.where(reading.seen[row], reading.counts[row] - expected, 0.0) / spread
+        cost = (gone**2).sum(axis=1) + (across**2 + along**2) / sigma_m**2
+        best = int(np.argmin(cost))
+        places[session.press[row], :2] = across[best], along[best]
+    return places
+
+
+def _observations(session: GapSession) -> IntArray:
+    """For each press the observation in the middle of its hold, or its strongest one."""
+    found: list[int] = []
+    strength = (
+        np.nan_to_num(session.counts).sum(axis=1) if session.counts is not None else np.zeros(len(session))
+    )
+    for press in np.unique(session.press[session.press >= 0]).tolist():
+        own = np.flatnonzero(session.press == press)
+        held = own[session.phase[own] == HOLD]
+        found.append(int(held[len(held) // 2]) if len(held) else int(own[np.argmax(strength[own])]))
+    return np.array(found, dtype=np.int64)
+
+
+def _one_sample(session: GapSession, observations: IntArray) -> Samples:
+    """A sample of each observation: the middle one of those it is the mean of."""
+    order = np.argsort(session.observation, kind="stable")
+    at = session.observation[order]
+    first = np.searchsorted(at, observations, side="left")
+    last = np.searchsorted(at, observations, side="right")
+    return session.samples[order[(first + last - 1) // 2]]

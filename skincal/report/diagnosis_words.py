@@ -1,0 +1,60 @@
+"""A diagnosis in words, for the terminal and the top of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
+
+
+def verdict_lines(found: Diagnosis) -> list[str]:
+    """The verdict first, then what it rests on, a line each."""
+    lines = [_verdict(found)]
+    if found.verdict == "effects":
+        lines += [line for effect in found.effects for line in _effect(effect)]
+    if found.verdict != "none":
+        lines.append(found.where)
+    lines += _gap(found)
+    if found.unexplained and found.verdict == "effects":
+        share = 100 * (1 - found.choice.explained)
+        lines.append(f"{share:.0f} % of the excess residual is left, and no known effect explains it")
+    if found.audit.cannot_see:
+        lines.append("these presses could not show: " + ", ".join(found.audit.cannot_see))
+    lines += [f"{finding.severity}: {finding.text}. {finding.advice}".rstrip() for finding in found.findings]
+    lines += [f"next: {press}" for press in found.next_presses]
+    return lines
+
+
+def _verdict(found: Diagnosis) -> str:
+    if found.verdict == "none":
+        return "Nothing is missing that these presses could show."
+    if found.verdict == "unknown":
+        return "Something is missing that none of the known effects explains."
+    names = " and ".join(" or ".join(effect.consistent_with) for effect in found.effects)
+    return f"Missing: {names}."
+
+
+def _effect(effect: NamedEffect) -> Iterator[str]:
+    yield f"{effect.name} (p = {effect.p_value:.3g}; explains {100 * min(effect.share, 1.0):.0f} % of what was left)"
+    for name, value in effect.parameters.items():
+        low, high = effect.intervals[name]
+        if value.ndim == 0 and low < high:
+            yield f"    {name} {float(value):.4g} ({float(low):.4g} to {float(high):.4g})"
+        elif value.ndim and (value != value[0]).any():
+            yield f"    {name} {len(value)} values, {float(np.min(value)):.3g} to {float(np.max(value)):.3g}"
+
+
+def _gap(found: Diagnosis) -> Iterator[str]:
+    gap = found.gap
+    base = f"held-out error {gap.before:.3f} counts"
+    where = f"(noise {gap.floor:.3f}; {gap.presses} presses nobody fitted)"
+    if found.verdict != "effects":
+        yield f"{base} {where}"
+        return
+    low, high = gap.interval
+    yield f"{base} before, {gap.after:.3f} after {where}: {100 * gap.closed:.0f} % of the gap closed "
+    yield f"    ({100 * low:.0f} to {100 * high:.0f} %)"
