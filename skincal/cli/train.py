@@ -92,9 +92,9 @@ def train(
 ) -> None:
     """Learn a policy with the published soft actor-critic.
 
-    The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`), the last
-    checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation and a description, and
-    no code.
+    The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`, in the end
+    `curve.png`), the last checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation
+    and a description, and no code.
     """
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     told = {f"--{name}": value for name, value in given.items() if value is not None}
@@ -111,6 +111,7 @@ def train(
         make_environment(work, used).close()
         begin(work, used, out, force=force)
     result = _train(out, work, used, steps or work.steps, processes=processes)
+    _draw(result)
     if as_json:
         print_json(_as_json(result))
     else:
@@ -172,6 +173,19 @@ def _train(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool
             f"  skincal train {work.task} --out {out} --steps {steps} --resume"
         )
         raise SystemExit(130) from None
+
+
+def _draw(result: Trained) -> None:
+    """Draws the learning curve beside its figures."""
+    from skincal.files import whole_file
+    from skincal.report.style import save
+    from skincal.report.train_curve import curves_figure
+    from skincal.train import read_curve
+
+    about = result.description
+    figure = curves_figure({"": read_curve(result.folder / "curve.csv")}, f"{about.task}, {about.policy}")
+    with whole_file(result.folder / "curve.png", force=True) as temporary:
+        save(figure, temporary)
 
 
 def _as_json(result: Trained) -> dict[str, Any]:

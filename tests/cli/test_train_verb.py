@@ -37,7 +37,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_a_run_leaves_behind(trained):
     assert {path.name for path in trained.iterdir()} == {
-        "run.toml", "ranges.toml", "curve.csv", "checkpoint", "policy.onnx",
+        "run.toml", "ranges.toml", "curve.csv", "curve.png", "checkpoint", "policy.onnx",
     }  # fmt: skip
     about = read_policy(trained / "policy.onnx").description
     assert (about.task, about.policy, about.seed, about.steps) == ("marble", "tactile", 4, ROUND)
