@@ -114,21 +114,25 @@ def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing, law: StressLaw |
     order = np.argsort(begins, axis=1)
     begins = np.sort(begins, axis=1)
     soonest = order[:, :_COARSE]
-    near = place[:, :, soonest[0]] if len(place) == 1 else np.take_along_axis(place, soonest[:, None], axis=2)
-    centre = pressing.tip_bound.distance(near)
-    limit = _guess(tiles, pressing, soonest, centre)
+    single = len(place) == 1
+    some = place[:, :, soonest[0]] if single else np.take_along_axis(place, soonest[:, None], axis=2)
+    centre = pressing.tip_bound.distance(some)
+    near, limit = _guess(tiles, pressing, soonest, centre)
     while True:
-        width = max(1, int((begins <= limit[:, None]).sum(axis=1).max()))
-        found = _look(tiles, indenter, pressing, order[:, :width], limit, law)
+        width = max(1, *(int(row.searchsorted(end, "right")) for row, end in zip(begins, limit, strict=True)))
+        found = _look(tiles, indenter, pressing, order[:, :width], limit, near, law)
         level = found.settled.first_m + found.settled.depth_m
         low = level > limit
         if not low.any():
             return found
         limit = np.where(low, level, limit)
+        near = level
 
 
-def _guess(tiles: Tiles, pressing: Pressing, tile: IntArray, distance_m: FloatArray) -> FloatArray:
-    """A limit (K,) [m] that the level probably does not pass: the level if the indenter filled its bound.
+def _guess(
+    tiles: Tiles, pressing: Pressing, tile: IntArray, distance_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The level if the indenter filled its bound, and a limit that the true one probably does not pass, (K,) [m].
 
     Args:
         tiles: the points of the patch.
@@ -145,7 +149,7 @@ def _guess(tiles: Tiles, pressing: Pressing, tile: IntArray, distance_m: FloatAr
     row = np.arange(len(tile))
     area, moment, first = area[row, last], moment[row, last], distance.min(axis=1)
     level = np.divide(pressing.load_m3 + moment, area, out=np.full(len(tile), np.inf), where=area > 0)
-    return first + _AHEAD * (level - first)
+    return level, first + _AHEAD * (level - first)
 
 
 def _look(
@@ -154,15 +158,19 @@ def _look(
     pressing: Pressing,
     tile: IntArray,
     limit_m: FloatArray,
+    near_m: FloatArray,
     law: StressLaw | None,
 ) -> Touch:
-    """Cast the points of tiles (K, T) nearer than limits (K,), and find the level at which they carry the force."""
+    """Cast the points of tiles (K, T) nearer than limits (K,), and find the level at which they carry the force.
+
+    The level is looked for from ``near_m`` (K,) on.
+    """
     points = tiles.points.take(tile, axis=0).reshape(len(tile), -1, 8)
     moved = points @ pressing.motion
     weight = np.maximum(moved[..., 3], 0.0)
     distance, facing = indenter.heights(moved[..., :3], pressing.directions, pressing.bound, limit_m)
     taxel = tiles.taxel.take(tile, axis=0).reshape(len(tile), -1)
-    settled = settle(distance, weight, pressing.load_m3, limit_m)
+    settled = settle(distance, weight, pressing.load_m3, near_m)
     if law is not None:
         settled = settle_under(law, settled, pressing.load_m3)
     return Touch(points, tile, taxel, facing, settled)

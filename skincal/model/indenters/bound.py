@@ -65,7 +65,7 @@ class Bound:
             (K, N) [m]; inf where it cannot be met at all.
         """
         sides_2 = place_m[:, :2] ** 2
-        aside_2 = sides_2.sum(axis=1, keepdims=True)
+        aside_2 = sides_2[:, :1] + sides_2[:, 1:]
         if self.bend_per_m.shape[1] > 1:
             aside_2 = np.concatenate([aside_2, sides_2], axis=1)
         distance = self.nearest_m[:, None] - place_m[:, 2]
