@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.model import Patch, SensorPose, Surface, TaxelLayout
+from skincal.model import Cylinder, Patch, SensorPose, TaxelLayout
 from skincal.model.arrays import frozen
 from skincal.model.tiles import Tiles
 
 _MARGIN_M = 8e-3
+_WIDER = 1 + 1e-9
+"""Rounding must not leave out a point at the very rim."""
 
 
 class PatchMould:
-    """Lays the same cells on a surface at one pose after the other.
+    """Lays the same cells on a cylinder at one pose after the other.
 
     The patches are those of :meth:`skincal.model.Patch.build`; the compact groups, that only spare rays, are those
     found at one pose, as neighbours stay neighbours.
 
     Args:
-        surface: the fingertip, one that can be unrolled: areas stay what they are.
+        surface: the fingertip.
         layout: the taxels.
         resolution_m: longest edge of a cell [m].
         margin_m: how far the skin goes on around the taxels [m].
@@ -26,48 +28,47 @@ class PatchMould:
 
     def __init__(
         self,
-        surface: Surface,
+        surface: Cylinder,
         layout: TaxelLayout,
         resolution_m: float = 0.25e-3,
         margin_m: float = _MARGIN_M,
     ) -> None:
         self._surface = surface
-        self._layout = layout
-        self._size = (resolution_m, margin_m)
         # Always at the same pose: the order of sums must not depend on what was asked for before.
-        self._first = self._build(SensorPose(0.0, 0.0))
+        first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, margin_m)
+        assert first.uv_m is not None
+        self._first, self._uv_m, tiles = first, first.uv_m, first.tiles
+        # What is there twice, the second time without an area, stays without one.
+        there = (tiles.points[..., 5:] != 0).any(axis=2)
+        self._areas_m2 = (first.areas_m2[tiles.index] * there)[..., None]
+        places = self._uv_m[tiles.index]
+        self._middles_m = (places.min(axis=1) + places.max(axis=1)) / 2
+        # On the unrolled surface; as the crow flies it is nearer.
+        away = np.linalg.norm(places - self._middles_m[:, None], axis=2).max(axis=1)
+        self._radii_m = frozen(away * _WIDER)
 
     def at(self, pose: SensorPose) -> Patch:
-        """The patch at a pose.
-
-        Raises:
-            ValueError: a taxel has no place on the surface.
-        """
+        """The patch at a pose."""
         first = self._first
-        assert first.uv_m is not None
-        points, normals = self._surface.wrap(pose, first.uv_m)
-        if not np.isfinite(points).all():
-            return self._build(pose)
-        patch = Patch(points, normals, first.areas_m2, first.taxel, first.layout, first.border, first.uv_m)
+        points, normals = self._surface.wrap(pose, self._uv_m)
+        patch = Patch(points, normals, first.areas_m2, first.taxel, first.layout, first.border, self._uv_m)
         # A cached property, filled before it is asked for.
-        patch.__dict__["tiles"] = _moved(first.tiles, patch)
+        patch.__dict__["tiles"] = self._tiles(patch, pose)
         return patch
 
-    def _build(self, pose: SensorPose) -> Patch:
-        return Patch.build(self._surface, self._layout, pose, *self._size)
-
-
-def _moved(tiles: Tiles, patch: Patch) -> Tiles:
-    """The same groups of the same points at other places."""
-    points = tiles.points.copy()
-    # What is there twice, the second time without an area, stays without one.
-    there = (tiles.points[..., 5:] != 0).any(axis=2)
-    points[..., :3] = patch.points_m[tiles.index]
-    points[..., 5:] = (patch.normals * patch.areas_m2[:, None])[tiles.index] * there[..., None]
-    place = points[..., :3]
-    centres = (place.min(axis=1) + place.max(axis=1)) / 2
-    radii = np.linalg.norm(place - centres[:, None], axis=2).max(axis=1)
-    return Tiles(
-        frozen(points), tiles.taxel, tiles.index, frozen(centres.T.copy()), frozen(radii),
-        frozen(points[..., 5:].sum(axis=1)),
-    )  # fmt: skip
+    def _tiles(self, patch: Patch, pose: SensorPose) -> Tiles:
+        """The same groups of the same points at their new places."""
+        first = self._first.tiles
+        points = first.points.copy()
+        points[..., :3] = patch.points_m.take(first.index, axis=0)
+        points[..., 5:] = patch.normals.take(first.index, axis=0) * self._areas_m2
+        centres, facing = self._surface.wrap(pose, self._middles_m)
+        return Tiles(
+            points=frozen(points),
+            taxel=first.taxel,
+            index=first.index,
+            centres_m=frozen(centres.T.copy()),
+            radii_m=self._radii_m,
+            # They only serve to guess.
+            facing_m2=frozen(facing * self._areas_m2.sum(axis=1)),
+        )

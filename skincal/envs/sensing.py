@@ -118,17 +118,12 @@ class View:
         """The contact as the skin feels it."""
         if self.skin is None or not self.sound:
             return None
-        inside, turned = self.tip.inside, self.tip.turned
-        normal = turned(np.array(self.skin.normal))
-        centre = inside(self.body.origin_m)
-        contacts = body.contacts(
-            inside(np.array(self.skin.point_m)),
-            normal,
-            self.skin.force_n,
-            centre,
-            self.tip.rotation.T @ self.body.rotation,
-        )
-        friction = turned(np.array(self.skin.friction_n))
+        tip = self.tip.rotation
+        vectors = np.array([self.skin.normal, self.skin.friction_n]) @ tip
+        places = np.array([self.skin.point_m, self.body.origin_m]) - self.tip.origin_m
+        place, centre = places @ tip
+        normal, friction = vectors
+        contacts = body.contacts(place, normal, self.skin.force_n, centre, tip.T @ self.body.rotation)
         across = normal[2] * friction[0] - normal[0] * friction[2]
         return Felt(contacts, float(across), float(friction[1]), 0.0, self.q_rad)
 

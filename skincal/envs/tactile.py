@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.model_objects import converter_of, layout_of, surface_of
+from skincal.dataset.model_objects import converter_of, layout_of
 from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
 from skincal.envs.patches import PatchMould
-from skincal.envs.pinch import Pinch
-from skincal.model import Contacts, SensorPose, Skin, SkinParameters
+from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.model import Contacts, Cylinder, SensorPose, Skin, SkinParameters
 from skincal.robot import Kinematics
 from skincal.sim.presses import PressTracker
 from skincal.sim.touch import TrueContact
@@ -54,7 +54,7 @@ class TactileSkin:
 
     def __init__(self, pinch: Pinch, kinematics: Kinematics, resolution_m: float) -> None:
         meta = pinch.description.meta
-        self._surface = surface_of(meta.surface, {})
+        self._surface = Cylinder(require_cylinder(pinch))
         self._converter = converter_of(meta.sensor)
         self._kinematics = kinematics
         self.layout = layout_of(meta.sensor, None)
