@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from skincal.fit.result import PARAMETERS, FitResult, GridResult, PressFit, Sigm
 from skincal.fit.sampling import Draws
 from skincal.fit.seen import Images
 from skincal.fit.types import Bools, Floats
-from skincal.fit.valley import choose, interval, valley_loss
+from skincal.fit.valley import OPEN, choose, interval, valley_loss
 
 SCALE_WIDENING = 1.4
 """How much wider than the posterior the draws of log S are kept.
@@ -106,6 +106,8 @@ def conclude(
         dead_taxels=found.dead,
         findings=(),
     )
+    if not result.told:
+        result = replace(result, intervals=dict.fromkeys(PARAMETERS, OPEN))
     return find(result, dropped=int((~found.kept).sum()))
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.fit.result import FitFinding, FitResult
+from skincal.fit.problem import FEW_PRESSES
+from skincal.fit.result import FEWEST_DRAWS, FitFinding, FitResult
 
 _NAMES = {
     "across_m": "position across (beta)",
@@ -16,8 +17,6 @@ _NAMES = {
     "elasticity_pa_per_m": "elasticity E",
     "scale_per_n": "scale S",
 }
-
-FEW_PRESSES = 12
 
 
 def find(result: FitResult, *, dropped: int) -> FitResult:
@@ -60,6 +59,8 @@ def _edges(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _flat(result: FitResult) -> Iterator[FitFinding]:
+    if not result.told:  # that is said once, of all parameters
+        return
     for name, interval in result.intervals.items():
         if not np.isfinite(interval).all():
             yield FitFinding(
@@ -71,13 +72,23 @@ def _flat(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _presses(result: FitResult) -> Iterator[FitFinding]:
-    used = len(result.problem)
-    if used < FEW_PRESSES:
+    problem, used = result.problem, len(result.problem)
+    advice = f"Collect until at least {2 * FEW_PRESSES} presses have two active taxels or more"
+    if not problem.determined:
+        yield FitFinding(
+            "too_few_presses",
+            "warning",
+            f"The {used} presses that could be used do not tell the parameters: they give {problem.readings} readings "
+            f"for {problem.unknowns} unknowns (five parameters, and two coordinates of every press). The best point is "
+            "one of many that match them as well, so no interval is given.",
+            f"Do not use this calibration. {advice}, spread over the patch.",
+        )
+    elif used < FEW_PRESSES:
         yield FitFinding(
             "few_presses",
             "warning",
             f"Only {used} presses could be used; intervals from so few are rough.",
-            f"Collect until at least {2 * FEW_PRESSES} presses have two active taxels or more.",
+            f"{advice}.",
         )
 
 
@@ -161,10 +172,18 @@ def _taxels(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _sampling(result: FitResult) -> Iterator[FitFinding]:
-    if result.bound == "noise" and result.effective_draws < 100:
-        yield FitFinding(
-            "few_draws",
-            "warning",
-            f"The draws are worth only {result.effective_draws:.0f} independent ones; intervals are approximate.",
-            "A misfit of the model is the usual cause; see the other findings.",
-        )
+    if result.bound == "fixed" or result.effective_draws >= 100:
+        return
+    rough = result.effective_draws >= FEWEST_DRAWS
+    found = max(1, round(result.effective_draws))
+    yield FitFinding(
+        "few_draws",
+        "warning",
+        f"The draws from the valley are worth only {found} independent one{'s' if found > 1 else ''}: "
+        + (
+            "intervals are approximate."
+            if rough
+            else "they do not tell how wide it is, so no interval is given."
+        ),
+        "A misfit of the model or too few presses are the usual causes; see the other findings.",
+    )

@@ -15,6 +15,10 @@ PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_
 """The macro variables in the order of every array of them: pose, elasticity E [Pa/m], scale S [1/N]."""
 
 
+FEWEST_DRAWS = 20
+"""Weighted draws that are worth fewer independent ones say nothing of how wide the valley is."""
+
+
 @dataclass(frozen=True)
 class FitFinding:
     """Something a person should know of a fit, and what to do about it."""
@@ -113,3 +117,8 @@ class FitResult:
     scale_per_taxel_per_n: Floats | None
     dead_taxels: Bools
     findings: tuple[FitFinding, ...]
+
+    @property
+    def told(self) -> bool:
+        """Whether the data tell anything: enough readings, and draws that came to rest."""
+        return self.problem.determined and (self.bound == "fixed" or self.effective_draws >= FEWEST_DRAWS)

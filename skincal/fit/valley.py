@@ -18,6 +18,10 @@ UNBOUNDED_FROM = 0.9
 """A parameter whose interval fills this part of the searched range is not identified by the data."""
 
 
+OPEN = (-np.inf, np.inf)
+"""The interval of a parameter that the data do not tell."""
+
+
 def interval(
     name: str, draws: Sequence[Floats], best: float, box: SearchBox, level: float
 ) -> tuple[float, float]:
@@ -33,6 +37,11 @@ def interval(
     tail = (1.0 - level) / 2
     bounds = np.array([np.quantile(law, [tail, 1.0 - tail]) for law in draws])
     low, high = min(float(bounds[:, 0].min()), best), max(float(bounds[:, 1].max()), best)
+    return closed(name, low, high, box)
+
+
+def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, float]:
+    """An interval, or (-inf, inf) where it fills the searched range: a valley that does not close in it."""
     searched = getattr(box, name, None)
     if searched is not None and searched[1] > searched[0]:
         log = name == "elasticity_pa_per_m"
@@ -40,7 +49,7 @@ def interval(
             np.log(high / low) / np.log(searched[1] / searched[0]) if log else (high - low) / np.ptp(searched)
         )
         if width > UNBOUNDED_FROM:
-            return (-np.inf, np.inf)
+            return OPEN
     return low, high
 
 

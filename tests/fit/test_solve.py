@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from skincal.fit.errors import FitError
+from skincal.fit.findings import find
 from skincal.fit.options import GridSteps, SearchBox
 from skincal.fit.problem import FitProblem, PressTable, pose_problem
 from skincal.fit.result import PARAMETERS, FitResult
@@ -122,7 +123,7 @@ def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
     assert "lower end" in told.text and "Widen" in told.advice
 
 
-def test_few_presses_and_one_place_are_said(truth: Truth) -> None:
+def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:
     presses, where = make_session(truth, presses=1500, seed=13, position_sigma_m=0.1e-3)
     # Between two taxels, so that both answer.
     between = np.array([truth.across_m, truth.y_m + 2e-3])
@@ -130,8 +131,27 @@ def test_few_presses_and_one_place_are_said(truth: Truth) -> None:
     problem = pose_problem(rig(), _some(presses, near))
     assert len(problem) >= 6
     problem = problem.subset(np.arange(len(problem)) < 6, "left out")
-    codes = _codes(_fit(problem))
-    assert {"few_presses", "one_place"} <= codes
+    assert problem.unknowns == 17 and problem.readings <= 17
+    result = _fit(problem)
+    assert _codes(result) >= {"too_few_presses", "one_place"}
+    assert not _codes(result) & {"few_presses", "not_identified", "range_edge"}
+    assert set(result.intervals.values()) == {(-np.inf, np.inf)}
+    told = next(f for f in result.findings if f.code == "too_few_presses")
+    assert "for 17 unknowns" in told.text and "Do not use this calibration." in told.advice
+
+
+def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, presses=200, seed=13)[0])
+    keep = np.isin(np.arange(len(problem)), np.argsort(-problem.lit.sum(axis=1))[:6])
+    few = problem.subset(keep, "left out")
+    assert few.determined
+    result = _fit(few)
+    assert "few_presses" in _codes(result) and "too_few_presses" not in _codes(result)
+    assert np.isfinite(list(result.intervals.values())).all()
+    once = find(replace(result, effective_draws=1.2), dropped=0)
+    assert not once.told
+    told = next(f for f in once.findings if f.code == "few_draws")
+    assert "worth only 1 independent one: they do not tell" in told.text
 
 
 def _some(presses: PressTable, rows: np.ndarray) -> PressTable:
