@@ -8,6 +8,13 @@ Makes seeded sessions of each contact law (:mod:`benchmarks.sessions`), fits eac
 Every finished session is appended to ``coverage.jsonl`` beside the output; run again, the study goes on from there,
 or grows when ``--sessions`` does. Session i of a law depends on the seed, the law and i only, so neither the number of
 workers nor an interruption changes a number. Each worker fits one session at a time on one core.
+
+With ``--keep FILE`` the sessions are also kept in short. With ``--kept FILE`` nothing is fitted: sessions that were
+kept are counted again, with their intervals as the fit makes them today::
+
+    python -m benchmarks.coverage --kept benchmarks/results/coverage_sessions.jsonl.gz --out coverage.json
+
+With ``--first N`` only the first N usable presses of every session are fitted: what few presses tell.
 """
 
 from __future__ import annotations
@@ -18,23 +25,25 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.coverage_kept import as_shipped, read_kept, write_kept
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import as_text, summary
 from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make_session
 from skincal import __version__
-from skincal.calibrate import calibrate
+from skincal.calibrate import calibrate, fit_problem
 from skincal.calibrate.workers import available_cores
 from skincal.errors import SkincalError
+from skincal.fit.conclude import SCALE_WIDENING
 from skincal.fit.options import FitOptions, GridSteps
 from skincal.fit.result import PARAMETERS, FitResult
-from skincal.fit.valley import interval
+from skincal.fit.valley import OPEN, interval
 
 Record = dict[str, Any]
 Floats = NDArray[np.float64]
@@ -75,6 +84,7 @@ class Job:
     index: int
     options: FitOptions = field(default_factory=FitOptions)
     layers: LayerRanges = field(default_factory=LayerRanges)
+    first: int | None = None
 
     @property
     def key(self) -> tuple[str, int]:
@@ -86,6 +96,10 @@ def run_job(job: Job) -> Record:
     """Makes a session, fits it, and says how the result stands to the truth."""
     rng = np.random.default_rng([job.seed, LAWS.index(job.law), job.index])
     session, truth = make_session(rng, job.law, layers=job.layers)
+    if job.first is not None:
+        session = replace(
+            session, presses=session.presses.select(fit_problem(session, job.options).rows[: job.first])
+        )
     record: Record = {"law": job.law, "index": job.index, "truth": truth.plain()}
     start = time.perf_counter()
     try:
@@ -118,6 +132,9 @@ def compared(result: FitResult, truth: Truth) -> Record:
         "effective_draws": result.effective_draws,
         "presses_used": len(result.problem),
         "findings": [finding.code for finding in result.findings],
+        "no_interval": not result.told,
+        "readings_to_spare": result.problem.readings - result.problem.unknowns,
+        "scale_widening": SCALE_WIDENING,
     }
 
 
@@ -128,6 +145,8 @@ def contact_laws(result: FitResult) -> list[dict[str, Floats]]:
 
 def intervals_at(result: FitResult, level: float) -> dict[str, list[float]]:
     """The intervals that the fit would have given at another level."""
+    if not result.told:
+        return {name: list(OPEN) for name in PARAMETERS}
     clouds = contact_laws(result)
     return {
         n: list(interval(n, [c[n] for c in clouds], result.best[n], result.box, level)) for n in PARAMETERS
@@ -186,6 +205,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--workers", type=int, default=available_cores(), help="default: one a core")
     add("--out", type=Path, default=Path("coverage.json"), help="summary to write (default coverage.json)")
     add("--thickness-mm", **pair, default=(1.0, 2.5), help="of the layers (default 1 2.5)")
+    add("--first", type=int, help="fit only so many usable presses of each session")
+    add("--keep", type=Path, help="also keep the sessions in short, compressed (.jsonl.gz)")
+    add("--kept", type=Path, help="fit nothing; count sessions that were kept")
     add("--poisson", **pair, default=(0.3, 0.45), help="of the layers (default 0.3 0.45)")
     return parser
 
@@ -193,23 +215,41 @@ def _parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the study; returns the exit status."""
     given = _parser().parse_args(arguments)
+    try:
+        study, records = read_kept(given.kept) if given.kept is not None else _fitted(given)
+    except (OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    if given.keep is not None:
+        write_kept(given.keep, study, records)
+    level = float(study["options"]["level"])
+    found = summary([as_shipped(r, study["quantiles"], LEVELS, level) for r in records], level)
+    told = {key: value for key, value in study.items() if key != "quantiles"}
+    content = json.dumps(strict_json({"study": told, "laws": found}), indent=1)
+    given.out.write_text(content + "\n", encoding="utf-8")
+    print(as_text(found))
+    return 0
+
+
+def _fitted(given: argparse.Namespace) -> tuple[Record, list[Record]]:
+    """The study that is asked for and its sessions, fitted as far as they are not yet.
+
+    Raises:
+        ValueError: the file of the sessions holds another study.
+    """
     laws: tuple[Law, ...] = LAWS if given.law == "both" else (given.law,)
     options = FitOptions(steps=COARSE) if given.coarse_grid else FitOptions()
     thin, thick = given.thickness_mm
     layers = LayerRanges((thin * 1e-3, thick * 1e-3), tuple(given.poisson))
-    jobs = [Job(given.seed, law, index, options, layers) for index in range(given.sessions) for law in laws]
-    study = {"seed": given.seed, "version": __version__, "options": asdict(options), "layers": asdict(layers)}
-    try:
-        store = Store(given.out.with_suffix(".jsonl"), study | {"quantiles": QUANTILES})
-    except ValueError as error:
-        print(error, file=sys.stderr)
-        return 2
+    indices = range(given.sessions)
+    jobs = [Job(given.seed, law, index, options, layers, given.first) for index in indices for law in laws]
+    study: Record = {"seed": given.seed, "version": __version__, "options": asdict(options)}
+    study |= {"layers": asdict(layers), "quantiles": QUANTILES}
+    if given.first is not None:
+        study["first"] = given.first
+    store = Store(given.out.with_suffix(".jsonl"), study)
     run_all(store, jobs, given.workers, _bar)
-    found = summary(store.of(job.key for job in jobs), options.level)
-    content = json.dumps(strict_json({"study": study, "laws": found}), indent=1)
-    given.out.write_text(content + "\n", encoding="utf-8")
-    print(as_text(found))
-    return 0
+    return study, store.of(job.key for job in jobs)
 
 
 if __name__ == "__main__":

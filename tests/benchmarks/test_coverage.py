@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 
 from benchmarks import coverage
-from benchmarks.coverage import LEVELS, Job, main, run_job, strict_json, told_values
+from benchmarks.coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
+from benchmarks.coverage_few import counted
+from benchmarks.coverage_kept import as_shipped, read_kept, write_kept
 from benchmarks.coverage_store import Store
 from benchmarks.coverage_tables import SCALES, as_text, summary, wilson
 from benchmarks.sessions import Law, Truth
-from skincal.fit.options import FitOptions, GridSteps
+from skincal.fit.conclude import SCALE_WIDENING
+from skincal.fit.options import FitOptions, GridSteps, SearchBox
 from skincal.fit.result import PARAMETERS
+from skincal.fit.valley import interval
 
 TRUTH = Truth("layer", 0.024, 3.0, -9.0, 4e8, 70.0, 0.8e-3, 0.3e-3, -0.2e-3, 1.5e-3, 0.4)
 BOX = {
@@ -46,6 +50,8 @@ def record(index: int, *, law: Law = "foundation", error: float = 0.0, half: flo
         "effective_draws": 500.0,
         "presses_used": 24 + index,
         "findings": ["glitches"] if index == 0 else [],
+        "no_interval": False,
+        "scale_widening": SCALE_WIDENING,
     }
 
 
@@ -161,6 +167,109 @@ def test_a_study_can_grow(
     assert ran == [(law, i) for i in range(3) for law in ("foundation", "layer")]
     written = json.loads((tmp_path / "study.json").read_text())
     assert written["laws"]["all"]["sessions"] == 6
+
+
+def _kept(draws: dict[str, list[np.ndarray]], widening: float, **more: Any) -> dict[str, Any]:
+    """A session as it is kept, from its draws by contact law."""
+    kept = {key: value for key, value in record(3).items() if key not in ("intervals", "levels")}
+    quantiles = {n: [np.quantile(law, QUANTILES).tolist() for law in laws] for n, laws in draws.items()}
+    return kept | {"quantiles": quantiles, "scale_widening": widening} | more
+
+
+@pytest.fixture
+def draws() -> dict[str, list[np.ndarray]]:
+    rng = np.random.default_rng(3)
+    best = record(3)["best"]
+    return {n: [best[n] * np.exp(0.03 * rng.normal(size=999) + s) for s in (0, 0.05)] for n in PARAMETERS}
+
+
+def test_kept_sessions_get_the_intervals_of_their_draws(draws: dict[str, list[np.ndarray]]) -> None:
+    box = SearchBox(**{name: tuple(ends) for name, ends in BOX.items()})
+    found = as_shipped(_kept(draws, SCALE_WIDENING), QUANTILES, LEVELS, 0.98)
+    for name, laws in draws.items():
+        for level in LEVELS:
+            expected = interval(name, laws, found["best"][name], box, level)
+            assert found["levels"][str(level)][name] == pytest.approx(expected), (name, level)
+    assert found["intervals"] == found["levels"]["0.98"]
+    assert as_shipped(found, QUANTILES, LEVELS, 0.98) is found
+
+
+def test_kept_draws_of_the_scale_are_widened_as_the_fit_widens_them(
+    draws: dict[str, list[np.ndarray]],
+) -> None:
+    plain = as_shipped(_kept(draws, SCALE_WIDENING), QUANTILES, LEVELS, 0.98)["intervals"]
+    wider = as_shipped(_kept(draws, SCALE_WIDENING / 2), QUANTILES, LEVELS, 0.98)["intervals"]
+    middle = np.median(draws["scale_per_n"][0])
+    below = np.log(middle / np.array([plain["scale_per_n"][0], wider["scale_per_n"][0]]))
+    assert below[1] == pytest.approx(2 * below[0])
+    assert {n: v for n, v in wider.items() if n != "scale_per_n"} == {
+        n: v for n, v in plain.items() if n != "scale_per_n"
+    }
+
+
+def test_a_kept_session_without_intervals_stays_without(draws: dict[str, list[np.ndarray]]) -> None:
+    found = as_shipped(_kept(draws, 1.0, no_interval=True), QUANTILES, LEVELS, 0.98)
+    assert all(v == [-np.inf, np.inf] for v in found["intervals"].values())
+
+
+def test_a_study_that_was_kept_is_counted_again_without_a_fit(
+    tmp_path: Path,
+    draws: dict[str, list[np.ndarray]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(coverage, "run_job", lambda job: _kept(draws, 1.0, index=job.index, law=job.law))
+    kept, out = tmp_path / "kept.jsonl.gz", tmp_path / "study.json"
+    command = ["--law", "foundation", "--sessions", "1", "--workers", "1", "--out", str(out)]
+    assert main([*command, "--keep", str(kept)]) == 0
+    first = out.read_bytes()
+    monkeypatch.setattr(coverage, "run_job", lambda _: pytest.fail("nothing shall be fitted"))
+    assert main(["--kept", str(kept), "--out", str(tmp_path / "again.json")]) == 0
+    again = json.loads((tmp_path / "again.json").read_text())
+    assert again["study"] == json.loads(first)["study"]
+    width = again["laws"]["foundation"]["parameters"]["y_m"]["mean_width"]
+    assert width == pytest.approx(json.loads(first)["laws"]["foundation"]["parameters"]["y_m"]["mean_width"])
+    write_kept(kept, *read_kept(kept))
+    capsys.readouterr()
+    assert main(["--kept", str(tmp_path / "none.gz"), "--out", str(out)]) == 2
+    assert "none.gz" in capsys.readouterr().err
+
+
+def test_the_table_in_the_documentation_is_that_of_the_kept_sessions(tmp_path: Path) -> None:
+    results = Path(coverage.__file__).parent / "results"
+    assert (
+        main(["--kept", str(results / "coverage_sessions.jsonl.gz"), "--out", str(tmp_path / "c.json")]) == 0
+    )
+    again, shown = (json.loads(path.read_text()) for path in (tmp_path / "c.json", results / "coverage.json"))
+    assert again["study"] == shown["study"]
+    for level in ("parameters", "levels"):
+        assert _flat(again["laws"]["foundation"][level]) == pytest.approx(
+            _flat(shown["laws"]["foundation"][level])
+        )
+
+
+def test_intervals_of_few_presses_are_counted_though_none_is_given(
+    draws: dict[str, list[np.ndarray]],
+) -> None:
+    def session(spare: int, shift: float) -> dict[str, Any]:
+        told = {name: laws[0].mean() * (1 + shift) for name, laws in draws.items()}
+        more = {"told": told, "presses_used": 5, "readings_to_spare": spare}
+        return _kept(draws, SCALE_WIDENING, no_interval=spare <= 0, **more)
+
+    rows = counted([session(0, 0.0), session(-2, 9.0), session(3, 0.01), {"failed": "no peak"}], 0.98)
+    held = "intervals of 98 % that hold the truth"
+    assert [(row["readings beyond the unknowns"], row["sessions"], row[held]) for row in rows] == [
+        ("none", 2, "5 of 10"),
+        ("some", 1, "5 of 5"),
+    ]
+
+
+def _flat(value: Any, at: str = "") -> dict[str, float]:
+    """The numbers of nested tables, by their path."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        return {k: v for key, item in items for k, v in _flat(item, f"{at}/{key}").items()}
+    return {at: value} if isinstance(value, int | float) else {}
 
 
 @pytest.mark.slow
