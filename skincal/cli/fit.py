@@ -23,17 +23,13 @@ from skincal.cli.common import (
     stage_bars,
     warn,
 )
+from skincal.cli.fit_ranges import Pair, searched
 
 if TYPE_CHECKING:
     from skincal.calibrate import Method, Outcome, Way
     from skincal.fit.options import FitOptions, GridSteps
 
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
-
-Pair = tuple[float, float]
-
-LARGEST_E_MPA_PER_M = 1e6
-"""Far stiffer than any skin: 0.1 mm of a hard plastic has 3e7 Pa / 1e-4 m = 3e5 MPa/m."""
 
 
 def _range(name: str, what: str) -> typer.models.OptionInfo:
@@ -107,7 +103,7 @@ def fit(
     Writes a calibration: best parameters, intervals, the evaluated grid, draws from the valley, the slack of every
     press, and a report. An interrupted fit goes on where it was when the same command is given again.
     """
-    from skincal.calibrate import calibrate, choose_way, search_box
+    from skincal.calibrate import calibrate, choose_way
     from skincal.calibration import write_calibration
     from skincal.dataset import read_dataset
     from skincal.files import refuse_existing
@@ -120,13 +116,7 @@ def fit(
     if way.method != "fast":
         say(f"skincal: fitting by nlopt on the skin model, which takes minutes: {way.why}")
     options = replace(options, steps=_steps(way, y_step_mm, arc_step_mm, alpha_step_deg, e_count))
-    box = search_box(
-        data,
-        y_m=_scaled(y_range_mm, 1e-3),
-        across=_across(data.meta.surface.kind, x_range_mm, beta_range_deg),
-        alpha_deg=alpha_range_deg,
-        elasticity_pa_per_m=_elasticity(elasticity_range),
-    )
+    box = searched(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, elasticity_range)
     checkpoint = out.parent / f".{out.name}.fit"
     with _resumable(checkpoint), stage_bars() as told:
         outcome = calibrate(
@@ -150,9 +140,6 @@ def fit(
 
         write_calibration(outcome.calibration, out, force=force, beside=beside)
         told("report", 1, 1)
-    from skincal.calibrate.checkpoint import Checkpoint
-
-    Checkpoint(checkpoint, "").remove()
     if as_json:
         print_json(_as_json(outcome, out))
         return
@@ -212,46 +199,31 @@ def _bound(text: str) -> float | None:
     return value
 
 
-def _scaled(pair: Pair | None, factor: float) -> Pair | None:
-    return None if pair is None else (pair[0] * factor, pair[1] * factor)
-
-
-def _across(kind: str, x_mm: Pair | None, beta_deg: Pair | None) -> Pair | None:
-    """The range across the finger: of x [m] on a plane, else of beta [°]."""
-    from skincal.errors import InputError, Problem
-
-    wrong, right = (
-        ("--beta-range-deg", "--x-range-mm") if kind == "plane" else ("--x-range-mm", "--beta-range-deg")
-    )
-    if (beta_deg if kind == "plane" else x_mm) is not None:
-        raise InputError([Problem(wrong, f"no such range on a {kind}", "one", f"Give {right} instead.")])
-    return _scaled(x_mm, 1e-3) if kind == "plane" else beta_deg
-
-
-def _elasticity(range_mpa_per_m: Pair | None) -> Pair | None:
-    """The range of E [Pa/m]."""
-    from skincal.errors import InputError, Problem
-
-    if range_mpa_per_m is not None and max(range_mpa_per_m) > LARGEST_E_MPA_PER_M:
-        low, high = range_mpa_per_m
-        what = f"low and high [MPa/m], at most {LARGEST_E_MPA_PER_M:g}"
-        fix = "Are they in Pa/m? Divide by 1e6."
-        raise InputError([Problem("--e-range-mpa-per-m", what, f"{low:g} and {high:g}", fix)])
-    return _scaled(range_mpa_per_m, 1e6)
-
-
 @contextmanager
 def _resumable(checkpoint: Path) -> Generator[None]:
-    """An interrupt says what is kept and how to go on."""
+    """Whatever ends a fit early, it says what is kept and how to go on.
+
+    What would only fail again is not kept: neither a grid whose fit cannot be done, nor a folder without a grid.
+    """
+    from skincal.calibrate.checkpoint import Checkpoint
+    from skincal.errors import WorkError
+
+    kept = Checkpoint(checkpoint, "")
     try:
         yield
-    except KeyboardInterrupt:
-        if not any(checkpoint.glob("turn-*")):
+    except WorkError:
+        kept.remove()
+        raise
+    except BaseException as error:
+        if not any(checkpoint.glob("turn-*.npz")):
+            kept.remove()
             raise
-        say(
-            f"skincal: interrupted. The grid so far is kept in {checkpoint}; the same command goes on from there."
-        )
-        raise SystemExit(130) from None
+        what = "interrupted. The" if isinstance(error, KeyboardInterrupt) else "the fit ended early; its"
+        say(f"skincal: {what} grid so far is kept in {checkpoint}; the same command goes on from there.")
+        if isinstance(error, KeyboardInterrupt):
+            raise SystemExit(130) from None
+        raise
+    kept.remove()
 
 
 def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -105,7 +106,41 @@ def test_a_session_without_active_taxels_is_status_1_and_says_why(
     status, _, err = _run(capsys, "fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
     assert status == 1
     assert "no press can be used" in err and "0 active taxels" in err
-    assert not (tmp_path / "cal").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["dark"]
+
+
+def test_a_fit_that_fails_after_its_grid_leaves_nothing(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A sensor far from every press: the grid is evaluated, and no combination of it gives an image.
+    far = ["--y-range-mm", "120", "121", "--workers", "1"]
+    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK, *far)
+    assert status == 1
+    assert "no combination of the grid gives an image" in err and "kept" not in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("turns", [0, 2])
+def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
+    session: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    turns: int,
+) -> None:
+    def fails(*_: object, checkpoint: Path, **__: object) -> None:
+        checkpoint.mkdir()
+        (checkpoint / "turn-009.tmp").write_bytes(b"cut sho")
+        for turn in range(turns):
+            (checkpoint / f"turn-{turn:03d}.npz").write_bytes(b"")
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "cal"))
+
+    monkeypatch.setattr("skincal.calibrate.calibrate", fails)
+    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
+    kept = tmp_path / ".cal.fit"
+    assert status == 1 and "No space left" in err
+    assert kept.exists() == (turns > 0)
+    assert (f"its grid so far is kept in {kept}; the same command goes on from there" in err) == (turns > 0)
 
 
 def test_a_range_that_would_be_ignored_or_is_in_another_unit_is_refused(
@@ -118,6 +153,12 @@ def test_a_range_that_would_be_ignored_or_is_in_another_unit_is_refused(
             "1",
         ): "--x-range-mm: expected no such range on a cylinder; got one. Give --beta-range-deg",
         ("--e-range-mpa-per-m", "1e8", "2e9"): "got 1e+08 and 2e+09. Are they in Pa/m? Divide by 1e6.",
+        (
+            "--y-range-mm",
+            "0.0195",
+            "0.0275",
+        ): "--y-range-mm: expected low and high [mm] ([mount] has 19.5 to 27.5); "
+        "got 0.0195 and 0.0275. Are they in metres? Multiply by 1000.",
     }
     for options, text in wrong.items():
         status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *options)
