@@ -84,7 +84,7 @@ def images_figure(result: FitResult, dataset: Dataset) -> Figure:
             _frame(axes, tiles, place, pair)
         axes.set_xlim(0, tiles.width)
         axes.set_ylim(-tiles.height, 0)
-        axes.set_aspect("equal")
+        axes.set_aspect("equal", anchor="N")
         axes.set_axis_off()
         _add_bars(figure, grid, counts, differences)
     return figure
@@ -160,7 +160,7 @@ class _Tiles:
     def size_in(self) -> tuple[float, float]:
         """Size of the figure with its title and colour bars."""
         scale = 11.0 / self.width
-        return 11.0, max(self.height * scale, 1.5) + 1.2
+        return 11.0, max(self.height * scale, 0.8) + 0.85
 
     def corner(self, place: int) -> tuple[float, float]:
         """Lower left corner of a tile's maps."""

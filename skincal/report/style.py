@@ -9,10 +9,12 @@ from __future__ import annotations
 import io
 from collections.abc import Generator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -31,6 +33,15 @@ DIVERGING = "RdBu_r"
 
 SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 150
+
+_WIDE_FONTS = (
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "Noto Sans SC", "Source Han Sans SC", "WenQuanYi Micro Hei",
+    "WenQuanYi Zen Hei", "Microsoft YaHei", "SimHei", "PingFang SC", "Hiragino Sans", "Yu Gothic", "Malgun Gothic",
+    "Arial Unicode MS",
+)  # fmt: skip
+"""Fonts with Chinese, Japanese or Korean letters that are common on one system or another."""
+
+_UNKNOWN = "\N{WHITE SQUARE}"
 
 _RC: Any = {
     "font.size": 9,
@@ -67,8 +78,29 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     """An empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     if title:
-        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+        # A title may hold a folder's name: its dollar signs are no formula.
+        look: Any = {"fontsize": 12, "fontweight": "bold", "fontfamily": _families(), "parse_math": False}
+        figure.suptitle(_drawable(title), x=0.01, ha="left", **look)
     return figure
+
+
+@lru_cache(maxsize=1)
+def _families() -> list[str]:
+    """The usual font, then those installed here that have letters which it lacks."""
+    installed = {font.name for font in font_manager.fontManager.ttflist}
+    return [*mpl.rcParamsDefault["font.sans-serif"][:1], *(name for name in _WIDE_FONTS if name in installed)]
+
+
+@lru_cache(maxsize=1)
+def _letters() -> frozenset[int]:
+    """Code points that can be drawn with one font or another."""
+    fonts = [font_manager.get_font(font_manager.findfont(name)) for name in _families()]
+    return frozenset[int]().union(*(font.get_charmap() for font in fonts))
+
+
+def _drawable(text: str) -> str:
+    """A text with a box for every letter that no font here has."""
+    return "".join(letter if ord(letter) in _letters() else _UNKNOWN for letter in text)
 
 
 def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:
