@@ -42,6 +42,12 @@ def diagnose(
     thorough: Annotated[
         bool, typer.Option("--thorough", help="Five times as many null sessions, and more contenders.")
     ] = False,
+    cache: Annotated[
+        bool,
+        typer.Option(
+            help="Keep null sessions in the user's cache (SKINCAL_CACHE), and take them from there."
+        ),
+    ] = True,
     seed: SeedOption = 0,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,
@@ -55,6 +61,7 @@ def diagnose(
     """
     from skincal.calibration import read_calibration, write_calibration
     from skincal.dataset import read_dataset
+    from skincal.diagnose.cache import Cache, default_folder
     from skincal.diagnose.options import DiagnoseOptions, thoroughly
     from skincal.diagnose.summary import summary
     from skincal.diagnose.workflow import diagnose as diagnosed
@@ -65,7 +72,7 @@ def diagnose(
     warn((*data.warnings, *cal.warnings))
     options = thoroughly() if thorough else DiagnoseOptions()
     with _stages() as heard:
-        found = diagnosed(data, cal, options, seed, heard)
+        found = diagnosed(data, cal, options, seed, heard, Cache(default_folder() if cache else None))
         heard("report")
         told = plain({**summary(found), "calibration": str(out)})
 

@@ -11,17 +11,18 @@ from skincal.calibration.skin import effects_of
 from skincal.dataset import Dataset
 from skincal.diagnose.base import calibrated_model, floor_of, thinned
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.session import gap_session, pose_names, sites
+from skincal.diagnose.session import gap_session, hold_groups, pose_names, sites
 from skincal.errors import InputError, Problem, WorkError
 from skincal.gap.base import BaseModel
 from skincal.gap.hypothesis import Hypothesis, Parameters
-from skincal.gap.noise import NoiseFloor, rounding
+from skincal.gap.noise import NoiseFloor, force_scatter, rounding
 from skincal.gap.reading import Reading
 from skincal.gap.refit import RefitOptions
 from skincal.gap.session import Binning, GapSession
+from skincal.gap.signatures import session_mean
 from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, split_presses
 from skincal.gap.start import start_places
-from skincal.model.arrays import IntArray
+from skincal.model.arrays import FloatArray, IntArray
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
@@ -43,6 +44,7 @@ class Prepared:
         options: priors of a refit.
         full: observations at the frame rate; the same as ``session`` where there are no frames.
         full_reading: what was read of them.
+        force_noise_n: of the measured force of a frame [N].
     """
 
     session: GapSession
@@ -56,6 +58,7 @@ class Prepared:
     options: RefitOptions
     full: GapSession
     full_reading: Reading
+    force_noise_n: float
 
     def is_part(self, *parts: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """(N,) observations of some parts."""
@@ -109,6 +112,7 @@ def prepare(
         refit,
         full,
         Reading.of(full, sigma, model.readout),
+        0.0 if dataset.frames is None else force_scatter(dataset.frames.force_n, hold_groups(dataset)),
     )
 
 
@@ -156,4 +160,20 @@ def _positive(value: object, otherwise: float) -> float:
     return float(value) if isinstance(value, int | float) and 0 < value < np.inf else otherwise
 
 
-__all__ = ["FEWEST_PRESSES", "FINAL", "SELECTION", "TRAIN", "Prepared", "prepare"]
+def force_variance(hypothesis: Hypothesis, session: GapSession, force_noise_n: float) -> FloatArray:
+    """Variance (N, J) that the noise of the measured force makes in what a model says [counts²]."""
+    if force_noise_n <= 0:
+        return np.zeros_like(hypothesis.values(session))
+    step = 0.02
+    places = hypothesis.places.copy()
+    places[:, 2] += step
+    values = hypothesis.values(session)
+    change = (hypothesis.with_places(places).values(session) - values) / step
+    force = session_mean(session, np.where(session.samples.touching, session.samples.contacts.force_n, 0.0))
+    per_n = np.divide(
+        change, force[:, None], out=np.zeros_like(change), where=(force > 5 * force_noise_n)[:, None]
+    )
+    return np.nan_to_num(per_n * force_noise_n) ** 2 / session.frames[:, None]
+
+
+__all__ = ["FEWEST_PRESSES", "FINAL", "SELECTION", "TRAIN", "Prepared", "force_variance", "prepare"]

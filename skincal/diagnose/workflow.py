@@ -16,11 +16,13 @@ from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.audit import audit_dataset
+from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
 from skincal.diagnose.findings import findings_of
+from skincal.diagnose.kept import Kept
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, prepare
+from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, Material, Model, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
@@ -29,7 +31,7 @@ from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
-from skincal.gap.null import Null, law_error, simulate_null
+from skincal.gap.null import Null
 from skincal.gap.refit import refit
 from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
 from skincal.gap.signatures import Signature, signature_columns, signature_falls, where_text
@@ -66,6 +68,7 @@ def diagnose(
     options: DiagnoseOptions | None = None,
     seed: int = 0,
     heard: Heard = lambda _: None,
+    cache: Cache | None = None,
 ) -> Diagnosis:
     """Finds what a calibrated simulation lacks against a dataset.
 
@@ -75,6 +78,7 @@ def diagnose(
         options: settings.
         seed: of all chance.
         heard: told which stage begins.
+        cache: of what was worked out before; None: nothing is kept.
 
     Raises:
         InputError: the calibration is of another sensor.
@@ -82,18 +86,21 @@ def diagnose(
     """
     options = options or DiagnoseOptions()
     check_same_sensor(calibration, dataset)
-    rng = np.random.default_rng(seed)
+    # A generator for each use: what is taken from a cache must not change what comes after it.
+    rng, audited, drawn, again = np.random.default_rng(seed).spawn(4)
     heard("noise floor and places")
     ready = prepare(dataset, calibration, options, rng)
     heard("what can be seen")
-    audit = audit_dataset(dataset, calibration, rng)
+    audit = audit_dataset(dataset, calibration, audited)
     heard("base model")
     base = fit_base(ready)
     scene = _scene(base)
     heard("sensitivities of the effects")
     library = Library.of(scene)
     signs = signature_columns(base.model.refit.slopes, ready.session, dataset.layout())
-    null = _null(base, scene, library, options, rng, {n: c for n, (_, c) in signs.items()}, heard)
+    columns = {name: own for name, (_, own) in signs.items()}
+    kept = Kept(cache or Cache(), base.model, base.material, seed)
+    null = _null(base, scene, library, options, drawn, columns, heard, kept)
     start = dead_start(scene.bench, base.dead)
     extra: dict[str, Start] = {} if start is None else {DEAD_TAXEL: start}
     choice = choose(
@@ -107,7 +114,7 @@ def diagnose(
         heard,
     )
     heard("gap on presses nobody has fitted")
-    gap = _gap(ready, base, choice, rng)
+    gap = _gap(ready, base, choice, again)
     verdict, unexplained = judged(choice, null, options)
     effects = () if verdict != "effects" else _named(choice, ready, base, dataset)
     heard("calibration")
@@ -141,7 +148,7 @@ def diagnose(
 
 
 def fit_base(ready: Prepared) -> Base:
-    """Fits the base model, and again where glitches or jumps had a part in it."""
+    """Fits the base model, and again with the noise of the force, and without glitches and jumps."""
     known = ready.is_part(TRAIN, SELECTION)
     first = refit(
         ready.start, ready.session, ready.reading, ready.options, learn=known, fixed=ready.known_effects
@@ -149,15 +156,13 @@ def fit_base(ready: Prepared) -> Base:
     residual, seen = first.slopes.residual, ready.reading.seen
     wild = glitches(residual, seen, ready.session.press)
     reading = without_presses(ready.reading, ready.session.press, wild)
+    reading = reading.with_further(force_variance(first.hypothesis, ready.session, ready.force_noise_n))
     values = first.slopes.values
     dead = tuple(dead_taxels(values, reading, ready.session))
     jumped = tuple(jumps(values, reading, ready.session, list(dead)))
-    if len(wild) or jumped:
-        reading = without_jumps(reading, ready.session, list(jumped))
-        options = replace(ready.options, settle=0)
-        first = refit(
-            first.hypothesis, ready.session, reading, options, learn=known, fixed=ready.known_effects
-        )
+    reading = without_jumps(reading, ready.session, list(jumped))
+    options = replace(ready.options, settle=0, steps=4)
+    first = refit(first.hypothesis, ready.session, reading, options, learn=known, fixed=ready.known_effects)
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
     material = Material(ready.session, reading, learn, score, ready.options)
     return Base(Model(first, (), ready.known_effects), material, wild, dead, jumped)
@@ -176,13 +181,15 @@ def _null(
     rng: np.random.Generator,
     signs: Mapping[str, FloatArray],
     heard: Heard,
+    kept: Kept,
 ) -> Null:
     errors = {"fitted": np.zeros_like(scene.zero)}
     hypothesis = base.model.hypothesis
     for twin in twins_for(hypothesis, base.material.session):
         heard(f"null sessions: {twin.name}")
-        errors[twin.name] = law_error(hypothesis, base.material, twin)
-    return simulate_null(scene, base.material, library, errors, options.null_draws, rng, signs)
+        errors[twin.name] = kept.law_error(twin)
+    heard("null sessions: scores")
+    return kept.null(scene, library, errors, options.null_draws, rng, signs)
 
 
 def judged(choice: Choice, null: Null, options: DiagnoseOptions) -> tuple[Verdict, bool]:
@@ -202,6 +209,7 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
     rows = (ready.split.part[np.maximum(ready.full.press, 0)] == FINAL) & (ready.full.press >= 0)
     rows &= ~np.isin(ready.full.press, base.glitches)
     reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
+    reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
     ends = (choice.before.hypothesis, choice.after.hypothesis)
     return gap_closed(*ends, ready.full, reading, rows, rng)
 

@@ -168,6 +168,10 @@ class Scene:
         slopes: of the hypothesis.
         prior: (3,) of the places of presses.
         press: (N,) rows of presses.
+
+    The residual is that at the *measured* places, to first order: where presses had to move to fit, what moved them is
+    in it, and the projection takes out as much of it as the prior of the places allows. An effect that lives in the
+    positions would leave no trace otherwise.
     """
 
     bench: Bench
@@ -188,10 +192,11 @@ class Scene:
         options: RefitOptions,
     ) -> Scene:
         """A scene about a refit's end."""
+        own = np.where((session.press >= 0)[:, None], hypothesis.places[np.maximum(session.press, 0)], 0.0)
         return cls(
             Bench(hypothesis, session),
             slopes.values,
-            slopes.residual,
+            slopes.residual + (slopes.place * own[:, None, :]).sum(axis=-1),
             reading.weight(slopes.values),
             slopes,
             options.place_prior,

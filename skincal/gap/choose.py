@@ -168,16 +168,19 @@ PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""
 
 
-def excess_of(material: Material, residual: FloatArray, null_mean: float) -> float:
-    """Squared residual beyond what a null session has, over all that choice and fit see.
+def excess_of(model: Model, material: Material, null_mean: float) -> float:
+    """What a model leaves beyond what a null session does, over all that choice and fit see.
+
+    It is the objective of the fit: squared residuals, and what presses had to move against the prior of their places.
+    With the places integrated out, its mean is the number of values that were read.
 
     Args:
+        model: a fit.
         material: the session.
-        residual: (N, J) whitened.
         null_mean: mean square of a null session's residual.
     """
     seen = material.reading.seen & material.known[:, None]
-    return float((residual[seen] ** 2).sum() - null_mean * seen.sum())
+    return model.refit.objective - null_mean * float(seen.sum())
 
 
 def choose(
@@ -204,7 +207,7 @@ def choose(
     """
     options = options or ChoiceOptions()
     model, named, rounds = before, list[Named](), list[Round]()
-    first = excess_of(material, before.refit.slopes.residual, null_mean)
+    first = excess_of(before, material, null_mean)
     left = first
     while len(named) < options.most and left > options.enough * first and first > 0:
         heard(f"round {len(named) + 1}: searching")
@@ -217,7 +220,7 @@ def choose(
             break
         heard(f"round {len(named) + 1}: fitting {found[0].effect} and what comes near it")
         fits = _fitted(model, found, material, options)
-        falls = {name: left - excess_of(material, m.refit.slopes.residual, null_mean) for name, m in fits}
+        falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
         rounds[-1] = Round(tuple(found), left, falls)
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left

@@ -97,6 +97,23 @@ def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tupl
     return np.array(squares), np.array(freedom)
 
 
+def force_scatter(force_n: FloatArray, group: IntArray) -> float:
+    """Standard deviation of the measured force of a frame in a hold [N]: median of the holds, zero without any.
+
+    Args:
+        force_n: (M,) of frames.
+        group: (M,) the hold that each belongs to, -1 for none.
+    """
+    found: list[float] = []
+    for number in np.unique(group[group >= 0]):
+        values = force_n[group == number]
+        if len(values) < _FEWEST or not np.isfinite(values).all():
+            continue
+        # Differences of neighbours: the force may drift within a hold, and the skin feels that.
+        found.append(float(np.sqrt((np.diff(values) ** 2).mean() / 2)))
+    return float(np.median(found)) if found else 0.0
+
+
 def repeat_scatter(
     means: FloatArray, first: IntArray, second: IntArray, slopes: FloatArray, use: BoolArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -1,9 +1,10 @@
 """What scores come out where nothing is missing: simulated sessions of this protocol, under several contact laws.
 
-A null session is the fitted sensor at the fitted places, under its own law or a twin's (:mod:`skincal.gap.twin`), with
-noise, rounding and clipping. Under a twin the base model is fitted first, as it is to data. All sessions share the
-linearised, whitened sensitivities of the effects, so a hundred of them cost no more than one: an effect's score is that
-of its best form, found on the training presses and scored on the selection presses as with data.
+A null session is the fitted sensor under its own law or a twin's (:mod:`skincal.gap.twin`), with noise, rounding and
+clipping, and with places and forces off as their priors say. Under a twin the base model is fitted first, as it is to
+data. All sessions share the linearised, whitened sensitivities of the effects, so a hundred of them cost no more than
+one: an effect's score is that of its best form, found on the training presses and scored on the selection presses as
+with data.
 
 The p-value of a score is the share of null sessions in which *any* effect does as well, each counted in units of what
 it reaches itself in one null session of twenty: a list of 22 effects is then no more prone to false alarms than one.
@@ -64,10 +65,19 @@ class Null:
 
 def law_error(hypothesis: Hypothesis, material: Material, twin: Twin) -> FloatArray:
     """Whitened residual (N, J) that a twin's law leaves when the base model is fitted to it without noise."""
-    values = twin.values(hypothesis, material.session)
-    reading = material.reading.with_counts(material.reading.expected(values))
+    # Pressed where it was measured, so that no press has to move but for the law's sake.
+    exact = hypothesis.with_places(np.zeros_like(hypothesis.places))
+    reading = material.reading.with_counts(material.reading.expected(twin.values(exact, material.session)))
     options = replace(material.options, settle=0, steps=5)
-    return refit(hypothesis, material.session, reading, options, learn=material.known).slopes.residual
+    return refit(exact, material.session, reading, options, learn=material.known).slopes.residual
+
+
+def _misplaced(scene: Scene, draws: int, rng: np.random.Generator) -> FloatArray:
+    """What errors of measured places and forces, drawn from their priors, do to residuals (N, J, draws)."""
+    presses = scene.bench.session.presses
+    moved = rng.standard_normal((presses, len(scene.prior), draws)) * scene.prior[:, None]
+    moved = np.where((scene.press >= 0)[:, None, None], moved[np.maximum(scene.press, 0)], 0.0)
+    return np.einsum("njk,nkd->njd", scene.slopes.place, moved)
 
 
 def simulate_null(
@@ -102,6 +112,7 @@ def simulate_null(
         axis=-1,
     )
     mean_square = float((drawn[seen] ** 2).mean())
+    drawn += _misplaced(scene, len(laws), rng)
     first, second = (view.projection.apply(drawn[view.rows].reshape(-1, drawn.shape[-1])) for view in views)
     scores = {name: library.falls(name, views, (first, second))[1] for name in library.columns}
     whole = scene.part(material.known)

@@ -26,6 +26,7 @@ class Reading:
         sigma_counts: noise of one frame, before rounding and clipping.
         readout: the converter.
         trust: (N, J) one where a value counts, less where it is not believed.
+        further: (N, J) variance that is not the taxels' own: of the measured force of each frame [counts²].
     """
 
     counts: FloatArray
@@ -33,6 +34,7 @@ class Reading:
     sigma_counts: float
     readout: Readout
     trust: FloatArray
+    further: FloatArray
 
     @classmethod
     def of(cls, session: GapSession, sigma_counts: float, readout: Readout) -> Reading:
@@ -44,7 +46,7 @@ class Reading:
         if session.counts is None:
             raise ValueError("reading: expected a session that was recorded; got a plan")
         trust = np.isfinite(session.counts).astype(np.float64)
-        return cls(session.counts, session.frames, sigma_counts, readout, trust)
+        return cls(session.counts, session.frames, sigma_counts, readout, trust, np.zeros_like(trust))
 
     @property
     def seen(self) -> BoolArray:
@@ -59,11 +61,16 @@ class Reading:
         """The same with less trust (N, J) in some values."""
         return replace(self, trust=self.trust * trust)
 
+    def with_further(self, variance: FloatArray) -> Reading:
+        """The same with variance (N, J) of a mean that is not the taxels' own [counts²]."""
+        return replace(self, further=variance)
+
     def deviation(self, values: FloatArray) -> FloatArray:
         """Standard deviation (N, J) of a mean of frames at values (N, J) before the converter [counts]."""
         knots, share = self._shares
         full = float(np.hypot(self.sigma_counts, rounding(self.readout)))
-        return full * np.interp(values, knots, share) / np.sqrt(self.frames)[:, None]
+        own = full * np.interp(values, knots, share) / np.sqrt(self.frames)[:, None]
+        return np.hypot(own, np.sqrt(self.further))
 
     def expected(self, values: FloatArray) -> FloatArray:
         """Mean counts (N, J) at values (N, J) before the converter: clipping lifts an untouched taxel."""

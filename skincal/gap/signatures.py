@@ -188,7 +188,7 @@ def signature_falls(view: View, columns: FloatArray, residuals: FloatArray) -> F
     length = as_floats(np.linalg.norm(seen, axis=0))
     use = length > 1e-9 * max(1e-300, float(length.max(initial=0.0)))
     if not use.any():
-        return np.zeros(residuals.shape[1])
+        return np.zeros(len(residuals.T))
     along = as_floats(orthonormal(seen[:, use]).T @ residuals)
     return as_floats((along**2).sum(axis=0))
 

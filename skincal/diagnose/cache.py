@@ -1,0 +1,99 @@
+"""What a diagnosis worked out once and need not again: the base fit, the twins' errors, the null sessions.
+
+An entry goes by a hash of everything that it depends on, the version of skincal included: the protocol (places, forces,
+times, phases), the sensor, the noise, the settings. So a diagnosis that was interrupted goes on where it was, and one
+of the same presses with the same calibration finds its null sessions ready. Entries are arrays without code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal import __version__
+
+Arrays = Mapping[str, NDArray[np.float64]]
+
+
+def default_folder() -> Path:
+    """``$SKINCAL_CACHE``, else ``skincal`` in the user's cache."""
+    own = os.environ.get("SKINCAL_CACHE")
+    if own:
+        return Path(own)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skincal"
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A folder of entries; without a folder nothing is kept.
+
+    Attributes:
+        folder: where they lie.
+        most: entries that are kept; the ones used longest ago go first.
+    """
+
+    folder: Path | None = None
+    most: int = 200
+
+    def get(self, kind: str, parts: Iterable[object], make: Callable[[], Arrays]) -> Arrays:
+        """The entry of some parts, made where it is not there.
+
+        A cache that cannot be read or written is done without: it saves time and nothing else.
+
+        Args:
+            kind: of entry; names its file.
+            parts: all that it depends on: arrays, numbers, text.
+            make: makes it.
+        """
+        if self.folder is None:
+            return make()
+        path = self.folder / f"{kind}-{digest(parts)}.npz"
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                found = {name: stored[name] for name in stored.files}
+            path.touch()
+            return found
+        except (OSError, ValueError, BadZipFile):
+            pass
+        made = make()
+        with suppress(OSError):
+            self._put(path, made)
+        return made
+
+    def _put(self, path: Path, made: Arrays) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **made)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+        entries = sorted(path.parent.glob("*.npz"), key=lambda p: p.stat().st_mtime)
+        for old in entries[: -self.most]:
+            old.unlink(missing_ok=True)
+
+
+def digest(parts: Iterable[object]) -> str:
+    """A hash of arrays, numbers and text, and of the version."""
+    found = hashlib.sha256(__version__.encode())
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            array = cast("NDArray[np.generic]", part)
+            found.update(f"{array.dtype}{array.shape}".encode())
+            found.update(np.ascontiguousarray(array).tobytes())
+        else:
+            found.update(repr(part).encode())
+        found.update(b"\0")
+    return found.hexdigest()[:32]

@@ -1,0 +1,111 @@
+"""Null sessions by way of the cache: what they depend on, and what is kept of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.diagnose.cache import Arrays, Cache
+from skincal.gap.candidates import Scene
+from skincal.gap.choose import Material, Model
+from skincal.gap.library import Library
+from skincal.gap.null import Null, law_error, simulate_null
+from skincal.gap.twin import Twin
+from skincal.model import Cylinder, FlatPunch, Plane, Sphere
+from skincal.model.arrays import FloatArray
+
+_SCORE, _SIGNATURE, _MEAN = "score ", "signature ", "mean"
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Stages of one diagnosis that are looked up before they are worked out.
+
+    Attributes:
+        cache: where.
+        model: the base model, fitted.
+        material: the session, split.
+        seed: of the randomness.
+    """
+
+    cache: Cache
+    model: Model
+    material: Material
+    seed: int
+
+    def law_error(self, twin: Twin) -> FloatArray:
+        """See :func:`skincal.gap.null.law_error`; it does not depend on what was read but by the fitted sensor."""
+        key = [twin.name, *self._protocol()]
+        hypothesis = self.model.hypothesis
+        return self._cache.get("law", key, lambda: {"error": law_error(hypothesis, self.material, twin)})[
+            "error"
+        ]
+
+    def null(
+        self,
+        scene: Scene,
+        library: Library,
+        errors: Mapping[str, FloatArray],
+        draws: int,
+        rng: np.random.Generator,
+        signatures: Mapping[str, FloatArray],
+    ) -> Null:
+        """See :func:`skincal.gap.null.simulate_null`."""
+
+        def make() -> Arrays:
+            null = simulate_null(scene, self.material, library, errors, draws, rng, signatures)
+            return {
+                **{_SCORE + name: own for name, own in null.scores.items()},
+                **{_SIGNATURE + name: own for name, own in null.signatures.items()},
+                _MEAN: np.array(null.mean_square),
+            }
+
+        names = (*errors, *library.columns, *signatures, draws, self.seed)
+        found = self._cache.get(
+            "null", [names, *errors.values(), scene.slopes.place, *self._protocol()], make
+        )
+        laws = tuple(law for law in errors for _ in range(draws))
+        return Null(laws, _part(found, _SCORE), float(found[_MEAN]), _part(found, _SIGNATURE))
+
+    @property
+    def _cache(self) -> Cache:
+        """None for meshes: what tells one from another is not in their names."""
+        things = (self.model.hypothesis.model.surface, *self.material.session.samples.indenters)
+        plain = all(isinstance(thing, Cylinder | Plane | Sphere | FlatPunch) for thing in things)
+        return self.cache if plain else Cache()
+
+    def _protocol(self) -> list[object]:
+        """All that the residual of a session without noise depends on."""
+        m, model = self.material, self.model.hypothesis.model
+        samples = m.session.samples
+        return [
+            samples.contacts.points_m,
+            samples.contacts.normals,
+            samples.contacts.force_n,
+            samples.indenters,
+            *(
+                getattr(samples, name)
+                for name in ("indenter", "touching", "time_s", "phase", "speed_m_per_s")
+            ),
+            *(getattr(samples, name) for name in ("cycle", "pose", "temperature_c", "shear_n")),
+            m.session.row,
+            m.session.observation,
+            m.session.taxels,
+            m.reading.sigma_counts,
+            m.reading.frames,
+            m.reading.further,
+            m.reading.trust,
+            m.reading.readout,
+            m.learn,
+            m.score,
+            m.options,
+            (model.surface, model.pose, model.elasticity_pa_per_m, np.asarray(model.scale_per_n).tolist()),
+            (model.layout.centres_m, model.layout.sizes_m, model.resolution_m),
+            {name: {k: v.tolist() for k, v in own.items()} for name, own in self.model.held.items()},
+        ]
+
+
+def _part(found: Arrays, prefix: str) -> dict[str, FloatArray]:
+    return {name.removeprefix(prefix): own for name, own in found.items() if name.startswith(prefix)}
