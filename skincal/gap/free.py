@@ -61,6 +61,7 @@ class Coordinate:
         """The parameter at a coordinate, within its bounds."""
         p = self.parameter
         logarithmic = not self.is_strength and p.scale == "log"
+        x = float(np.clip(x, *self.bounds))
         raw = self.start * float(np.exp(x)) if logarithmic else self.start + x * self.unit
         return float(np.clip(raw, p.low, p.high))
 
