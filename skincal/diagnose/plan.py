@@ -17,7 +17,7 @@ from skincal.diagnose.session import pose_numbers
 from skincal.effects import Samples, Steps, hold_session
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.gap.session import GapSession
-from skincal.model import Contacts
+from skincal.model import Contacts, Indenter
 from skincal.robot import HandDescription, Kinematics
 
 Floats = NDArray[np.float64]
@@ -26,9 +26,9 @@ STEPS = Steps(8, 6, 8)
 """Observations of each phase of a planned press."""
 
 
-@dataclass(frozen=True)
-class _Course:
-    """Start, hold, release and end (P, 4) [s] of all presses, and the idle time after each (P,) [s]."""
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Start, hold, release and end (P, 4) [s] of all presses, and the idle time observed after each (P,) [s]."""
 
     times_s: Floats
     idle_s: Floats
@@ -49,28 +49,50 @@ def plan_session(
     options = options or CollectOptions()
     fingers = Fingers(Kinematics(description), Mount.of(description.meta))
     course = _course(with_poses(plan, fingers, options), fingers, options)
-    points, normals = fingers.mount.place(plan.sites_m())
     indenter = description.meta.indenter
     radii = np.array([p.indenter_radius_m or indenter.radius_m or 0.0 for p in plan.presses])
     different, kinds = np.unique(radii, return_inverse=True)
-    force = np.array([p.force_n for p in plan.presses])
+    indenters = tuple(indenter_of(indenter, {}, float(r)) for r in different)
+    poses = pose_numbers(np.array([p.pose for p in plan.presses]))
+    return played_plan(plan, fingers.mount, (indenters, kinds), poses, course, options.frame_rate_hz)
+
+
+def played_plan(
+    plan: Plan,
+    mount: Mount,
+    indenters: tuple[tuple[Indenter, ...], NDArray[np.integer]],
+    poses: NDArray[np.int64],
+    course: Course,
+    frame_rate_hz: float,
+) -> GapSession:
+    """The observations that a plan would bring, once it is known when each press would be.
+
+    Args:
+        plan: the presses, in their order.
+        mount: where their sites lie.
+        indenters: the things that press, and (P,) which of them it is.
+        poses: (P,) number of the hand pose.
+        course: when.
+        frame_rate_hz: frames in a second [Hz].
+    """
+    points, normals = mount.place(plan.sites_m())
     holds = Samples.of(
-        Contacts(points, normals, force),
-        (tuple(indenter_of(indenter, {}, float(r)) for r in different), kinds.reshape(-1)),
+        Contacts(points, normals, np.array([p.force_n for p in plan.presses])),
+        (indenters[0], indenters[1].reshape(-1)),
         press=np.arange(len(plan)),
         speed_m_per_s=np.array([p.speed_m_per_s for p in plan.presses]),
         cycle=np.array(plan.cycles()),
-        pose=pose_numbers(np.array([p.pose for p in plan.presses])),
+        pose=poses,
     )
     played = hold_session(holds, course.times_s, STEPS)
     phase = played.samples.phase
     assert phase is not None
     row = np.where(phase == IDLE, -1, played.row)
-    frames = options.frame_rate_hz * _seconds(course)[played.row, phase]
+    frames = frame_rate_hz * _seconds(course)[played.row, phase]
     return GapSession(played.samples, row, np.arange(len(row)), row, phase, frames)
 
 
-def _seconds(course: _Course) -> Floats:
+def _seconds(course: Course) -> Floats:
     """Time (P, 4) [s] that each observation of a phase stands for."""
     lasts = np.diff(course.times_s, axis=1)
     seconds = np.empty((len(lasts), 4))
@@ -80,7 +102,7 @@ def _seconds(course: _Course) -> Floats:
     return seconds
 
 
-def _course(plan: Plan, fingers: Fingers, options: CollectOptions) -> _Course:
+def _course(plan: Plan, fingers: Fingers, options: CollectOptions) -> Course:
     """When each press would be, much as the estimate of the session's length has it."""
     stiffness = {
         name: fingers.posture(
@@ -101,4 +123,4 @@ def _course(plan: Plan, fingers: Fingers, options: CollectOptions) -> _Course:
         times[k] = now + idle[k] + np.cumsum([0.0, ramp, press.hold_s, ramp])
         now, before = times[k, 3], press
     # What is observed of the rest is a short while after a press only.
-    return _Course(times, np.minimum(idle, options.idle_s + options.still_s))
+    return Course(times, np.minimum(idle, options.idle_s + options.still_s))
