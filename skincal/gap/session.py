@@ -84,6 +84,8 @@ class GapSession:
         if self.has_frames or self.samples.time_s is None:
             return self.samples
         number = np.cumsum(np.diff(self.row, prepend=self.row[:1]) != 0)
+        # The pause is before the moment of rest that ends a press: after it, loading would seem to last as long.
+        number = np.append(number[1:], number[-1:])
         return replace(self.samples, time_s=self.samples.time_s + _APART_S * number)
 
     def of_taxels(self, taxels: IntArray) -> GapSession:
