@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem
 from skincal.ranges import NAMES, PRESETS, Parameter, Ranges, preset, read_ranges
+from skincal.ranges.names import EFFECTS_PREFIX as _EFFECTS
 from skincal.ranges.names import find
 from skincal.ranges.sampling import Sample
 
@@ -28,6 +29,8 @@ _ALTERNATIVES: Final = {
     "skin.x_offset_m": ("skin.beta_deg",),
 }
 """What may stand in the place of a parameter of a preset: a calibrated centre for an offset from the nominal one."""
+_EACH_STEP: Final = ("joint_noise_rad", "random_force_n", "taxel_noise_counts")
+"""What may be drawn in each step."""
 RIG_EFFECTS: Final = ("force_bias", "contact_offset", "indenter_radius")
 """Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
 
@@ -53,19 +56,24 @@ def expected_names(ranges: Ranges, kind: ObjectName) -> list[str]:
 
 
 def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> None:
-    """Checks that ranges hold all parameters of a task.
+    """Checks that ranges hold all parameters of a task, and that they are drawn when the task can use them.
 
     Raises:
-        InputError: naming every one that is missing, and what it is.
+        InputError: naming every one that is missing, and what it is, and all that is drawn at the wrong time.
     """
     there = {*ranges, *(ranges.joint.columns if ranges.joint else ())}
-    missing = [
-        path
+    found = [
+        _missing(path, place)
         for path in expected_names(ranges, kind)
         if path not in there and not there.intersection(_ALTERNATIVES.get(path, ()))
     ]
-    if missing:
-        raise InputError([_missing(path, place) for path in missing])
+    found += [
+        Problem(f"{place}, [{path}] mode", "episode: the task does not draw it anew in each step", "step")
+        for path, parameter in ranges.items()
+        if parameter.mode == "step" and not path.endswith(_EACH_STEP)
+    ]
+    if found:
+        raise InputError(found)
 
 
 def _missing(path: str, place: str) -> Problem:
@@ -93,8 +101,28 @@ class Drawer:
         self._kind: ObjectName = kind
         self._joints, self._taxels = pinch.joints, taxels
         self._defaults = _defaults(kind, pinch, taxels)
+        self._check_sizes()
         self._nominal = self._defaults | self._middles()
         self.names = tuple(self._nominal)
+
+    def _check_sizes(self) -> None:
+        """Lists of the ranges have a number for each joint and taxel, or a draw fails."""
+        rng = np.random.default_rng(0)
+        try:
+            self._step_draws(rng, self._episode_draws(rng))
+        except ValueError as error:
+            raise InputError([Problem("ranges", "one number, or one for each", str(error))]) from error
+
+    def _episode_draws(self, rng: np.random.Generator) -> Sample:
+        return self.ranges.sample(rng, "episode", joints=self._joints, taxels=self._taxels)
+
+    def _step_draws(self, rng: np.random.Generator, episode: Sample) -> Sample:
+        return self.ranges.sample(rng, "step", joints=self._joints, taxels=self._taxels, episode=episode)
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Parameters of the ranges that the task does not use: effects of a rig, not of the skin."""
+        return tuple(path for path in self.ranges if path.startswith(_EFFECTS) and not self._concerns(path))
 
     @property
     def nominal(self) -> Values:
@@ -114,9 +142,9 @@ class Drawer:
         Returns:
             All values, those drawn per step being nominal ones; and the draws themselves, which the steps need.
         """
-        sample = self.ranges.sample(rng, "episode", joints=self._joints, taxels=self._taxels)
+        sample = self._episode_draws(rng)
         drawn = {path: value for path, value in flat(sample).items() if path in self._nominal}
-        values = self._nominal | {path: v for path, v in drawn.items() if _chosen(path, randomize)}
+        values = self._nominal | {path: v for path, v in drawn.items() if is_chosen(path, randomize)}
         for path, value in given.items():
             values[path] = self._shaped(path, value)
         return {path: _copy(value) for path, value in values.items()}, sample
@@ -129,11 +157,9 @@ class Drawer:
         given: Mapping[str, ArrayLike],
     ) -> Values:
         """What is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
-        drawn = flat(
-            self.ranges.sample(rng, "step", joints=self._joints, taxels=self._taxels, episode=episode)
-        )
+        drawn = flat(self._step_draws(rng, episode))
         return {
-            path: value if _chosen(path, randomize) and path not in given else _copy(self._nominal[path])
+            path: value if is_chosen(path, randomize) and path not in given else _copy(self._nominal[path])
             for path, value in drawn.items()
             if path in self._nominal
         }
@@ -186,7 +212,7 @@ class Drawer:
         )
 
     def _concerns(self, path: str) -> bool:
-        if path.startswith("skin.effects."):
+        if path.startswith(_EFFECTS):
             return path.split(".")[2] not in RIG_EFFECTS
         return path in self._defaults
 
@@ -206,7 +232,7 @@ def effects_of(values: Values) -> dict[str, dict[str, Value]]:
     """Parameters of effects by effect."""
     found: dict[str, dict[str, Value]] = {}
     for path, value in values.items():
-        if path.startswith("skin.effects."):
+        if path.startswith(_EFFECTS):
             _, _, effect, parameter = path.split(".")
             found.setdefault(effect, {})[parameter] = value
     return found
@@ -256,7 +282,8 @@ def _matches(path: str, name: str) -> bool:
     return path == name or path.startswith(name + ".")
 
 
-def _chosen(path: str, randomize: Sequence[str] | None) -> bool:
+def is_chosen(path: str, randomize: Sequence[str] | None) -> bool:
+    """Whether a parameter is among those that are randomized; None: all are."""
     return randomize is None or any(_matches(path, name) for name in randomize)
 
 

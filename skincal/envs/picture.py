@@ -91,7 +91,8 @@ def panel(
 
 
 def _pixel(place_m: FloatArray) -> tuple[int, int]:
-    u, v = np.nan_to_num(place_m) / _SPAN_M
+    # What lies far outside, or nowhere, stays outside.
+    u, v = np.clip(np.nan_to_num(place_m), -1.0, 1.0) / _SPAN_M
     return round(HEIGHT * (0.5 + float(u))), round(HEIGHT * (0.5 - float(v)))
 
 

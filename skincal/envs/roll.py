@@ -23,6 +23,7 @@ from skincal.envs.drawing import (
     array,
     check_given,
     check_ranges,
+    is_chosen,
     load_ranges,
 )
 from skincal.envs.grasp import Grasp, GraspOptions
@@ -33,7 +34,7 @@ from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import RewardScales, Situation, reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import Felt, TactileSkin
+from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import InputError, Problem
 from skincal.ranges import Ranges
@@ -106,7 +107,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         check_ranges(self.ranges, self.object_name, place)
         self.pinch: Pinch = read_pinch(hand)
         self._kinematics = Kinematics(self.pinch.description)
-        self.skin = TactileSkin(self.pinch, self._kinematics, self.options.resolution_m)
+        self.skin = TactileSkin(self.pinch, self.options.resolution_m)
         self._drawer = Drawer(self.ranges, self.object_name, self.pinch, self.skin.taxels)
         self._grasp = Grasp(self.pinch, self._kinematics, self._drawer.nominal, self.options.grasp)
         self._scene: Scene | None = None
@@ -164,6 +165,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _begin(self, asked: EpisodeOptions) -> None:
         """Draws an episode, and takes the object."""
         values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
+        age = float(self.np_random.uniform(0.0, SESSION_S))
+        self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
         if self.policy != "tactile":
             self._fix_sensor(values, asked)
         self._values, self._body_now = values, self._body(values)
@@ -177,7 +180,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         command = self._grasp.take(self._scene, values, self._body_now, rotation, place)
         self._desired = self._clipped(command)
         if self.policy == "tactile":
-            self.skin.begin(values, self._sensor.pose, self._body_now)
+            self.skin.begin(values, self._sensor.pose, self._body_now, self._age_s)
         self._seen.begin(values)
 
     def _duration_s(self, asked: EpisodeOptions) -> float:
@@ -312,6 +315,16 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """The present contact as the skin takes it; None where nothing touches."""
         return self._view.felt(self._body_now)
 
+    @property
+    def ignored_ranges(self) -> tuple[str, ...]:
+        """Parameters of the ranges that are not used: effects of the rig that measured, not of the skin."""
+        return self._drawer.ignored
+
+    @property
+    def truth(self) -> View:
+        """What is true at this moment."""
+        return self._view
+
     def _orientation(self) -> FloatArray:
         """What the critic is told of how the object lies (4,); nothing of a marble."""
         return np.zeros(4)
@@ -329,6 +342,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             "drop": seen.dropped,
             "success": ended and not seen.dropped,
             "reward_terms": dict(terms),
+            "session_s": self._age_s,
             "randomized": {path: _plain(value) for path, value in self._values.items()},
             "noise": {path: _plain(value) for path, value in self._noise.items()},
         }

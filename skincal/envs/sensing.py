@@ -125,7 +125,7 @@ class View:
         normal, friction = vectors
         contacts = body.contacts(place, normal, self.skin.force_n, centre, tip.T @ self.body.rotation)
         across = normal[2] * friction[0] - normal[0] * friction[2]
-        return Felt(contacts, float(across), float(friction[1]), 0.0, self.q_rad)
+        return Felt(contacts, float(across), float(friction[1]))
 
 
 def view(scene: Scene, sensor: Sensor) -> View:

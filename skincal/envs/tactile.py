@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.model_objects import converter_of, layout_of
 from skincal.effects import EffectSkin, Samples, SkinStream
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
 from skincal.envs.patches import PatchMould
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.model import Contacts, Cylinder, SensorPose, Skin, SkinParameters
-from skincal.robot import Kinematics
-from skincal.sim.presses import PressTracker
-from skincal.sim.touch import TrueContact
 
 FloatArray = NDArray[np.float64]
+
+
+SESSION_S = 600.0
+"""A session may have gone on for so long when an episode begins; what drifts has drifted by then [s]."""
+_LOADING_M_PER_S = 0.01
+"""Speed at which the object is taken to have been pressed on the skin [m/s]."""
+_STEADY_N_PER_S = 0.4
+"""Forces that change slower are held [N/s]."""
+_NOTHING = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +36,11 @@ class Felt:
         contacts: one contact.
         shear_u_n: tangential force on the skin towards growing beta [N].
         shear_v_n: tangential force along +y [N].
-        gap_m: distance of object and surface at rest, negative inside [m].
-        q_rad: (n,) true angles of the links [rad].
     """
 
     contacts: Contacts
     shear_u_n: float
     shear_v_n: float
-    gap_m: float
-    q_rad: FloatArray
 
 
 class TactileSkin:
@@ -45,18 +48,16 @@ class TactileSkin:
 
     Args:
         pinch: the hand with the sensor.
-        kinematics: the same.
         resolution_m: longest edge of a tactile point's cell [m].
 
     Attributes:
         layout: the taxels.
     """
 
-    def __init__(self, pinch: Pinch, kinematics: Kinematics, resolution_m: float) -> None:
+    def __init__(self, pinch: Pinch, resolution_m: float) -> None:
         meta = pinch.description.meta
         self._surface = Cylinder(require_cylinder(pinch))
         self._converter = converter_of(meta.sensor)
-        self._kinematics = kinematics
         self.layout = layout_of(meta.sensor, None)
         self._mould = PatchMould(self._surface, self.layout, resolution_m)
 
@@ -71,13 +72,14 @@ class TactileSkin:
         low, high = self._converter.value_min, self._converter.value_max
         return -1e4 if low is None else low, 1e4 if high is None else high
 
-    def begin(self, values: Values, pose: SensorPose, body: Body) -> None:
+    def begin(self, values: Values, pose: SensorPose, body: Body, age_s: float) -> None:
         """Begins an episode.
 
         Args:
             values: the episode's draws.
             pose: where the patch is.
             body: what will touch.
+            age_s: for how long the session has gone on: what drifts depends on it [s].
         """
         scale = np.maximum(number(values, "skin.scale_per_n") + array(values, "skin.scale_offset_per_n"), 0.0)
         parameters = SkinParameters(number(values, "skin.elasticity_pa_per_m"), scale)
@@ -89,7 +91,7 @@ class TactileSkin:
         if effects:
             some = EffectSkin.of(self._skin, self._surface, effects, missing="abstain")
             self._stream = SkinStream(some)
-            self._tracker = PressTracker(self._kinematics)
+        self._age_s, self._before = age_s, (0.0, 0.0)
 
     def image(self, felt: Felt | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
         """The next tactile image (J,) [counts].
@@ -111,32 +113,37 @@ class TactileSkin:
         return self._skin.values(self._body.indenter, felt.contacts)[0]
 
     def _samples(self, felt: Felt | None, time_s: float) -> Samples:
-        nothing = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
-        contacts = nothing if felt is None else felt.contacts
-        n = len(self._kinematics.description.joints)
-        known = self._tracker.next(
-            TrueContact(
-                time_s=time_s,
-                point_m=contacts.points_m[0],
-                normal=contacts.normals[0],
-                force_n=float(contacts.force_n[0]),
-                shear_u_n=0.0 if felt is None else felt.shear_u_n,
-                shear_v_n=0.0 if felt is None else felt.shear_v_n,
-                gap_m=1.0 if felt is None else felt.gap_m,
-                q_rad=np.zeros(n) if felt is None else felt.q_rad,
-            )
-        )
-        return Samples.of(
-            contacts,
+        """The contact with what effects need to know besides.
+
+        A skin in use has been touched everywhere before: the cycle is not known, and what fades with it has faded.
+        """
+        touching = felt is not None
+        samples = Samples.of(
+            felt.contacts if touching else _NOTHING,
             self._body.indenter,
-            touching=[felt is not None],
-            press=[known.press],
-            time_s=[time_s],
-            phase=[known.phase],
-            speed_m_per_s=[known.speed_m_per_s],
-            cycle=[known.cycle],
-            pose=[known.pose],
+            touching=[touching],
+            press=[0 if touching else -1],
+            time_s=[self._age_s + time_s],
+            phase=[self._phase(felt, time_s)],
+            speed_m_per_s=[_LOADING_M_PER_S],
+            cycle=[np.nan],
+            pose=[-1],
             temperature_c=[np.nan],
-            shear_u_n=[0.0 if felt is None else felt.shear_u_n],
-            shear_v_n=[0.0 if felt is None else felt.shear_v_n],
+            shear_u_n=[felt.shear_u_n if touching else 0.0],
+            shear_v_n=[felt.shear_v_n if touching else 0.0],
         )
+        return replace(samples, start_s=0.0)
+
+    def _phase(self, felt: Felt | None, time_s: float) -> int:
+        """Whether the force rises, falls or stays."""
+        before, self._before = (
+            self._before,
+            (time_s, 0.0 if felt is None else float(felt.contacts.force_n[0])),
+        )
+        if felt is None:
+            return IDLE
+        passed = self._before[0] - before[0]
+        change = (self._before[1] - before[1]) / passed if passed > 0 else 0.0
+        if abs(change) < _STEADY_N_PER_S:
+            return HOLD
+        return LOAD if change > 0 else UNLOAD

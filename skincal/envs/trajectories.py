@@ -45,7 +45,7 @@ def wander(rng: np.random.Generator, steps: int, half_width_m: float) -> FloatAr
         here, count = there, count + number
     way = np.cumsum(np.concatenate([np.zeros((1, 2)), *parts]), axis=0)
     # The mean over the last steps: starts at the centre, and at rest.
-    return (way[rounding:] - way[:-rounding])[1 : steps + 1] / rounding
+    return (way[rounding:] - way[:-rounding])[:steps] / rounding
 
 
 def circle(steps: int) -> FloatArray:

@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import skincal.envs
 
-POLICIES = ("tactile", "joint-angles", "desired")
-
-
-@pytest.mark.parametrize("policy", POLICIES)
-@pytest.mark.parametrize("name", skincal.envs.ENVIRONMENTS)
+@pytest.mark.parametrize(
+    ("name", "policy"),
+    [
+        ("skincal/MarbleRoll-v0", "tactile"),
+        ("skincal/BoltRoll-v0", "tactile"),
+        ("skincal/MarbleRoll-v0", "joint-angles"),
+        pytest.param("skincal/MarbleRoll-v0", "desired", marks=pytest.mark.slow),
+        pytest.param("skincal/BoltRoll-v0", "joint-angles", marks=pytest.mark.slow),
+        pytest.param("skincal/BoltRoll-v0", "desired", marks=pytest.mark.slow),
+    ],
+)
 def test_gymnasium_finds_nothing_to_say(name: str, policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     env: Any = gymnasium.make(name, policy=policy)

@@ -1,0 +1,38 @@
+"""A controller that knows everything, to show that a task can be done."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skincal.robot import Kinematics
+
+
+def rolling(env: Any, to_m: np.ndarray, *, force_gain_m_per_n: float = 0.002) -> np.ndarray:
+    """The action that rolls the object to a place on the sensor (2,) [m], and presses with 1.5 N.
+
+    The object goes half as far as the tips move against each other; each of them takes half of that.
+    """
+    seen = env.truth
+    if seen.skin is None or seen.thumb is None:
+        return np.zeros(env.action_space.shape)
+    chains, sensor = Kinematics(env.pinch.description), env._sensor
+    u, v = to_m - seen.position_m
+    cos, sin = np.cos(sensor.alpha_rad), np.sin(sensor.alpha_rad)
+    normal, along = np.array(seen.skin.normal), seen.tip.rotation[:, 1]
+    across = np.cross(along, normal)
+    across /= np.linalg.norm(across)
+    # On a round finger the line of the centres turns as the object rolls.
+    lever = 1 + env._body_now.radius_m / sensor.radius_m
+    way = (u * cos - v * sin) * lever * across + (u * sin + v * cos) * along
+    press = force_gain_m_per_n * (1.5 - (seen.skin.force_n + seen.thumb.force_n) / 2)
+    skin, thumb = chains.frames(seen.q_rad)
+    dq = np.zeros(env.pinch.joints)
+    for chain, frames, touching, move in (
+        (chains.skin, skin, seen.skin, -way),
+        (chains.indenter, thumb, seen.thumb, way),
+    ):
+        jacobian = chain.jacobian(frames, np.array(touching.point_m)[None])[0]
+        dq[chain.columns] = np.linalg.solve(jacobian, move + press * np.array(touching.normal))
+    return np.clip(dq / (env.options.speed_rad_per_s / 10), -1, 1)
