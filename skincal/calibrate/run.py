@@ -113,7 +113,10 @@ def why_dropped(problem: FitProblem) -> str:
     if not reasons:
         return f"All {len(problem.status)} presses were used."
     told = "; ".join(f"{count} with {reason}" for reason, count in reasons.most_common())
-    return f"Of {len(problem.status)} presses {sum(reasons.values())} were not used: {told}."
+    if len(problem.status) == 1:
+        return f"The only press was not used: {problem.status[0]}."
+    dropped = sum(reasons.values())
+    return f"Of {len(problem.status)} presses {dropped} {'was' if dropped == 1 else 'were'} not used: {told}."
 
 
 def _plain_options(options: FitOptions, box: SearchBox) -> dict[str, object]:

@@ -10,6 +10,9 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet
 from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
 
+SLACK_SIGMAS = 50.0
+"""A slack of more sigmas than this is never used: one of the two is in another unit."""
+
 STUCK_SHARE = 0.9
 """A taxel that reads value_max in more than this share of the presses is called stuck."""
 
@@ -44,8 +47,15 @@ def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> N
 
 
 def _remark_on_slack(dataset: Dataset, findings: Findings) -> None:
-    """No press can be further off than its slack, whatever the sigma."""
+    """No press can be further off than its slack, whatever the sigma, and hardly one by many sigmas."""
     position = dataset.meta.position
+    if 0 < position.sigma_m < position.slack_m / SLACK_SIGMAS:
+        findings.warn(
+            "dataset.toml, [position] sigma_m",
+            f"a good part of slack_m = {position.slack_m:g}",
+            f"{position.sigma_m:g}",
+            "Twice sigma_m is a usual slack. Are both in metres?",
+        )
     if np.isfinite(position.sigma_m) and position.slack_m < position.sigma_m:
         findings.warn(
             "dataset.toml, [position] slack_m",

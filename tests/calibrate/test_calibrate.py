@@ -14,6 +14,7 @@ from benchmarks.sessions import make_session
 from skincal.calibrate import calibrate, search_box
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.problem import fit_problem, unroll
+from skincal.calibrate.run import why_dropped
 from skincal.calibrate.workers import (
     _interrupt_afterwards,  # pyright: ignore[reportPrivateUsage]
     mapper,
@@ -99,6 +100,18 @@ def test_no_usable_press_says_why(session: Dataset) -> None:
     silent = replace(session, presses=replace(session.presses, counts=np.zeros_like(session.presses.counts)))
     with pytest.raises(WorkError, match=r"no press can be used.*50 presses 50 were not used.*active taxels"):
         calibrate(silent, options=QUICK, workers=1)
+
+
+def test_why_presses_were_dropped_is_told_in_plain_words(session: Dataset) -> None:
+    problem = fit_problem(session, FitOptions())
+    one = replace(problem, status=("1 active taxel (at least 2 above 5 counts are needed)",))
+    assert why_dropped(one) == (
+        "The only press was not used: 1 active taxel (at least 2 above 5 counts are needed)."
+    )
+    assert why_dropped(replace(problem, status=("used", "used"))) == "All 2 presses were used."
+    assert why_dropped(replace(problem, status=("used", "no position"))) == (
+        "Of 2 presses 1 was not used: 1 with no position."
+    )
 
 
 def test_a_calibration_comes_back_from_its_folder(session: Dataset, tmp_path: Path) -> None:

@@ -326,12 +326,21 @@ def test_what_cannot_be_used_but_is_well_formed_is_a_warning(folder: Path) -> No
     assert any("none in any press" in str(w) for w in check.warnings)
 
 
-def test_a_slack_below_sigma_is_a_warning(folder: Path) -> None:
-    path = folder / "dataset.toml"
-    path.write_text(re.sub(r"(?m)^slack_m = .*$", "slack_m = 2e-6", path.read_text()))
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("slack_m = 2e-6", "slack_m: expected more than sigma_m"),
+        ("sigma_m = 1e-6", "sigma_m: expected a good part of slack_m"),
+    ],
+)
+def test_a_slack_and_a_sigma_that_do_not_belong_together_are_a_warning(
+    folder: Path, wrong: str, said: str
+) -> None:
+    path, key = folder / "dataset.toml", wrong.split()[0]
+    path.write_text(re.sub(rf"(?m)^{key} = .*$", wrong, path.read_text()))
     check = check_dataset(folder)
     assert not check.errors
-    assert any("slack_m: expected more than sigma_m" in str(w) for w in check.warnings)
+    assert any(said in str(w) for w in check.warnings)
 
 
 WARNED: list[tuple[Edit, str]] = [
