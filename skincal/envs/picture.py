@@ -18,6 +18,8 @@ HEIGHT, WIDTH = 360, 480
 """Size of the view of the hand [pixels]; the panel beside it is as high, and square."""
 _EYE_M = (0.22, 0.02, 0.04)
 """From where the hand is looked at, from the middle between the tips [m]."""
+FULL_COUNTS = 100.0
+"""The count that is shown brightest: 1.5 N on a taxel's middle come near it [counts]."""
 _SPAN_M = 0.020
 """The panel shows so much of the sensor [m]."""
 _BACK = (24, 24, 32)
@@ -62,7 +64,6 @@ def panel(
     image: FloatArray | None,
     centres_m: FloatArray,
     sizes_m: FloatArray,
-    full: float,
     target_m: FloatArray,
     place_m: FloatArray,
 ) -> Picture:
@@ -72,12 +73,11 @@ def panel(
         image: (J,) counts; None: nothing is felt, the taxels stay dark.
         centres_m: (J, 2) centres of the taxels [m].
         sizes_m: (J, 2) their edges [m].
-        full: the count that is shown brightest.
         target_m: (2,) where the object shall be: a green cross [m].
         place_m: (2,) where it is: a white ring [m].
     """
     picture = np.full((HEIGHT, HEIGHT, 3), _BACK, dtype=np.float64)
-    share = np.zeros(len(centres_m)) if image is None else image / full
+    share = np.zeros(len(centres_m)) if image is None else image / FULL_COUNTS
     for centre, size, colour in zip(centres_m, sizes_m, colours(share), strict=True):
         (u0, v1), (u1, v0) = _pixel(centre - size / 2), _pixel(centre + size / 2)
         picture[v0:v1, u0:u1] = colour
@@ -123,9 +123,9 @@ class Board:
         ]
         engine.resetDebugVisualizerCamera(0.25, 100, -10, centre_m.tolist(), physicsClientId=client)
 
-    def show(self, image: FloatArray, full: float) -> None:
+    def show(self, image: FloatArray) -> None:
         """Colours the tiles by counts (J,)."""
-        for tile, colour in zip(self._tiles, colours(image / full) / 255.0, strict=True):
+        for tile, colour in zip(self._tiles, colours(image / FULL_COUNTS) / 255.0, strict=True):
             self._scene.engine.changeVisualShape(
                 tile, -1, rgbaColor=[*colour.tolist(), 1.0], physicsClientId=self._scene.client
             )

@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.envs.pinch import Pinch
+from skincal.robot.urdf import rotation_of
 
 FloatArray = NDArray[np.float64]
 
 _BONE_RADIUS_M = 0.008
+_SKIN_COLOUR = "0.3 0.45 0.75 1"
+_BONE_COLOUR = "0.75 0.75 0.78 1"
 
 
 def pinch_urdf(pinch: Pinch, *, visible: bool) -> str:
@@ -57,26 +60,37 @@ def _capsule(radius_m: float, length_m: float) -> tuple[str, str]:
 
 def _add_visuals(robot: ElementTree.Element, pinch: Pinch) -> None:
     """Both tips as they collide, and a bone from each joint to the next one."""
-    skin_tip = pinch.description.skin_finger.tip_link
-    tip = _link(robot, skin_tip)
+    tip = _link(robot, pinch.description.skin_finger.tip_link)
     for collision in tip.findall("collision"):
-        shape = collision.find("geometry")
-        origin = collision.find("origin")
-        assert shape is not None
-        visual = ElementTree.SubElement(tip, "visual")
-        visual.extend([*([origin] if origin is not None else []), shape])
-        visual.append(
-            ElementTree.fromstring('<material name="skin"><color rgba="0.3 0.45 0.75 1"/></material>')
-        )
-    grey = "0.75 0.75 0.78 1"
-    _link(robot, pinch.thumb.tip_link).append(
-        _part("visual", _capsule(pinch.thumb.radius_m, pinch.thumb.length_m), grey)
-    )
+        tip.extend(_looks(collision, _SKIN_COLOUR))
+    thumb = _link(robot, pinch.thumb.tip_link)
+    for collision in thumb.findall("collision"):
+        thumb.extend(_looks(collision, _BONE_COLOUR))
     for joint in robot.findall("joint"):
         parent, origin = joint.find("parent"), joint.find("origin")
         place = [float(v) for v in (origin.get("xyz", "0 0 0") if origin is not None else "0 0 0").split()]
         length = float(np.linalg.norm(place))
         if parent is None or length < 0.02 or abs(place[1]) < 0.99 * length:
             continue
-        bone = _capsule(_BONE_RADIUS_M, length)
-        _link(robot, parent.get("link", "")).append(_part("visual", bone, grey))
+        bone = _part("collision", _capsule(_BONE_RADIUS_M, length))
+        _link(robot, parent.get("link", "")).extend(_looks(bone, _BONE_COLOUR))
+
+
+def _looks(collision: ElementTree.Element, colour: str) -> list[ElementTree.Element]:
+    """Visuals for a collision shape: of a capsule a cylinder and two balls, as the renderer has pointed capsules."""
+    origin, geometry = collision.find("origin"), collision.find("geometry")
+    assert geometry is not None
+    text = "" if origin is None else ElementTree.tostring(origin, encoding="unicode").strip()
+    capsule = geometry.find("capsule")
+    if capsule is None:
+        shape = "".join(ElementTree.tostring(item, encoding="unicode") for item in geometry)
+        return [_part("visual", (text, shape), colour)]
+    size = {key: float(capsule.get(key, "0")) for key in ("radius", "length")}
+    attributes = {} if origin is None else origin.attrib
+    middle = np.array([float(v) for v in attributes.get("xyz", "0 0 0").split()])
+    turn = rotation_of(*(float(v) for v in attributes.get("rpy", "0 0 0").split()))
+    ends = [middle + sign * size["length"] / 2 * turn[:, 2] for sign in (-1.0, 1.0)]
+    ball = f'<sphere radius="{size["radius"]}"/>'
+    shapes = [(text, f'<cylinder radius="{size["radius"]}" length="{size["length"]}"/>')]
+    shapes += [(f'<origin xyz="{x} {y} {z}"/>', ball) for x, y, z in ends]
+    return [_part("visual", shape, colour) for shape in shapes]

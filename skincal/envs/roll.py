@@ -357,7 +357,6 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             self.image if self.policy == "tactile" else None,
             self.skin.layout.centres_m,
             self.skin.layout.sizes_m,
-            self.skin.range_counts[1],
             self._target_m(),
             self._view.position_m,
         )
@@ -371,7 +370,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             self._board = Board(self._scene, self._grasp.centre_m, self.skin.layout.centres_m)
             self._shown_s = time.monotonic()
         if self.policy == "tactile":
-            self._board.show(self.image, self.skin.range_counts[1])
+            self._board.show(self.image)
         self._shown_s += 1 / POLICY_HZ
         time.sleep(max(0.0, self._shown_s - time.monotonic()))
 
