@@ -269,3 +269,11 @@ def test_an_effect_without_a_trace_is_not_expected():
         posed = effect["parameters"]["stretch_per_m"] == (0.0, 0.0)
         assert label["expected"] == ("none" if posed else "effects")
         assert (effect["strength_g"] < 0.05) == posed
+
+
+def test_a_layer_is_as_stiff_as_its_equivalent_foundation():
+    force_m3 = 2.5 / E_PA_PER_M
+    alike = ImageStore(Layer(6e-3, 0.46, coat=0.2), 6 / E_PA_PER_M, force_m3).fields(ContactKind(0.006))
+    depth = np.interp(np.sqrt(force_m3), alike.root, alike.depth_m)
+    assert depth == pytest.approx(Foundation().depths_m(0.006, np.array([force_m3]), None)[0], rel=0.02)
+    assert alike.root[-1] ** 2 >= 6 / E_PA_PER_M

@@ -10,7 +10,7 @@ from benchmarks.blind.truth.contact import Foundation, Hardening, Law, Layer
 from benchmarks.blind.truth.images import ContactKind, ImageStore
 from benchmarks.blind.truth.rig import FINGER_RADIUS_M, SPHERES_M, Floats, Ints, centres_m
 
-LARGEST_N = 8.0
+LARGEST_N, ALIKE_N = 8.0, 2.5
 LAWS = ("foundation", "layer")
 
 
@@ -20,7 +20,7 @@ class Body:
 
     Attributes:
         y_m, beta_deg, alpha_deg: pose of the patch.
-        elasticity_pa_per_m: E, of a layer its stiffness under even pressure.
+        elasticity_pa_per_m: E; of a layer that of the foundation which sinks in as far under 2.5 N.
         scale_per_n: S.
         constant_m: constant error of measured positions, round and along the finger [m].
         sigma_m: random error of measured positions in each direction [m].
@@ -115,6 +115,12 @@ def values(
     return body.scale_per_n * elasticity * found
 
 
+def image_store(law: Law, elasticity_pa_per_m: float) -> ImageStore:
+    """Fields of a law; one that is no foundation is as stiff as a foundation at usual forces."""
+    alike = None if isinstance(law, Foundation) else ALIKE_N / elasticity_pa_per_m
+    return ImageStore(law, LARGEST_N / elasticity_pa_per_m, alike)
+
+
 def draw_body(rng: np.random.Generator, law: str) -> Body:
     """A body; ``law`` is ``foundation`` or ``layer``."""
     elasticity = float(np.exp(rng.uniform(*np.log([2.4e8, 8e8]))))
@@ -127,13 +133,14 @@ def draw_body(rng: np.random.Generator, law: str) -> Body:
         constant_m=(rng.uniform(-0.5e-3, 0.5e-3), rng.uniform(-0.4e-3, 0.4e-3)),
         sigma_m=rng.uniform(0.4e-3, 0.6e-3),
         noise_counts=1.0,
-        images=ImageStore(_draw_law(rng, law), LARGEST_N / elasticity),
+        images=image_store(_draw_law(rng, law), elasticity),
     )
 
 
 def _draw_law(rng: np.random.Generator, law: str) -> Law:
+    """A foundation; or a layer, thin and compressible to nearly a half space, half of them under a coat."""
     if law == "foundation":
         return Foundation()
     if rng.uniform() < 0.5:
-        return Layer(rng.uniform(1e-3, 2.5e-3), rng.uniform(0.3, 0.45))
-    return Layer(rng.uniform(3e-3, 5e-3), rng.uniform(0.4, 0.46), coat=rng.uniform(0.5, 0.8))
+        return Layer(rng.uniform(1e-3, 2.5e-3), rng.uniform(0.3, 0.48))
+    return Layer(rng.uniform(3e-3, 8e-3), rng.uniform(0.42, 0.48), coat=rng.uniform(0.0, 0.6))

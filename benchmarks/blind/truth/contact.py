@@ -92,6 +92,10 @@ class Fields:
     felt: Floats
     depth_m: Floats
 
+    def stiffened(self, factor: float) -> Fields:
+        """Those of a law that is stiffer by a factor."""
+        return Fields(np.sqrt(factor) * self.root, factor * self.felt, self.depth_m)
+
 
 @dataclass(frozen=True)
 class Foundation:

@@ -13,9 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.blind.truth.body import LARGEST_N, Body
+from benchmarks.blind.truth.body import Body, image_store
 from benchmarks.blind.truth.effect import Effect, Scene
-from benchmarks.blind.truth.images import ImageStore
 from benchmarks.blind.truth.rig import NOMINAL_Y_M, TAXELS, Floats, Ints
 from benchmarks.blind.truth.taxels import DeadTaxel
 
@@ -44,7 +43,7 @@ def disturbed_body(rng: np.random.Generator, body: Body, decoy: str | None) -> B
         alpha_deg=sign[2] * rng.uniform(12.0, 17.0),
         elasticity_pa_per_m=elasticity,
         scale_per_n=rng.uniform(40.0, 52.0) if rng.uniform() < 0.5 else rng.uniform(85.0, 105.0),
-        images=ImageStore(body.images.law, LARGEST_N / elasticity),
+        images=image_store(body.images.law, elasticity),
     )
 
 

@@ -14,8 +14,8 @@ from scipy import fft
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import map_coordinates, spline_filter
 
-from benchmarks.blind.truth.contact import SIDE, SPACING_M, Fields, Hardening, Law
-from benchmarks.blind.truth.rig import TAXEL_M, Floats
+from benchmarks.blind.truth.contact import SIDE, SPACING_M, Fields, Foundation, Hardening, Law
+from benchmarks.blind.truth.rig import SPHERES_M, TAXEL_M, Floats
 
 _LEVELS = 40
 
@@ -86,10 +86,13 @@ class ImageStore:
     Args:
         law: of the contact.
         largest_m3: the largest force over E that is asked for [m³].
+        alike_m3: a force over E at which the larger sphere shall sink in as far as into a foundation [m³]: the law is
+            made stiffer by what it takes, so that E is that of an equivalent foundation. None leaves it as it is.
     """
 
-    def __init__(self, law: Law, largest_m3: float) -> None:
+    def __init__(self, law: Law, largest_m3: float, alike_m3: float | None = None) -> None:
         self.law, self._largest = law, largest_m3
+        self.stiffer = 1.0 if alike_m3 is None else _stiffness_ratio(law, alike_m3)
         self._fields: dict[tuple[float, Hardening | None], Fields] = {}
         self._images: dict[tuple[ContactKind, float], Images] = {}
 
@@ -97,7 +100,9 @@ class ImageStore:
         """Pressures of a kind of contact."""
         key = (kind.sphere_m, kind.hardening)
         if key not in self._fields:
-            self._fields[key] = self.law.fields(kind.sphere_m, self._largest, kind.hardening)
+            self._fields[key] = self.law.fields(
+                kind.sphere_m, self._largest / self.stiffer, kind.hardening
+            ).stiffened(self.stiffer)
         return self._fields[key]
 
     def images(self, kind: ContactKind, alpha_deg: float) -> Images:
@@ -106,3 +111,13 @@ class ImageStore:
         if key not in self._images:
             self._images[key] = Images(self.fields(kind), alpha_deg, kind.sheet_m)
         return self._images[key]
+
+
+def _stiffness_ratio(law: Law, force_m3: float) -> float:
+    """Stiffness of a foundation over that of a law, at the depth to which the foundation gives way."""
+    depth = Foundation().depths_m(SPHERES_M[0], np.array([force_m3]), None)[0]
+    # A law that is much stiffer is not solved for far deeper than it is needed.
+    fields = law.fields(SPHERES_M[0], 2 * force_m3, None)
+    while fields.depth_m[-1] < depth:
+        fields = law.fields(SPHERES_M[0], 2 * float(fields.root[-1]) ** 2, None)
+    return force_m3 / float(np.interp(depth, fields.depth_m, fields.root)) ** 2
