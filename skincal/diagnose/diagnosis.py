@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from skincal.calibration import Calibration, Finding
+from skincal.collect import Plan
 from skincal.diagnose.audit import AuditReport
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.gap.choose import Choice, Material
@@ -68,6 +69,7 @@ class Diagnosis:
         options: settings.
         seed: of the randomness.
         next_presses: in words, the presses that would tell what is still open.
+        next_plan: these presses, where there are such; it is written beside the report.
     """
 
     verdict: Verdict
@@ -88,3 +90,4 @@ class Diagnosis:
     options: DiagnoseOptions
     seed: int
     next_presses: tuple[str, ...] = ()
+    next_plan: Plan | None = None

@@ -15,6 +15,8 @@ class DiagnoseOptions:
         null_draws: null sessions of each contact law.
         choice: when an effect is named.
         explained: part of the excess that the named effects must explain together; else the verdict is ``unknown``.
+        structure: something is missing where a residual depends on something by so many times the most of any null
+            session, whether an effect explains it or not.
         unexplained: part of the excess that may be left before a diagnosis says that something is.
         reach_m: how far a press is looked for from its measured place where the dataset does not bound it [m].
     """
@@ -22,6 +24,7 @@ class DiagnoseOptions:
     null_draws: int = 60
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     explained: float = 0.75
+    structure: float = 5.0
     unexplained: float = 0.12
     reach_m: float = 2e-3
 

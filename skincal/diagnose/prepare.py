@@ -24,6 +24,9 @@ from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, split_presses
 from skincal.gap.start import start_places
 from skincal.model.arrays import FloatArray, IntArray
 
+FORCE_SIGMA = 0.004
+"""By how much the force of a whole press may be off, relative, before that is an effect of its own."""
+
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
 
@@ -92,7 +95,9 @@ def prepare(
     reading = Reading.of(session, sigma, model.readout)
     extra = calibration.loss.extra
     sigma_m = _positive(extra.get("position_sigma_m"), dataset.meta.position.sigma_m)
-    refit = RefitOptions(sigma_m, _positive(extra.get("force_sigma_relative"), 0.005))
+    # What a fit found of the positions counts where it is sharper than what the data say. What it found of the forces
+    # does not: a gain that drifts looks like forces that are off, and would then be explained away.
+    refit = RefitOptions(min(sigma_m, dataset.meta.position.sigma_m), FORCE_SIGMA)
     reach = dataset.meta.position.slack_m
     reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
     names = pose_names(dataset)

@@ -7,7 +7,7 @@ one. What was named is fitted once more to all presses for the calibration that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,7 +39,7 @@ from skincal.gap.twin import twins_for
 from skincal.model.arrays import FloatArray, IntArray
 
 Heard = Callable[[str], None]
-_SIGNIFICANT = 0.01
+_LEAST_FALL = 20.0
 _WIDTH = 1.96
 
 
@@ -115,7 +115,8 @@ def diagnose(
     )
     heard("gap on presses nobody has fitted")
     gap = _gap(ready, base, choice, again)
-    verdict, unexplained = judged(choice, null, options)
+    told = _signatures(scene, base, null, signs)
+    verdict, unexplained = judged(choice, null, told, options)
     effects = () if verdict != "effects" else _named(choice, ready, base, dataset)
     heard("calibration")
     final = calibration if verdict != "effects" else _refitted(ready, base, choice, calibration, dataset)
@@ -129,7 +130,7 @@ def diagnose(
         audit,
         null,
         choice,
-        _signatures(scene, base, null, signs),
+        told,
         findings_of(
             dataset.layout(),
             dataset.presses.press,
@@ -192,16 +193,20 @@ def _null(
     return kept.null(scene, library, errors, options.null_draws, rng, signs)
 
 
-def judged(choice: Choice, null: Null, options: DiagnoseOptions) -> tuple[Verdict, bool]:
-    """The verdict, and whether something significant is left unexplained."""
-    if not choice.rounds or choice.excess[0] <= 0:
-        return "none", False
-    found = choice.rounds[0].found[0]
-    if not choice.named and null.p_value(found.effect, found.scored) > options.choice.significant:
-        return "none", False
+def judged(
+    choice: Choice, null: Null, signatures: Sequence[Signature], options: DiagnoseOptions
+) -> tuple[Verdict, bool]:
+    """The verdict, and whether something significant is left unexplained.
+
+    Something is missing where an effect scores as none does in null sessions, or where the residual depends on
+    something far more than in any of them. It is named if what was named explains most of it.
+    """
     if choice.named and choice.explained >= options.explained:
         return "effects", 1 - choice.explained > options.unexplained
-    return "unknown", True
+    strongest = max((s.times_null for s in signatures), default=0.0)
+    if choice.named or strongest >= options.structure:
+        return "unknown", True
+    return "none", False
 
 
 def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) -> Gap:
@@ -251,8 +256,10 @@ def _signatures(
     found: list[Signature] = []
     for name, (meaning, columns) in signs.items():
         fall = float(signature_falls(whole, columns, whole.residual)[0])
-        beaten = int((null.signatures[name] >= fall).sum())
-        found.append(Signature(name, meaning, fall / excess, (1 + beaten) / (1 + len(null.laws))))
+        own = null.signatures[name]
+        chance = (1 + int((own >= fall).sum())) / (1 + len(null.laws))
+        most = max(_LEAST_FALL, float(own.max(initial=0.0)))
+        found.append(Signature(name, meaning, fall / excess, chance, fall / most))
     return tuple(sorted(found, key=lambda s: -s.share))
 
 

@@ -24,6 +24,7 @@ from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray
 
 Heard = Callable[[str], None]
+_SHARES = (1.0, 0.3)
 
 
 @dataclass(frozen=True)
@@ -264,11 +265,20 @@ def _fitted(
 
 
 def extended(model: Model, found: Found, material: Material) -> Model:
-    """A model with one more effect, all of it fitted again."""
+    """A model with one more effect, all of it fitted again.
+
+    The search saw sensor and places to first order only. Where the fit from its end comes out worse than without the
+    effect, it is started again nearer to neutral.
+    """
     coords = (*model.coords, *found.start.coords)
-    x = np.concatenate([model.refit.x, found.x])
     held = {**model.held, **found.start.held}
-    return fitted(model.hypothesis, coords, x, held, material)
+    tried: list[Model] = []
+    for share in _SHARES:
+        x = np.concatenate([model.refit.x, share * found.x])
+        tried.append(fitted(model.hypothesis, coords, x, held, material))
+        if tried[-1].refit.objective < model.refit.objective:
+            break
+    return min(tried, key=lambda m: m.refit.objective)
 
 
 def fitted(

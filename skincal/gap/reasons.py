@@ -94,27 +94,45 @@ class Rule:
     Attributes:
         missing: whether it does.
         text: what to say.
+        cure: what to record instead.
         of: covariate that the rule looks at; where it was not recorded at all, that is said instead.
     """
 
     missing: Callable[[Facts], bool]
     text: str
+    cure: str
     of: str = ""
 
 
-_NO_FRAMES = Rule(lambda f: not f.frames, "no frames: only the mean of each hold was recorded")
-_NO_CLOCK = Rule(lambda f: not f.clock, "no times of the presses were recorded")
-_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", "pose")
-_ONE_FORCE = Rule(lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard")
+_NO_FRAMES = Rule(
+    lambda f: not f.frames, "no frames: only the mean of each hold was recorded", "record every frame"
+)
+_NO_CLOCK = Rule(
+    lambda f: not f.clock, "no times of the presses were recorded", "record when each press begins and ends"
+)
+_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", "press in two hand poses", "pose")
+_ONE_FORCE = Rule(
+    lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard", "press gently and hard"
+)
 _NO_UNLOADING = Rule(
-    lambda f: not f.falling, "no frames, and no hold that is reached from above: unloading is not seen"
+    lambda f: not f.falling,
+    "no frames, and no hold that is reached from above: unloading is not seen",
+    "record every frame",
 )
 _ONE_SPEED = Rule(
-    lambda f: f.speeds < _SAME_SPEED, "all presses are equally fast, which only moves the scale", "speed"
+    lambda f: f.speeds < _SAME_SPEED,
+    "all presses are equally fast, which only moves the scale",
+    "load slowly and fast",
+    "speed",
 )
-_ONE_TOUCH = Rule(lambda f: not f.again, "no site is touched a second time", "cycle")
-_NO_SHEAR = Rule(lambda f: f.shear_n < _SHEAR_N, "there is hardly any tangential force", "shear")
-_ONE_INDENTER = Rule(lambda f: f.radii < 2, "there is one indenter only")
+_ONE_TOUCH = Rule(lambda f: not f.again, "no site is touched a second time", "come back to sites", "cycle")
+_NO_SHEAR = Rule(
+    lambda f: f.shear_n < _SHEAR_N,
+    "there is hardly any tangential force",
+    "press with tangential force, too",
+    "shear",
+)
+_ONE_INDENTER = Rule(lambda f: f.radii < 2, "there is one indenter only", "press with a second indenter, too")
 
 _RULES: Final[Mapping[str, tuple[Rule, ...]]] = MappingProxyType(
     {
@@ -137,13 +155,23 @@ _RULES: Final[Mapping[str, tuple[Rule, ...]]] = MappingProxyType(
 )
 
 
+_CURES = {
+    "time": _NO_CLOCK.cure,
+    "phase": _NO_FRAMES.cure,
+    "pose": "press in two hand poses, and record which",
+    "speed": "load slowly and fast, and record how fast",
+    "cycle": "come back to sites, and record how often each was touched before",
+    "temperature": "record the temperature",
+    "shear": "press with tangential force, too, and record it",
+}
+"""What to record where a covariate is missing."""
+
+
 def why_not(found: EffectAudit, facts: Facts) -> str:
     """Why an effect cannot be seen: the covariates and kinds of press that are missing, else what hides it."""
-    rules = _RULES.get(found.name, ())
-    said = [rule.text for rule in rules if rule.missing(facts) and rule.of not in found.lacking]
-    # Without a clock that is said already, and a temperature only adds to what a clock shows.
-    told = {"time", "phase", "temperature"} if said else set[str]()
-    columns = [_COLUMNS.get(name, COVARIATES[name]) for name in found.lacking if name not in told]
+    rules, lacking = _missing(found, facts)
+    said = [rule.text for rule in rules]
+    columns = [_COLUMNS.get(name, COVARIATES[name]) for name in lacking]
     if columns:
         said.insert(0, f"no {' and no '.join(columns)} recorded")
     if said:
@@ -153,3 +181,24 @@ def why_not(found: EffectAudit, facts: Facts) -> str:
     if found.lost.base > found.lost.presses:
         return "another pose, E and scale of the base model look the same"
     return "places, forces and the doubt of each press's image take it up"
+
+
+def cures(found: EffectAudit, facts: Facts) -> tuple[str, ...]:
+    """What to record so that an effect can be seen, a few words each."""
+    rules, lacking = _missing(found, facts)
+    said = dict.fromkeys([*(rule.cure for rule in rules), *(_CURES[name] for name in lacking)])
+    if said:
+        return tuple(said)
+    if found.raw_distance < found.threshold:
+        return ("press harder and on more taxels, and hold longer",)
+    if found.lost.base > found.lost.presses:
+        return ("vary forces, sites and the hand's pose more, each apart from the others",)
+    return ("measure places and forces better, or come back to the same sites",)
+
+
+def _missing(found: EffectAudit, facts: Facts) -> tuple[list[Rule], list[str]]:
+    """The rules that a session breaks, and the covariates beside them that it lacks."""
+    rules = [r for r in _RULES.get(found.name, ()) if r.missing(facts) and r.of not in found.lacking]
+    # Without a clock that is said already, and a temperature only adds to what a clock shows.
+    told = {"time", "phase", "temperature"} if rules else set[str]()
+    return rules, [name for name in found.lacking if name not in told]

@@ -28,7 +28,7 @@ from skincal.model.arrays import BoolArray, FloatArray, as_floats
 BASE_SIZE = 5
 _STEPS = np.array([5e-5, 5e-5, 0.01, 0.02, 0.02])
 """Steps of differences: across, along [m], alpha [rad], logarithms of E and S."""
-_MOST = np.array([5e-4, 5e-4, 0.05, 0.3, 0.1])
+_MOST = np.array([5e-4, 5e-4, 0.05, 0.4, 0.7])
 """The longest step of the base model at a time."""
 _MOST_PLACE_M = 3e-4
 _MOST_COORDINATE = 1.0

@@ -33,12 +33,14 @@ class Signature:
         meaning: in a few words.
         share: part of the excess that it explains.
         p_value: of explaining as much in a null session.
+        times_null: what it explains over the most that it explains in any null session.
     """
 
     name: str
     meaning: str
     share: float
     p_value: float
+    times_null: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
