@@ -6,6 +6,7 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -252,7 +253,8 @@ def _tell(outcome: Outcome, out: Path, report: bool) -> None:
         table.add_column(column, justify="left" if column == "parameter" else "right")
     best = outcome.calibration.model.best()
     for name, (low, high) in outcome.calibration.intervals.items():
-        table.add_row(name, f"{best[name]:.5g}", f"{low:.5g}", f"{high:.5g}")
+        ends = (f"{low:.5g}", f"{high:.5g}") if isfinite(high - low) else ("not", "told")
+        table.add_row(name, f"{best[name]:.5g}", *ends)
     console.print(table)
     say(why_dropped(result.problem))
     if outcome.resumed:

@@ -70,6 +70,8 @@ def headline(result: FitResult) -> tuple[bool, str]:
     warnings = sum(finding.severity == "warning" for finding in result.findings)
     if not warnings:
         return True, "Nothing needs attention. The calibration can be used as it is."
+    if not result.told:
+        return False, "Do not use this calibration: the data do not tell its parameters."
     things = "One thing needs" if warnings == 1 else f"{warnings} things need"
     return False, f"{things} attention before this calibration is relied on."
 

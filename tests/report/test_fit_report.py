@@ -284,6 +284,16 @@ def test_what_needs_attention_comes_with_advice(
     assert "spread pressure sideways" not in page.text
 
 
+def test_a_calibration_that_is_told_by_nothing_is_not_to_be_used(fitted: Fitted) -> None:
+    warned = (FitFinding("few_draws", "warning", "The draws do not tell."),)
+    changed = replace(fitted[0], findings=warned)
+    assert headline(changed) == (False, "One thing needs attention before this calibration is relied on.")
+    assert headline(replace(changed, effective_draws=3.0)) == (
+        False,
+        "Do not use this calibration: the data do not tell its parameters.",
+    )
+
+
 def test_unused_presses_are_counted_with_their_reasons(fitted: Fitted) -> None:
     result = fitted[0]
     status = tuple("no positive force" if k < 2 else s for k, s in enumerate(result.problem.status))
