@@ -84,10 +84,14 @@ def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
         draws: at most so many rows are kept, evenly spaced over those that there are.
 
     Raises:
-        InputError: the calibration holds no draws, or fewer than one is asked for.
+        InputError: the calibration holds no draws, or draws that tell nothing, or fewer than one is asked for.
     """
     if draws < 1:
         raise InputError([Problem("draws", "a number above 0", str(draws))])
+    if not any(calibration.identified(name) for name in calibration.intervals):
+        place = f"{calibration.folder or 'the calibration'}/calibration.toml, [intervals]"
+        fix = "Its draws tell nothing. Collect more presses; without the draws the preset's ranges are exported."
+        raise InputError([Problem(place, "a parameter that the data tell", "none", fix)])
     if not calibration.draws:
         raise InputError(
             [
