@@ -54,13 +54,18 @@ WORDS: Mapping[Factor, str] = {
 }
 
 PRESSES, _TOUCHES, _LEVELS = 30, 4, 5
+_EITHER: tuple[Factor, ...] = ("force", "pace")
 
 
 def factors_of(signatures: Sequence[Signature], significant: float, rig: Rig, most: int = 2) -> list[Factor]:
     """What to vary, by the signatures that are clear, strongest first; force and pace where none is."""
-    clear = [FACTORS[s.name] for s in signatures if s.p_value <= significant and s.name in FACTORS]
-    able = [f for f in clear if (f != "poses" or len(rig.poses) > 1) and (f != "indenters" or rig.radii_m)]
-    return list(dict.fromkeys(able))[:most] or ["force", "pace"]
+    clear: list[Factor] = [
+        FACTORS[s.name] for s in signatures if s.p_value <= significant and s.name in FACTORS
+    ]
+    able: list[Factor] = [
+        f for f in clear if (f != "poses" or len(rig.poses) > 1) and (f != "indenters" or rig.radii_m)
+    ]
+    return sorted(set(able), key=able.index)[:most] or [*_EITHER]
 
 
 def ladder_plan(factors: Sequence[Factor], rig: Rig, rng: np.random.Generator) -> Plan:
@@ -97,7 +102,8 @@ def _varied(
     if factor == "touches":
         return [p for p in sites[: max(1, count // _TOUCHES)] for _ in range(_TOUCHES)]
     levels = _levels(factor, usual, rig)
-    places = sites[: max(1, count // (2 * len(levels)))]
+    # A single level goes over more sites than come back.
+    places = sites[: max(1, 2 * count // 3 if len(levels) == 1 else count // (2 * len(levels)))]
     made = [replace(p, u_m=at.u_m, v_m=at.v_m) for at in places for p in levels]
     chosen = list(itertools.islice(itertools.cycle(made), count))
     return [chosen[int(i)] for i in rng.permutation(count)]

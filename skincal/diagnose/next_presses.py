@@ -32,6 +32,8 @@ PICKED = 24
 _USEFUL = 1.15
 """Presses are worth making that raise the distance of two explanations by this factor."""
 
+_MANY = 3
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -189,7 +191,8 @@ def _shape(found: Diagnosis, rig: Rig, words: tuple[str, ...], rng: np.random.Ge
     factors = factors_of(found.signatures, found.options.choice.significant, rig)
     plan = ladder_plan(factors, rig, rng)
     how = " and ".join(WORDS[f] for f in factors)
-    clear = [s.meaning for s in found.signatures if s.p_value <= found.options.choice.significant][:2]
+    significant = [s for s in found.signatures if s.p_value <= found.options.choice.significant]
+    clear = [f"{s.meaning} ({100 * min(s.share, 1.0):.0f} %)" for s in significant[:2]]
     why = (
         f"the residual goes along with {' and '.join(clear)}" if clear else "on what it depends is not clear"
     )
@@ -205,3 +208,5 @@ def _unseen(found: Diagnosis) -> Iterator[str]:
         groups.setdefault(cures(found.audit.effects[name], facts), []).append(name)
     for cure, names in groups.items():
         yield f"to see {', '.join(names)}: {'; '.join(cure)}"
+    if len(groups) >= _MANY:
+        yield "skincal collect --protocol full does all of this in one session, but for tangential forces"

@@ -82,8 +82,7 @@ def _surroundings(session: GapSession, dataset: Dataset, rng: np.random.Generato
 def _course(plan: Plan, rig: Rig) -> Course:
     ramp = [rig.ramp[0] + rig.ramp[1] * p.force_n / p.speed_m_per_s for p in plan.presses]
     lasts = np.array([[0.0, r, p.hold_s, r] for r, p in zip(ramp, plan.presses, strict=True)])
-    before = (
-        rig.idle_s * np.arange(1, len(plan) + 1) + np.concatenate([[0.0], np.cumsum(lasts.sum(axis=1))])[:-1]
-    )
-    idle = np.full(len(plan), min(rig.idle_s, 1.0))
-    return Course(before[:, None] + np.cumsum(lasts, axis=1), idle)
+    own = lasts.sum(axis=1)
+    before = rig.idle_s * np.arange(1, len(plan) + 1) + np.cumsum(own) - own
+    times = as_floats(before[:, None] + np.cumsum(lasts, axis=1))
+    return Course(times, np.full(len(plan), min(rig.idle_s, _REST_S)))

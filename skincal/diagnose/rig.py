@@ -96,9 +96,8 @@ class Rig:
     @property
     def usual(self) -> PlannedPress:
         """A press of middle force, fast, with a short hold, in the middle of what was pressed."""
-        middle = np.round((np.array(self.low_m) + self.high_m) / 2, 3)
-        force = round(float(np.sqrt(self.forces_n[0] * self.forces_n[1])), 3)
-        u, v = float(middle[0]), float(middle[1])
+        u, v = (round((low + high) / 2, 3) + 0.0 for low, high in zip(self.low_m, self.high_m, strict=True))
+        force = round((self.forces_n[0] ** 0.5 / 2 + self.forces_n[1] ** 0.5 / 2) ** 2, 3)
         return PlannedPress(u, v, force, self.speeds_m_per_s[-1], self.holds_s[0], self.poses[0])
 
 

@@ -185,11 +185,11 @@ def _left(gram: FloatArray, known: FloatArray) -> FloatArray:
     """What is left of q in grams (..., 1 + n, 1 + n) when the second takes up what it can: q - b' (H + N)^-1 b."""
     normal, pull = known + gram[..., 1:, 1:], gram[..., 1:, :1]
     size = np.sqrt(np.maximum(np.einsum("...ii->...i", normal), 1e-300))
-    scaled = normal / size[..., :, None] / size[..., None, :] + _RIDGE * np.eye(normal.shape[-1])
+    scaled: FloatArray = normal / size[..., :, None] / size[..., None, :] + _RIDGE * np.eye(normal.shape[-1])
     taken = pull / size[..., :, None]
-    solved = as_floats(np.linalg.solve(scaled, taken))
-    fall = np.einsum("...ij,...ij->...", taken, solved)
-    return np.maximum(gram[..., 0, 0] - fall, 0.0)
+    inverse = as_floats(np.linalg.inv(scaled))
+    fall = as_floats(np.einsum("...ik,...ij,...jk->...", taken, inverse, taken))
+    return as_floats(np.maximum(gram[..., 0, 0] - fall, 0.0))
 
 
 def pick(contests: Sequence[Contest], count: int) -> IntArray:
