@@ -44,7 +44,7 @@ WAYS: dict[str, Act] = {
 }
 
 
-def stress(name: str, policy: str, steps: int, seed: int) -> dict[str, Any]:
+def stress(name: str, policy: str, steps: int, seed: int, duration_s: float = 12.0) -> dict[str, Any]:
     """One task under all ways of acting, an episode each in turn."""
     env: Any = gymnasium.make(name, policy=policy, disable_env_checker=True)
     space, rng = env.observation_space, np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def stress(name: str, policy: str, steps: int, seed: int) -> dict[str, Any]:
     limits = env.unwrapped.pinch.description.limits
     while found["steps"] < steps:
         act = list(WAYS.values())[found["episodes"] % len(WAYS)]
-        observation, info = env.reset(seed=seed + found["episodes"], options={"duration_s": 12.0})
+        observation, info = env.reset(seed=seed + found["episodes"], options={"duration_s": duration_s})
         found["episodes"] += 1
         ended, k = False, 0
         while not ended:

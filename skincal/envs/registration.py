@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from gymnasium.envs.registration import (
-    register,  # pyright: ignore[reportUnknownVariableType]
-    registry,
-)
+try:
+    from gymnasium.envs.registration import (
+        register,  # pyright: ignore[reportUnknownVariableType]
+        registry,
+    )
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "skincal.envs needs Gymnasium: pip install 'skincal[policy]'", name=error.name
+    ) from error
 
 ENVIRONMENTS = {
     "skincal/MarbleRoll-v0": "skincal.envs.marble:MarbleRollEnv",
