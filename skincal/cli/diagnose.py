@@ -60,8 +60,10 @@ def diagnose(
     it is.
     """
     from skincal.calibration import read_calibration, write_calibration
+    from skincal.collect import write_plan
     from skincal.dataset import read_dataset
     from skincal.diagnose.cache import Cache, default_folder
+    from skincal.diagnose.next_presses import PLAN_FILE
     from skincal.diagnose.options import DiagnoseOptions, thoroughly
     from skincal.diagnose.summary import summary
     from skincal.diagnose.workflow import diagnose as diagnosed
@@ -74,12 +76,15 @@ def diagnose(
     with _stages() as heard:
         found = diagnosed(data, cal, options, seed, heard, Cache(default_folder() if cache else None))
         heard("report")
-        told = plain({**summary(found), "calibration": str(out)})
+        plan = None if found.next_plan is None else str(out / PLAN_FILE)
+        told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out)})
 
         def beside(folder: Path) -> None:
             from skincal.report.diagnosis import write_diagnosis_report
 
             write_diagnosis_report(found, data, folder, told, pages=report)
+            if found.next_plan is not None:
+                write_plan(found.next_plan, folder / PLAN_FILE)
 
         made = replace(
             found.calibration,

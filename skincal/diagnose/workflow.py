@@ -21,6 +21,7 @@ from skincal.diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
 from skincal.diagnose.findings import findings_of
 from skincal.diagnose.kept import Kept
 from skincal.diagnose.newcal import new_calibration
+from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.gap.candidates import Scene, Start
@@ -87,7 +88,7 @@ def diagnose(
     options = options or DiagnoseOptions()
     check_same_sensor(calibration, dataset)
     # A generator for each use: what is taken from a cache must not change what comes after it.
-    rng, audited, drawn, again = np.random.default_rng(seed).spawn(4)
+    rng, audited, drawn, again, further = np.random.default_rng(seed).spawn(5)
     heard("noise floor and places")
     ready = prepare(dataset, calibration, options, rng)
     heard("what can be seen")
@@ -120,7 +121,7 @@ def diagnose(
     effects = () if verdict != "effects" else _named(choice, ready, base, dataset)
     heard("calibration")
     final = calibration if verdict != "effects" else _refitted(ready, base, choice, calibration, dataset)
-    return Diagnosis(
+    found = Diagnosis(
         verdict,
         effects,
         unexplained,
@@ -146,6 +147,8 @@ def diagnose(
         options,
         seed,
     )
+    heard("next presses")
+    return with_next_presses(found, dataset, further)
 
 
 def fit_base(ready: Prepared) -> Base:
