@@ -43,7 +43,7 @@ types: $(VENV)/.lint-stamp ## static types, strict in the core
 docs: $(VENV)/.docs-stamp ## the documentation, notebooks executed, warnings as errors
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
 
-bench: $(VENV)/.test-stamp ## speed of the model, the dataset, a fit the simulated hand and the environments
+bench: $(VENV)/.test-stamp ## speed of the model, the dataset, a fit, the simulated hand and the environments
 	$(BIN)/python benchmarks/model_speed.py
 	$(BIN)/python benchmarks/dataset_load.py
 	$(BIN)/python benchmarks/fit_speed.py
