@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -104,7 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--retry", action="store_true", help="run again what failed")
     add("--keep", action="store_true", help="keep datasets and calibrations")
     add("--timeout", type=float, default=3600.0, help="seconds for a command (default 3600)")
-    add("--diagnose-options", default="", metavar="TEXT", help="for the diagnosis, such as '--thorough'")
+    default = "--no-cache --no-report"
+    help_text = f"for the diagnosis, such as --diagnose-options=--thorough (default {default})"
+    add("--diagnose-options", default=default, metavar="TEXT", help=help_text)
     return parser
 
 
@@ -135,6 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted = planned(suites, given.seed, given.limit)
     missing = [spec for spec in wanted if not _has_result(bench.result_file(spec), given.retry)]
     print(f"{len(wanted)} sessions, {len(missing)} to run", file=sys.stderr)
+    # A run that is asked to end takes the commands that it started with it.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         failed = run_all(bench, missing, given.workers, lambda text: print(text, file=sys.stderr))
     except KeyboardInterrupt:
