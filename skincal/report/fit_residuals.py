@@ -188,7 +188,8 @@ def _draw_taxels(
         for centre, value in zip(centres, values, strict=True):
             if np.isfinite(value):
                 dark = abs(norm(value) - 0.5) > 0.3 if colours == DIVERGING else norm(value) > 0.6
-                text = f"{value:.2f}".replace("-", "−")
+                # Adding zero makes of −0.00, a small value rounded, 0.00.
+                text = f"{round(float(value), 2) + 0.0:.2f}".replace("-", "−")
                 axes.text(
                     centre[0],
                     centre[1],
