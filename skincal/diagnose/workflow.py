@@ -41,6 +41,7 @@ from skincal.model.arrays import FloatArray, IntArray
 
 Heard = Callable[[str], None]
 _LEAST_FALL = 20.0
+_PLACE_STEPS = 6
 _WIDTH = 1.96
 
 
@@ -218,8 +219,15 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
     rows &= ~np.isin(ready.full.press, base.glitches)
     reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
-    ends = (choice.before.hypothesis, choice.after.hypothesis)
-    return gap_closed(*ends, ready.full, reading, rows, rng)
+    ends = [_settled(model.hypothesis, ready, base) for model in (choice.before, choice.after)]
+    return gap_closed(ends[0], ends[1], ready.full, reading, rows, rng)
+
+
+def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
+    """The sensor as it is, every press at its best place: those of the end had no say in when a fit was done."""
+    options = replace(ready.options, base=False, settle=_PLACE_STEPS, steps=_PLACE_STEPS)
+    reading = base.material.reading
+    return refit(hypothesis, ready.session, reading, options, fixed=hypothesis.effects).hypothesis
 
 
 def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tuple[NamedEffect, ...]:

@@ -27,8 +27,9 @@ from skincal.gap.twin import Twin
 from skincal.model.arrays import FloatArray
 
 _UNIT_QUANTILE = 0.95
-_LEAST_UNIT = 5.0
-"""A score of a few is noise for every effect."""
+_LEAST_UNIT = 30.0
+"""Less is nothing in any session: a noise that is found two percent too low, or a ramp that is averaged in a bin, makes
+scores of ten or twenty; the weakest effects worth naming make a thousand."""
 
 
 @dataclass(frozen=True, eq=False)
