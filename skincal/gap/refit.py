@@ -218,13 +218,12 @@ class _Problem:
         if not isinstance(here.model.surface, Cylinder | Plane):
             moved = [self._explicit(here, k, values) for k in (0, 1)]
         base = [*moved, self._explicit(here, 2, values)]
-        if any(a.effect.stage in (Stage.CONTACT, Stage.SPREAD) for a in skin.effects):
+        if any(a.effect.stage <= Stage.SPREAD for a in skin.effects):
             base.append(self._explicit(here, 3, values))
         else:
-            # Loads are F times a function of F / E: what E does to them follows from what F does.
-            loads = contacted.loads_n
-            stiffer = replace(contacted, loads_n=loads + _STEPS[3] * loads - (pressed[2].loads_n - loads))
-            base.append(change(stiffer, skin, _STEPS[3]))
+            # Loads are F times a function of F / E: on softer skin they are those of a larger force, made smaller.
+            softer = replace(contacted, loads_n=pressed[2].loads_n * np.exp(-_STEPS[3]))
+            base.append(change(softer, skin, -float(_STEPS[3])))
         scaled = replace(skin.skin.parameters, scale_per_n=here.moved(_STEPS[4] * unit[4]).model.scale_per_n)
         base.append(change(contacted, replace(skin, skin=replace(skin.skin, parameters=scaled)), _STEPS[4]))
         return place, base

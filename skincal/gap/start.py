@@ -12,7 +12,8 @@ from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
 
-_STEPS = 11
+STEPS = 11
+"""Places of the grid along each direction."""
 _IMAGE_ERROR = 0.03
 """What an image may be off anyway, in parts of its values: the place is looked for, not the last digit."""
 
@@ -34,7 +35,7 @@ def start_places(
     if not len(seen):
         return places
     samples = _one_sample(session, seen)
-    axis = np.linspace(-reach_m, reach_m, _STEPS)
+    axis = np.linspace(-reach_m, reach_m, STEPS)
     across, along = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
     spots = len(across)
     owner = np.repeat(np.arange(len(seen)), spots)
