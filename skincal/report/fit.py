@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import base64
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from skincal.calibration import Calibration
@@ -29,7 +25,7 @@ from skincal.report.fit_story import (
     verdict,
 )
 from skincal.report.fit_valley import valley_figure
-from skincal.report.style import png_bytes
+from skincal.report.page import Picture, picture, rendered
 
 PAGE = "report.html"
 
@@ -107,28 +103,17 @@ def write_fit_report(
         folder: an existing folder; files of the same names are replaced.
     """
     folder = Path(folder)
-    figures = []
-    for section in SECTIONS:
-        picture = png_bytes(section.draw(result, dataset))
-        file = f"{section.stem}.png"
-        (folder / file).write_bytes(picture)
-        data = base64.b64encode(picture).decode("ascii")
-        figures.append({"title": section.title, "caption": section.caption, "file": file, "data": data})
+    figures = [
+        picture(section.draw(result, dataset), section.stem, section.title, section.caption, folder)
+        for section in SECTIONS
+    ]
     (folder / PAGE).write_text(_page(result, calibration, dataset, figures), encoding="utf-8")
 
 
-def _page(
-    result: FitResult, calibration: Calibration, dataset: Dataset, figures: list[dict[str, str]]
-) -> str:
-    environment = Environment(
-        loader=PackageLoader("skincal.report"),
-        autoescape=select_autoescape(["html"]),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    environment.filters["code"] = _with_code
+def _page(result: FitResult, calibration: Calibration, dataset: Dataset, figures: list[Picture]) -> str:
     fine, words = headline(result)
-    return environment.get_template("fit.html").render(
+    return rendered(
+        "fit.html",
         name=calibration.provenance.dataset or (dataset.folder.name if dataset.folder else "dataset"),
         source=dataset.meta.source,
         fine=fine,
@@ -142,8 +127,3 @@ def _page(
         presses=press_rows(result, dataset),
         provenance=provenance_rows(calibration),
     )
-
-
-def _with_code(text: str) -> Markup:
-    """Text with what stands between backticks set as code; everything in it is escaped."""
-    return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))

@@ -1,0 +1,56 @@
+"""Pages that hold everything themselves, and their pictures beside them."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from skincal.report.style import png_bytes
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a page.
+
+    Attributes:
+        title: above it.
+        caption: how to read it; what stands between backticks is code.
+        file: its name beside the page.
+        data: the same as base64.
+    """
+
+    title: str
+    caption: str
+    file: str
+    data: str
+
+
+def picture(figure: Figure, stem: str, title: str, caption: str, folder: Path) -> Picture:
+    """Writes a figure into a folder, and keeps it for a page."""
+    content, file = png_bytes(figure), f"{stem}.png"
+    (folder / file).write_bytes(content)
+    return Picture(title, caption, file, base64.b64encode(content).decode("ascii"))
+
+
+def rendered(template: str, **values: Any) -> str:
+    """A page from a template of ``skincal/report/templates``; every value that it uses must be given."""
+    environment = Environment(
+        loader=PackageLoader("skincal.report"),
+        autoescape=select_autoescape(["html"]),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    environment.filters["code"] = with_code
+    return environment.get_template(template).render(**values)
+
+
+def with_code(text: str) -> Markup:
+    """Text with what stands between backticks set as code; everything in it is escaped."""
+    return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))

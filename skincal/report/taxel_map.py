@@ -1,0 +1,68 @@
+"""A value of each taxel as a map: taxels as they lie on the patch, u to the right, v up."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+
+from skincal.model import TaxelLayout
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.report.style import BLACK, DIVERGING, GREY, LIGHT
+
+MOST_LABELLED = 36
+"""Values are written into the taxels of a sensor with so many at most."""
+
+
+def draw_taxels(
+    axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
+) -> PolyCollection:
+    """Draws a map.
+
+    Args:
+        axes: where to.
+        layout: of all taxels.
+        taxels: (J,) those that have a value; others are light grey.
+        values: (J,) NaN where there is none.
+        norm: from values to colours.
+        colours: name of the colour map.
+    """
+    shown = np.full(layout.taxels, np.nan)
+    shown[taxels] = values
+    centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
+    corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    boxes = PolyCollection(
+        list(corners),
+        norm=norm,
+        cmap=mpl.colormaps[colours].with_extremes(bad=LIGHT),
+        edgecolors=GREY,
+        linewidths=0.4,
+    )
+    boxes.set_array(np.ma.masked_invalid(shown))
+    axes.add_collection(boxes)
+    if layout.taxels <= MOST_LABELLED:
+        for centre, value in zip(centres, shown, strict=True):
+            if np.isfinite(value):
+                _label(axes, centre, value, float(norm(value)), colours)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_visible(False)
+    return boxes
+
+
+def _label(axes: Axes, centre: FloatArray, value: float, share: float, colours: str) -> None:
+    dark = abs(share - 0.5) > 0.3 if colours == DIVERGING else share > 0.6
+    text = f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}" if abs(value) >= 10 else f"{value:.2f}"
+    axes.text(
+        centre[0],
+        centre[1],
+        text.replace("-", "−"),
+        ha="center",
+        va="center",
+        fontsize=7,
+        color="white" if dark else BLACK,
+    )

@@ -1,0 +1,73 @@
+"""Small sessions with something hidden, and diagnoses of them, for the tests of the report and of the verb.
+
+Null sessions are of the fitted law only, as twins take long; so nothing is learned here about false alarms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from math import degrees
+from unittest.mock import patch
+
+import numpy as np
+from calibrations import make_calibration
+from diagnose.diagnose_data import moving
+
+from skincal.calibration import Calibration, Effect, ModelParameters
+from skincal.dataset import HOLD, Dataset, Presses
+from skincal.diagnose.diagnosis import Diagnosis
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.workflow import diagnose
+from skincal.gap.choose import ChoiceOptions
+from skincal.predict import predict_dataset
+
+TRUTH = ModelParameters(0.0235, degrees(0.05), 4e8, 70.0, beta_deg=degrees(0.2))
+LOOP = {"hysteresis": {"height": 0.6, "width": 1.5}}
+
+
+def calibration(effects: Mapping[str, Mapping[str, float]] | None = None) -> Calibration:
+    """A calibration of the sessions below, with effects or without."""
+    known = {name: (value, value) for name, value in TRUTH.best().items()}
+    added = tuple(Effect(name, dict(parameters)) for name, parameters in (effects or {}).items())
+    return make_calibration(model=TRUTH, intervals=known, draws=None, grid=None, findings=(), effects=added)
+
+
+def session(
+    effects: Mapping[str, Mapping[str, float]] | None = None, presses: int = 24, seed: int = 5
+) -> Dataset:
+    """A session with frames, as a skin with these effects answers."""
+    given = moving(presses)
+    assert given.frames is not None
+    said = predict_dataset(calibration(effects), given).dataset
+    assert said.frames is not None
+    rng = np.random.default_rng(seed)
+    frames = replace(said.frames, counts=_read(said.frames.counts, rng))
+    held = [
+        frames.counts[(frames.press == p) & (frames.phase == HOLD)].mean(axis=0) for p in given.presses.press
+    ]
+    table = Presses(
+        given.presses.press, given.presses.position_m, given.presses.force_n, np.array(held),
+        columns=given.presses.columns,
+    )  # fmt: skip
+    return replace(given, presses=table, frames=frames)
+
+
+def _read(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.clip(np.round(values + rng.normal(size=values.shape)), 0, 255)
+
+
+def without_frames(data: Dataset) -> Dataset:
+    """The hold means of a session, and nothing else."""
+    return replace(data, frames=None, presses=replace(data.presses, columns={}))
+
+
+@cache
+def diagnosed(kind: str) -> tuple[Diagnosis, Dataset]:
+    """``hysteresis``: one effect hidden; ``none``: nothing; ``static``: nothing, hold means only."""
+    data = session(LOOP if kind == "hysteresis" else None)
+    data = without_frames(data) if kind == "static" else data
+    options = DiagnoseOptions(null_draws=40, choice=ChoiceOptions(significant=0.03, contenders=1, searched=3))
+    with patch("skincal.diagnose.workflow.twins_for", lambda *_: ()):
+        return diagnose(data, calibration(), options, seed=1), data
