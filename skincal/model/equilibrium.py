@@ -81,8 +81,7 @@ def settle(
     gap = distance_m - begin[:, None]
     gap[out] = 0.0
     weight = np.where(out, 0.0, weight_m2)
-    area = weight.sum(axis=1)
-    pressed = (area > 0) & (load_m3 > 0)
+    pressed = (first < np.inf) & (load_m3 > 0)
     near = np.full(len(load_m3), np.inf) if near_m is None else np.maximum(near_m - begin, 0.0)
     if pressed.all():
         return Settled(first, _depth(gap, weight, load_m3, near), gap, weight)

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
 from skincal.model.law import StressLaw
@@ -90,8 +90,33 @@ def respond(
     response = SkinResponse.at_rest(status, patch.layout.taxels)
     pressed = np.flatnonzero(known & presses)
     for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
-        _enter(response, rows, patch.layout.taxels + 1, elasticity_pa_per_m, found, law)
+        _enter(response, rows, patch.layout.taxels, elasticity_pa_per_m, found, law)
     return response
+
+
+def loads(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: Indenter,
+    contacts: Contacts,
+    law: StressLaw | None = None,
+) -> FloatArray:
+    """Loads (K, J) [N] as those of :func:`respond`, without the rest of what it says.
+
+    Args:
+        patch: the tactile points.
+        elasticity_pa_per_m: E [Pa/m].
+        indenter: what presses.
+        contacts: K contacts.
+        law: how stress grows with penetration; None: in proportion.
+    """
+    known, count = contacts.known, patch.layout.taxels
+    found_n = np.zeros((len(contacts), count))
+    found_n[~known] = np.nan
+    pressed = np.flatnonzero(known & (contacts.force_n > 0))
+    for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
+        found_n[rows] = elasticity_pa_per_m * _on_taxels(found, carried_m3(found, law), count)
+    return found_n
 
 
 def touches(
@@ -117,8 +142,9 @@ def touches(
     """
     if not (len(patch) and len(pressed)):
         return
-    # Alike forces together: the presses of a chunk share the number of tiles that they look at.
-    pressed = pressed[np.argsort(contacts.force_n[pressed], kind="stable")]
+    if len(pressed) > 1:
+        # Alike forces together: the presses of a chunk share the number of tiles that they look at.
+        pressed = pressed[np.argsort(contacts.force_n[pressed], kind="stable")]
     pressing = Pressing.of(contacts, pressed, indenter, elasticity_pa_per_m)
     chunk = int(min(max(_ROOM // len(patch), 1), _CHUNK))
     for k in range(0, len(pressed), chunk):
@@ -140,7 +166,7 @@ def carried_m3(found: Touch, law: StressLaw | None) -> FloatArray:
 def _enter(
     response: SkinResponse,
     rows: IntArray,
-    bins: int,
+    taxels: int,
     elasticity: float,
     found: Touch,
     law: StressLaw | None,
@@ -149,14 +175,20 @@ def _enter(
     carried = carried_m3(found, law)
     touched = carried > 0
     sums = elasticity * (carried[:, None] @ found.points[..., :5])[:, 0]
-    slot = found.taxel + (1 + bins * np.arange(len(rows)))[:, None]
-    carried *= found.facing
-    loads = np.bincount(slot.ravel(), carried.ravel(), len(rows) * bins)
     hit = sums[:, 3] > 0
-    response.loads_n[rows] = elasticity * loads.reshape(-1, bins)[:, 1:]
+    response.loads_n[rows] = elasticity * _on_taxels(found, carried, taxels)
     response.force_n[rows] = sums[:, 3]
     response.points[rows] = touched.sum(axis=1)
     response.penetration_m[rows] = found.settled.depth_m
     rows, sums = rows[hit], sums[hit]
     response.centroid_m[rows] = sums[:, :3] / sums[:, 3:4]
     response.status[rows] = np.where(sums[:, 4] > 0, _AT_BORDER, _OK)
+
+
+def _on_taxels(found: Touch, carried: FloatArray, taxels: int) -> FloatArray:
+    """What taxels feel over E (K, J) [m³], of what every point carries (K, M), which is used up."""
+    bins = taxels + 1
+    slot = found.taxel + (1 + bins * np.arange(len(carried)))[:, None]
+    carried *= found.facing
+    sums = np.bincount(slot.ravel(), carried.ravel(), len(carried) * bins)
+    return as_floats(sums).reshape(-1, bins)[:, 1:]

@@ -13,7 +13,7 @@ from skincal.model.indenters.base import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
 from skincal.model.pressures import Pressures, pressures
-from skincal.model.response import SkinResponse, respond
+from skincal.model.response import SkinResponse, loads, respond
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Skin:
 
         The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4).
         """
-        return self.respond(indenter, contacts).loads_n
+        return loads(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
 
     def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
         """Where each contact presses how hard, tactile point by tactile point: the terms of the sums of :meth:`loads`.
