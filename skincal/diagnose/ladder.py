@@ -71,8 +71,8 @@ def factors_of(signatures: Sequence[Signature], significant: float, rig: Rig, mo
 def ladder_plan(factors: Sequence[Factor], rig: Rig, rng: np.random.Generator) -> Plan:
     """A session of presses that vary these things, one after the other, between two anchors."""
     usual = rig.usual
-    inside = [replace(usual, u_m=u, v_m=v) for u, v in spread_sites(rng, rig.mount.layout, 60)]
-    sites = [p for p in inside if rig.inside(p)] or inside
+    sites = [replace(usual, u_m=u, v_m=v) for u, v in spread_sites(rng, rig.field, PRESSES)]
+    sites = rig.on_surface(sites) or [usual]
     share = PRESSES // len(factors)
     parts = [_varied(factor, share, usual, sites, rig, rng) for factor in factors]
     # What comes back all session long goes between the others.

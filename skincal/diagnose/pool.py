@@ -17,7 +17,6 @@ from skincal.model.arrays import as_floats
 Floats = NDArray[np.float64]
 
 _REGULAR, _REPEATS, _REVISITS, _OTHER = 44, 12, 14, 14
-_FEWEST_SITES = 12
 _REST_S = 1.0
 """So much of the rest after a press is looked at, at most [s]."""
 
@@ -35,10 +34,8 @@ def pool_plan(rig: Rig, rng: np.random.Generator) -> Plan:
         anchor_force_n=rig.usual.force_n,
         second_indenter=_OTHER,
     )
-    plan = full_plan(rng, rig.mount.layout, options, rig.radii_m[0] if rig.radii_m else None)
-    presses = tuple(p for p in plan.presses if rig.inside(p))
-    sites = {p.site for p in presses}
-    return plan if len(sites) < _FEWEST_SITES else replace(plan, presses=presses)
+    plan = full_plan(rng, rig.field, options, rig.radii_m[0] if rig.radii_m else None)
+    return replace(plan, presses=tuple(rig.on_surface(plan.presses)))
 
 
 def imagined(plan: Plan, rig: Rig, dataset: Dataset, rng: np.random.Generator) -> GapSession:

@@ -18,13 +18,15 @@ from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
 from skincal.diagnose.session import TIMES, pose_names
 from skincal.errors import InputError
+from skincal.model import TaxelLayout
+from skincal.model.arrays import as_floats
 
 Floats = NDArray[np.float64]
 
 SLOWEST_M_PER_S, LONG_HOLD_S = 5e-4, 4.0
 _FRAMES_HZ, _IDLE_S, _RAMP_S = 25.0, 2.0, 0.3
 _LOW_N = 0.3
-_ROOM_M = 1e-6
+_STEP_M, _ROUNDING, _BEYOND_M, _LEAST_M = 5e-4, 1e-3, 2e-3, 2e-3
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,7 @@ class Rig:
 
     Attributes:
         mount: surface, nominal pose and taxels.
-        low_m: least patch coordinates of what was pressed [m].
-        high_m: greatest [m].
+        field: the rectangle of the patch that was pressed, as one large taxel.
         forces_n: least and greatest hold force to press with [N].
         speeds_m_per_s: slow and fast loading [m/s].
         holds_s: short and long hold [s].
@@ -47,8 +48,7 @@ class Rig:
     """
 
     mount: Mount
-    low_m: tuple[float, float]
-    high_m: tuple[float, float]
+    field: TaxelLayout
     forces_n: tuple[float, float]
     speeds_m_per_s: tuple[float, float]
     holds_s: tuple[float, float]
@@ -63,15 +63,11 @@ class Rig:
     def of(cls, dataset: Dataset) -> Rig:
         """Reads off a dataset how it was pressed; what was not recorded is as ``skincal collect`` does it."""
         mount = Mount(dataset.surface(), dataset.nominal_pose(), dataset.layout())
-        sites = patch_coordinates(mount.surface, mount.pose, _aims(dataset))
-        sites = sites[np.isfinite(sites).all(axis=1)]
         force = dataset.presses.force_n[dataset.presses.force_n > 0]
         greatest = float(np.quantile(force, 0.98))
-        low, high = sites.min(axis=0) - _ROOM_M, sites.max(axis=0) + _ROOM_M
         return cls(
             mount,
-            (float(low[0]), float(low[1])),
-            (float(high[0]), float(high[1])),
+            _field(dataset, mount),
             (min(_LOW_N, float(force.min())), greatest),
             _speeds(dataset),
             _holds(dataset),
@@ -87,16 +83,17 @@ class Rig:
         known = all(p.pose in angles for p in presses)
         return Plan(name, tuple(presses), angles if known else {})
 
-    def inside(self, press: PlannedPress) -> bool:
-        """Whether a press lies where the rig has pressed, on the surface."""
-        site = np.array(press.site)
-        within = bool(np.all(site >= self.low_m) and np.all(site <= self.high_m))
-        return within and bool(np.isfinite(self.mount.place([press.site])[0]).all())
+    def on_surface(self, presses: Sequence[PlannedPress]) -> list[PlannedPress]:
+        """The presses whose sites lie on the surface: it may end within the field."""
+        if not presses:
+            return []
+        points, _ = self.mount.place([p.site for p in presses])
+        return [p for p, point in zip(presses, points, strict=True) if np.isfinite(point).all()]
 
     @property
     def usual(self) -> PlannedPress:
         """A press of middle force, fast, with a short hold, in the middle of what was pressed."""
-        u, v = (round((low + high) / 2, 3) + 0.0 for low, high in zip(self.low_m, self.high_m, strict=True))
+        u, v = as_floats(self.field.centres_m[0]).tolist()
         force = round((self.forces_n[0] ** 0.5 / 2 + self.forces_n[1] ** 0.5 / 2) ** 2, 3)
         return PlannedPress(u, v, force, self.speeds_m_per_s[-1], self.holds_s[0], self.poses[0])
 
@@ -139,6 +136,18 @@ def _angles(dataset: Dataset, mount: Mount) -> Mapping[str, tuple[float, ...]]:
         return read_plan(path, mount).poses
     except InputError:  # another file of that name
         return {}
+
+
+def _field(dataset: Dataset, mount: Mount) -> TaxelLayout:
+    """The rectangle that presses were aimed at, in half millimetres, not far beyond the taxels."""
+    sites = patch_coordinates(mount.surface, mount.pose, _aims(dataset))
+    sites = sites[np.isfinite(sites).all(axis=1)]
+    bounds = mount.layout.bounds_m
+    low = as_floats(np.ceil(sites.min(axis=0) / _STEP_M - _ROUNDING) * _STEP_M)
+    high = as_floats(np.floor(sites.max(axis=0) / _STEP_M + _ROUNDING) * _STEP_M)
+    low, high = np.maximum(low, bounds[0] - _BEYOND_M), np.minimum(high, bounds[1] + _BEYOND_M)
+    middle, side = as_floats((low + high) / 2 + 0.0), as_floats(np.maximum(high - low, _LEAST_M))
+    return TaxelLayout(1, 1, np.round(middle, 6)[None], np.round(side, 6))
 
 
 def _aims(dataset: Dataset) -> Floats:
