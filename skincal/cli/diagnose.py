@@ -76,6 +76,9 @@ def diagnose(
     with _stages() as heard:
         found = diagnosed(data, cal, options, seed, heard, Cache(default_folder() if cache else None))
         heard("report")
+        command = " ".join(["skincal", *sys.argv[1:]])
+        provenance = replace(found.calibration.provenance, command=command, seed=seed)
+        found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         plan = None if found.next_plan is None else str(out / PLAN_FILE)
         told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out)})
 
@@ -86,13 +89,7 @@ def diagnose(
             if found.next_plan is not None:
                 write_plan(found.next_plan, folder / PLAN_FILE)
 
-        made = replace(
-            found.calibration,
-            provenance=replace(
-                found.calibration.provenance, command=" ".join(["skincal", *sys.argv[1:]]), seed=seed
-            ),
-        )
-        write_calibration(made, out, force=force, beside=beside)
+        write_calibration(found.calibration, out, force=force, beside=beside)
     if as_json:
         print_json(told)
         return

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
+from skincal.diagnose.next_presses import PLAN_FILE
 from skincal.report.audit import audit_figure
 from skincal.report.diagnosis_candidates import candidates_figure, critical_score
 from skincal.report.diagnosis_curves import curves_figure
@@ -145,6 +146,7 @@ def _page(found: Diagnosis, dataset: Dataset, figures: list[tuple[int, Picture]]
         effects=effect_rows(found),
         critical=f"{critical_score(found):.2g}",
         next_presses=found.next_presses,
+        plan=PLAN_FILE if found.next_plan is not None else "",
         noise=noise_rows(found),
         method=method_sentences(found),
         provenance=provenance_rows(found.calibration),
