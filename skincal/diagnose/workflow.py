@@ -33,7 +33,8 @@ from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.null import Null
-from skincal.gap.refit import refit
+from skincal.gap.refit import Refit, refit
+from skincal.gap.relocate import relocated
 from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
 from skincal.gap.signatures import Signature, signature_columns, signature_falls, where_text
 from skincal.gap.twin import twins_for
@@ -158,6 +159,7 @@ def fit_base(ready: Prepared) -> Base:
     first = refit(
         ready.start, ready.session, ready.reading, ready.options, learn=known, fixed=ready.known_effects
     )
+    first = _second_look(first, ready)
     residual, seen = first.slopes.residual, ready.reading.seen
     wild = glitches(residual, seen, ready.session.press)
     reading = without_presses(ready.reading, ready.session.press, wild)
@@ -171,6 +173,15 @@ def fit_base(ready: Prepared) -> Base:
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
     material = Material(ready.session, reading, learn, score, ready.options)
     return Base(Model(first, (), ready.known_effects), material, wild, dead, jumped)
+
+
+def _second_look(first: Refit, ready: Prepared) -> Refit:
+    """The fit with presses that it left in the wrong valley found again."""
+    placed = relocated(first.hypothesis, ready.session, ready.reading, ready.options)
+    if placed is first.hypothesis:
+        return first
+    options, known = replace(ready.options, settle=0, steps=2), ready.is_part(TRAIN, SELECTION)
+    return refit(placed, ready.session, ready.reading, options, learn=known, fixed=ready.known_effects)
 
 
 def _scene(base: Base) -> Scene:

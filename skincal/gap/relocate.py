@@ -29,7 +29,7 @@ _SAME = 1.5
 def relocated(
     found: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, reach_m: float = np.inf
 ) -> Hypothesis:
-    """The hypothesis with those presses moved that fit better at another place.
+    """The hypothesis with those presses moved that fit better at another place; itself where none does.
 
     Args:
         found: by a fit.
@@ -51,6 +51,8 @@ def relocated(
     here = refit(found, part, read, settled, fixed=found.effects)
     costs = [cost_of_presses(r.hypothesis, r.slopes.residual, part, options) for r in (here, there)]
     better = rows[(costs[1] < costs[0])[rows]]
+    if not len(better):
+        return found
     places = found.places.copy()
     places[better] = there.hypothesis.places[better]
     return found.with_places(places)
