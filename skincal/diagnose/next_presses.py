@@ -21,7 +21,7 @@ from skincal.gap.choose import Model
 from skincal.gap.noise import force_scatter
 from skincal.gap.reading import Reading
 from skincal.gap.reasons import cures, facts_of
-from skincal.gap.separate import Contest, contest, imitation_of, pick
+from skincal.gap.separate import Contest, contest, pick
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray
 
@@ -98,12 +98,11 @@ def _apart(
     rng: np.random.Generator,
 ) -> NextPresses:
     rig = Rig.of(dataset)
-    material, true = found.material, found.choice.after
-    rivals = [imitation_of(true, *p.start, material) for p in pairs]
     pool = pool_plan(rig, rng)
-    picked = pick(_contests(pairs, true, rivals, pool, rig, dataset, found, rng), PICKED)
+    picked = pick(_contests(pairs, pool, rig, dataset, found, rng), PICKED)
     plan = plan_of(pool, picked.tolist(), rig)
-    contests = _contests(pairs, true, rivals, plan, rig, dataset, found, rng)
+    # As they would be in their own order and at their own times.
+    contests = _contests(pairs, plan, rig, dataset, found, rng)
     gains = tuple(_gain(p, c) for p, c in zip(pairs, contests, strict=True))
     if all(g.added < _USEFUL * max(g.now, 1.0) for g in gains):
         said = f"no further presses of the kinds that this rig made set {_names(gains)} apart"
@@ -113,8 +112,6 @@ def _apart(
 
 def _contests(
     pairs: Sequence[Pair],
-    true: Model,
-    rivals: Sequence[Model],
     plan: Plan,
     rig: Rig,
     dataset: Dataset,
@@ -124,12 +121,9 @@ def _contests(
     session = imagined(plan, rig, dataset, rng)
     if found.session.taxels is not None:
         session = session.of_taxels(found.session.taxels)
-    reading = expected_reading(session, true, found.material.reading, dataset)
+    reading = expected_reading(session, found.choice.after, found.material.reading, dataset)
     options = found.material.options
-    return [
-        contest((pair.first, pair.second), (true, rival), session, reading, options)
-        for pair, rival in zip(pairs, rivals, strict=True)
-    ]
+    return [contest((p.first, p.second), p.models, p.apart, session, reading, options) for p in pairs]
 
 
 def expected_reading(session: GapSession, true: Model, like: Reading, dataset: Dataset) -> Reading:
@@ -175,8 +169,9 @@ def _gain(pair: Pair, on_plan: Contest) -> Gain:
 
 def _gain_words(gain: Gain, presses: int) -> str:
     a, b = gain.pair.first, gain.pair.second
+    why = f"to tell {a} from {b}" if gain.pair.alike else f"to be sure that it is {a} and not {b}"
     return (
-        f"to tell {a} from {b}: the {presses} presses of {PLAN_FILE}. If it is {a}, {b} lies {gain.now:.0f} standard "
+        f"{why}: the {presses} presses of {PLAN_FILE}. If it is {a}, {b} lies {gain.now:.0f} standard "
         f"deviations off on the presses so far, {gain.added:.0f} with these added, {gain.alone:.0f} on these alone, "
         f"where it leaves {100 * gain.unlike:.0f} % of what {a} does (so far {100 * gain.pair.unlike:.0f} %)"
     )

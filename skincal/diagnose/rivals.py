@@ -1,23 +1,15 @@
-"""Which explanations a choice has left open, and where the search for each began."""
+"""Which explanations a choice has left open, each fitted in full."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from skincal.gap.choose import Choice, Round
-from skincal.gap.free import Coordinate
-from skincal.gap.hypothesis import Parameters
-from skincal.model.arrays import FloatArray
+from skincal.gap.choose import Choice, Model, Round
 
 NEAR = 0.8
 """An effect that a full fit found to explain this part of what the named one does is a near rival."""
 
 MOST = 3
-
-Start = tuple[tuple[Coordinate, ...], FloatArray, Mapping[str, Parameters]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,16 +19,18 @@ class Pair:
     Attributes:
         first: the one that was named.
         second: the rival.
+        alike: whether the data cannot tell them apart; else the rival only comes near.
         apart: squared distance on the presses there are: what the first explains beyond the second.
         unlike: the same as a part of what the first explains.
-        start: numbers of the model with the rival in the place of the first, where they start, and what is held.
+        models: with the one and with the other, fitted in the round in which the first was named.
     """
 
     first: str
     second: str
+    alike: bool
     apart: float
     unlike: float
-    start: Start
+    models: tuple[Model, Model]
 
 
 def pairs_of(choice: Choice, most: int = MOST) -> tuple[Pair, ...]:
@@ -48,29 +42,14 @@ def pairs_of(choice: Choice, most: int = MOST) -> tuple[Pair, ...]:
         if own is None:
             continue
         best = own.falls[one.name]
-        for rival, fall in own.falls.items():
-            if rival in named or not (rival in one.consistent_with or fall >= NEAR * best):
-                continue
-            start = _start(choice, own, one.name, rival)
-            if start is not None:
-                apart = max(0.0, best - fall)
-                found.append(Pair(one.name, rival, apart, min(1.0, apart / best), start))
+        for rival in (name for name in own.fits if name not in named):
+            alike, apart = rival in one.consistent_with, max(0.0, best - own.falls[rival])
+            if alike or own.falls[rival] >= NEAR * best:
+                models = own.fits[one.name], own.fits[rival]
+                found.append(Pair(one.name, rival, alike, apart, min(1.0, apart / best), models))
     return tuple(sorted(found, key=lambda p: p.unlike)[:most])
 
 
 def _round_of(choice: Choice, name: str) -> Round | None:
-    """The round in which an effect was named."""
-    return next((r for r in reversed(choice.rounds) if name in r.falls and r.falls[name] > 0), None)
-
-
-def _start(choice: Choice, own: Round, first: str, rival: str) -> Start | None:
-    """The model after the choice with one effect replaced by what the search found of a rival."""
-    found = next((f for f in own.found if f.effect == rival), None)
-    if found is None:
-        return None
-    after = choice.after
-    keep = np.array([c.effect != first for c in after.coords], dtype=np.bool_)
-    coords = tuple(c for c in after.coords if c.effect != first)
-    held = {name: value for name, value in after.held.items() if name != first}
-    x = np.concatenate([after.refit.x[keep], found.x])
-    return (*coords, *found.start.coords), x, {**held, **found.start.held}
+    """The round in which an effect was named: the last that tried it."""
+    return next((r for r in reversed(choice.rounds) if name in r.fits and r.falls[name] > 0), None)

@@ -133,11 +133,13 @@ class Round:
         found: the search of each effect, best score first.
         excess: squared residual beyond noise before it, over the presses that choose.
         falls: fall of the squared residual by a full fit, of the contenders.
+        fits: the full fits.
     """
 
     found: tuple[Found, ...]
     excess: float
     falls: Mapping[str, float]
+    fits: Mapping[str, Model] = field(default_factory=dict[str, Model])
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +224,7 @@ def choose(
         heard(f"round {len(named) + 1}: fitting {found[0].effect} and what comes near it")
         fits = _fitted(model, found, material, options)
         falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
-        rounds[-1] = Round(tuple(found), left, falls)
+        rounds[-1] = Round(tuple(found), left, falls, dict(fits))
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left
         wanted = options.share_later if named else options.share_first

@@ -1,9 +1,9 @@
 """How far further presses would set two explanations apart, and which of them do most.
 
-The *first* explanation is taken to be true, and the *second* is fitted to what the first says of the presses there are:
-what it cannot imitate is the squared distance d_0² between the two in standard deviations. On further presses the
-second may still change all its numbers, those of the sensor included, by some delta, which costs delta' H delta on the
-old ones. With places and forces of the new presses integrated out, press k contributes
+Both explanations are fitted to the presses there are; the first leaves d_0² less of the squared residual than the
+second. On further presses the *first* is taken to be true. The second may change all its numbers there, those of the
+sensor included, by some delta, which costs delta' H delta on the old presses, at whose optimum it is. With places and
+forces of the new presses integrated out, press k contributes
 
     |c_k - A_k delta|² = q_k - 2 b_k' delta + delta' N_k delta
 
@@ -16,20 +16,19 @@ Presses are chosen one by one, each the one that lifts the distances of all pair
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.gap.choose import Material, Model
-from skincal.gap.free import Coordinate, priors
-from skincal.gap.hypothesis import PLACE, Parameters
+from skincal.gap.choose import Model
+from skincal.gap.free import priors
+from skincal.gap.hypothesis import PLACE
 from skincal.gap.reading import Reading
 from skincal.gap.refit import BASE_SIZE, Refit, RefitOptions, refit
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
-_STEPS = 2
 _RIDGE = 1e-9
 _LEAST = 1.0
 """Squared distances below this are no distance: the first presses count by how much they go beyond it."""
@@ -41,7 +40,7 @@ class Contest:
 
     Attributes:
         first: name of the effect that is taken to be there.
-        second: name of the one that imitates it.
+        second: name of the other.
         now: squared distance on the presses there are.
         normal: (n, n) what the presses there are know of the second's numbers.
         prior: (n, n) what is known of them without any press.
@@ -79,33 +78,10 @@ class Contest:
         return as_floats((grams if picked is None else grams[picked]).sum(axis=0))
 
 
-def imitation_of(
-    first: Model,
-    coords: tuple[Coordinate, ...],
-    x: FloatArray,
-    held: Mapping[str, Parameters],
-    material: Material,
-) -> Model:
-    """Another explanation, fitted to what a first one says of the presses there are.
-
-    Args:
-        first: taken to be true.
-        coords: numbers of the other's effects.
-        x: (n,) where they start.
-        held: parameters that are held.
-        material: the presses there are.
-    """
-    options = replace(material.options, settle=0, steps=_STEPS)
-    # With every press where it was measured, so that none has to move but for the sake of the other explanation.
-    start = first.hypothesis.with_places(np.zeros_like(first.hypothesis.places))
-    reading = material.reading.with_counts(material.reading.expected(start.values(material.session)))
-    found = refit(start, material.session, reading, options, coords, x, material.known, held)
-    return Model(found, coords, held)
-
-
 def contest(
     names: tuple[str, str],
     models: tuple[Model, Model],
+    now: float,
     session: GapSession,
     reading: Reading,
     options: RefitOptions,
@@ -113,8 +89,9 @@ def contest(
     """Two explanations on presses that may be made.
 
     Args:
-        names: of the effect that is taken to be there, and of the one that imitates it.
-        models: with the one, and with the other fitted to it (:func:`imitation_of`).
+        names: of the effect that is taken to be there, and of the other.
+        models: with the one, and with the other, both fitted to the presses there are.
+        now: squared distance there.
         session: the presses that may be made.
         reading: their noise; its counts are not looked at.
         options: priors of places and forces.
@@ -140,7 +117,7 @@ def contest(
 
     return Contest(
         *names,
-        float(second.refit.objective),
+        now,
         normal,
         prior,
         grams(change, columns),

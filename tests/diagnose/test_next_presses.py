@@ -25,10 +25,12 @@ from skincal.diagnose.rivals import pairs_of
 from skincal.diagnose.session import gap_session
 from skincal.effects.samples import HOLD
 from skincal.gap.audit import EffectAudit, Lost
-from skincal.gap.candidates import Bench, Found
+from skincal.gap.candidates import Bench
 from skincal.gap.choose import Choice, Model, Named, Round
+from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
-from skincal.gap.separate import Contest, contest, imitation_of, pick
+from skincal.gap.separate import Contest, contest, pick
+from skincal.gap.session import GapSession
 from skincal.gap.signatures import Signature
 
 TRUE = {
@@ -45,36 +47,41 @@ def rng() -> np.random.Generator:
 
 
 @cache
-def recorded(effect: str) -> tuple[Made, Model]:
-    """The presses of a dataset under an effect, and the model with it."""
-    one = made({effect: TRUE[effect]}, gap_session(moving()), model=MODEL)
-    bench = Bench(one.start, one.session)
-    coords = bench.starts(effect)[0].coords
-    options = replace(OPTIONS, steps=3, settle=0)
-    x = np.array([0.8 if c.is_strength else 0.0 for c in coords])
-    return one, Model(refit(one.start, one.session, one.reading, options, coords, x), coords)
-
-
-def found_rival(one: Made, name: str) -> Found:
-    """What a search might have found of another effect."""
-    start = Bench(one.start, one.session).starts(name)[0]
-    x = np.array([0.5 if c.is_strength else 0.0 for c in start.coords])
-    return Found(start, x, 100.0, 50.0)
+def recorded(effect: str) -> Made:
+    """The presses of a dataset under an effect."""
+    return made({effect: TRUE[effect]}, gap_session(moving()), model=MODEL)
 
 
 @cache
-def contested(effect: str, rival: str) -> tuple[Plan, Contest, Model]:
-    """Presses to choose from, and two explanations on them."""
-    one, first = recorded(effect)
-    other = found_rival(one, rival)
-    second = imitation_of(first, other.start.coords, other.x, {}, one.material)
-    rig = Rig.of(moving())
-    plan = pool_plan(rig, rng())
-    # Every other press: enough to choose from.
-    plan = replace(plan, presses=plan.presses[::2])
-    session = imagined(plan, rig, moving(), rng())
-    reading = expected_reading(session, first, one.reading, moving())
-    return plan, contest((effect, rival), (first, second), session, reading, OPTIONS), second
+def explained(effect: str, by: str) -> Model:
+    """Presses under an effect, as a model with that or another one explains them."""
+    one = recorded(effect)
+    coords = Bench(one.start, one.session).starts(by)[0].coords
+    x = np.array([0.7 if c.is_strength else 0.0 for c in coords])
+    options = replace(OPTIONS, steps=3, settle=0)
+    return Model(refit(one.start, one.session, one.reading, options, coords, x), coords)
+
+
+def on(plan: Plan, effect: str, rival: str) -> tuple[Contest, GapSession, Reading]:
+    """Two explanations on further presses."""
+    models = explained(effect, effect), explained(effect, rival)
+    session = imagined(plan, Rig.of(moving()), moving(), rng())
+    reading = expected_reading(session, models[0], recorded(effect).reading, moving())
+    apart = models[1].refit.objective - models[0].refit.objective
+    assert apart > 0
+    return contest((effect, rival), models, apart, session, reading, OPTIONS), session, reading
+
+
+@cache
+def pool() -> Plan:
+    """Every other press to choose from: enough here."""
+    plan = pool_plan(Rig.of(moving()), rng())
+    return replace(plan, presses=plan.presses[::2])
+
+
+@cache
+def contested(effect: str, rival: str) -> Contest:
+    return on(pool(), effect, rival)[0]
 
 
 def some(count: int, chosen: Any) -> np.ndarray:
@@ -85,7 +92,7 @@ def some(count: int, chosen: Any) -> np.ndarray:
 
 @pytest.mark.parametrize(("effect", "rival"), RIVALS)
 def test_chosen_presses_set_rivals_further_apart_than_random_ones(effect: str, rival: str):
-    _, pair, _ = contested(effect, rival)
+    pair = contested(effect, rival)
     chosen = some(len(pair), pick([pair], CHOSEN))
     assert chosen.sum() == CHOSEN
     drawn = [some(len(pair), rng.choice(len(pair), CHOSEN, replace=False)) for rng in rng().spawn(20)]
@@ -98,26 +105,22 @@ def test_chosen_presses_set_rivals_further_apart_than_random_ones(effect: str, r
 def test_the_distance_is_what_a_fit_finds():
     """The expected distance is to first order; a fit to the chosen presses alone comes to the same."""
     effect, rival = RIVALS[0]
-    plan, pair, second = contested(effect, rival)
-    one, first = recorded(effect)
-    picked = pick([pair], CHOSEN)
-    few = Plan("few", tuple(plan.presses[i] for i in sorted(picked.tolist())))
-    rig = Rig.of(moving())
-    session = imagined(few, rig, moving(), rng())
-    reading = expected_reading(session, first, one.reading, moving())
-    true = first.hypothesis.with_places(np.zeros((session.presses, 3)))
-    reading = reading.with_counts(reading.expected(true.values(session)))
-    alone = contest((effect, rival), (first, second), session, reading, OPTIONS).alone()
-    found = refit(
-        second.hypothesis.with_places(true.places), session, reading, OPTIONS, second.coords, second.refit.x
+    chosen = sorted(pick([contested(effect, rival)], CHOSEN).tolist())
+    pair, session, reading = on(
+        replace(pool(), presses=tuple(pool().presses[i] for i in chosen)), effect, rival
     )
-    assert found.objective == pytest.approx(alone, rel=0.25)
-    assert alone > 9
+    first, second = explained(effect, effect), explained(effect, rival)
+    nowhere = np.zeros((session.presses, 3))
+    values = first.hypothesis.with_places(nowhere).values(session)
+    reading = reading.with_counts(reading.expected(values))
+    start = second.hypothesis.with_places(nowhere)
+    found = refit(start, session, reading, OPTIONS, second.coords, second.refit.x)
+    assert found.objective == pytest.approx(pair.alone(), rel=0.25)
+    assert pair.alone() > 9
 
 
 def test_two_pairs_are_told_apart_together():
-    _, first, _ = contested(*RIVALS[0])
-    _, other, _ = contested(*RIVALS[2])
+    first, other = contested(*RIVALS[0]), contested(*RIVALS[2])
 
     def both(chosen: np.ndarray) -> float:
         picked = some(len(first), chosen)
@@ -128,12 +131,13 @@ def test_two_pairs_are_told_apart_together():
     assert len({tuple(sorted(one.tolist())) for one in chosen}) > 1
 
 
-def choice_between(one: Made, first: Model, rival: str, part: float) -> Choice:
-    name = first.coords[0].effect
-    other = found_rival(one, rival)
-    alike = (name, rival) if part > 0.93 else (name,)
-    tried = Round((found_rival(one, name), other), 1000.0, {name: 900.0, rival: 900.0 * part})
-    return Choice(first, first, (Named(name, alike, 0.9, 0.01),), (tried,), (1000.0, 100.0))
+def choice_between(rival: str, part: float) -> Choice:
+    """Crosstalk was named, and a rival explains a part of what it does."""
+    fits = {name: explained("crosstalk", name) for name in ("crosstalk", rival)}
+    alike = ("crosstalk", rival) if part > 0.93 else ("crosstalk",)
+    tried = Round((), 1000.0, {"crosstalk": 900.0, rival: 900.0 * part}, fits)
+    best = fits["crosstalk"]
+    return Choice(best, best, (Named("crosstalk", alike, 0.9, 0.01),), (tried,), (1000.0, 100.0))
 
 
 def diagnosis_of(
@@ -155,19 +159,17 @@ def blind(name: str, *lacking: str) -> EffectAudit:
 
 
 def test_rivals_are_those_alike_and_those_near():
-    one, first = recorded("crosstalk")
-    (alike,) = pairs_of(choice_between(one, first, "ghosting", 0.97))
-    (near,) = pairs_of(choice_between(one, first, "ghosting", 0.85))
+    (alike,) = pairs_of(choice_between("ghosting", 0.97))
+    (near,) = pairs_of(choice_between("ghosting", 0.85))
     assert (alike.first, alike.second) == ("crosstalk", "ghosting")
     assert alike.unlike == pytest.approx(0.03) and near.apart == pytest.approx(135.0)
-    coords, x, _ = alike.start
-    assert {c.effect for c in coords} == {"ghosting"} and len(x) == len(coords)
-    assert pairs_of(choice_between(one, first, "ghosting", 0.5)) == ()
+    assert alike.alike and not near.alike
+    assert [m.names for m in alike.models] == [("crosstalk",), ("ghosting",)]
+    assert pairs_of(choice_between("ghosting", 0.5)) == ()
 
 
 def test_rivals_get_a_plan_that_reads_back(tmp_path: Path):
-    one, first = recorded("crosstalk")
-    found = diagnosis_of(choice_between(one, first, "ghosting", 0.97), one, "effects", {})
+    found = diagnosis_of(choice_between("ghosting", 0.97), recorded("crosstalk"), "effects", {})
     told = next_presses(found, moving(), rng())
     assert told.plan is not None and PICKED <= len(told.plan) <= PICKED + 2
     write_plan(told.plan, tmp_path / PLAN_FILE)
@@ -200,19 +202,17 @@ def test_a_plan_keeps_to_what_the_rig_has_shown():
 
 
 def test_chosen_presses_are_a_session_of_their_own():
-    rig = Rig.of(moving())
-    pool = pool_plan(rig, rng())
-    other = replace(pool.presses[3], indenter_radius_m=0.004)
-    pool = replace(pool, presses=(*pool.presses[:3], other, *pool.presses[4:]))
-    plan = plan_of(pool, [8, 3, 5, 1], rig)
+    presses = list(pool().presses)
+    presses[3] = replace(presses[3], indenter_radius_m=0.004)
+    plan = plan_of(Plan("pool", tuple(presses)), [8, 3, 5, 1], Rig.of(moving()))
     assert plan.presses[0].kind == "anchor" and plan.count("anchor") == 2
     # In the order of the pool; the cap is changed once, at the end.
-    assert [p.site for p in plan.presses[1:4]] == [pool.presses[i].site for i in (1, 5, 8)]
+    assert [p.site for p in plan.presses[1:4]] == [presses[i].site for i in (1, 5, 8)]
     assert plan.presses[-1].indenter_radius_m == 0.004 and plan.presses[-2].kind == "anchor"
 
 
 def test_words_say_what_to_record():
-    one, _ = recorded("crosstalk")
+    one = recorded("crosstalk")
     static = replace(one, session=gap_session(still()))
     unseen = {
         "creep": blind("creep", "time", "phase"),
@@ -231,10 +231,8 @@ def test_words_say_what_to_record():
 
 
 def test_nothing_is_asked_for_where_nothing_is_open():
-    one, first = recorded("crosstalk")
-    told = next_presses(
-        diagnosis_of(choice_between(one, first, "ghosting", 0.3), one, "effects", {}), moving(), rng()
-    )
+    choice = choice_between("ghosting", 0.3)
+    told = next_presses(diagnosis_of(choice, recorded("crosstalk"), "effects", {}), moving(), rng())
     assert told.words == () and told.plan is None
 
 
@@ -243,7 +241,7 @@ def test_nothing_is_asked_for_where_nothing_is_open():
     [("force", "force_n"), ("hold", "hold_s"), ("pose", "pose"), ("neighbours", "site")],
 )
 def test_what_nobody_knows_is_pressed_one_thing_at_a_time(signature: str, varied: str):
-    one, _ = recorded("crosstalk")
+    one = recorded("crosstalk")
     signs = (Signature(signature, "the " + signature, 0.6, 0.005), Signature("speed", "speed", 0.1, 0.5))
     found = diagnosis_of(None, one, "unknown", {}, signatures=signs)
     told = next_presses(found, moving(), rng())
@@ -257,7 +255,7 @@ def test_what_nobody_knows_is_pressed_one_thing_at_a_time(signature: str, varied
 
 
 def test_time_is_shown_by_presses_that_come_back_all_session_long():
-    one, _ = recorded("crosstalk")
+    one = recorded("crosstalk")
     found = diagnosis_of(None, one, "unknown", {}, signatures=(Signature("rest drift", "rest", 0.6, 0.005),))
     plan = next_presses(found, moving(), rng()).plan
     assert plan is not None and len({p.site for p in plan.presses[1:-1]}) == 3
