@@ -1,0 +1,154 @@
+"""``skincal diagnose`` as a user runs it, on small sessions of a simulated skin."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report.diagnosis_cases import LOOP, calibration, session, without_frames
+
+from skincal.calibration import read_calibration, write_calibration
+from skincal.cli.main import main
+from skincal.dataset import read_dataset, write_dataset
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
+
+
+@pytest.fixture
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SKINCAL_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def cal(tmp_path: Path) -> Path:
+    write_calibration(calibration(), tmp_path / "cal")
+    return tmp_path / "cal"
+
+
+@pytest.fixture
+def looped(tmp_path: Path) -> Path:
+    write_dataset(session(LOOP), tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Null sessions of the fitted law only: other laws take long."""
+    monkeypatch.setattr("skincal.diagnose.workflow.twins_for", lambda *_: ())
+
+
+@pytest.mark.slow
+def test_named_added_and_used(cal: Path, looped: Path, own_cache: Path, tmp_path: Path):
+    before = hashes(cal)
+    command = [sys.executable, "-m", "skincal", "diagnose", looped, cal, "--out", tmp_path / "new", "--json"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["verdict"] == "effects"
+    (effect,) = told["effects"]
+    assert effect["name"] == "hysteresis"
+    assert effect["name"] in effect["consistent_with"]
+    assert effect["p_value"] <= 0.01
+    assert effect["parameters"]["height"] == pytest.approx(0.6, abs=0.1)
+    gap = told["gap"]
+    assert gap["heldout_rmse_before"] > gap["heldout_rmse_after"]
+    assert gap["heldout_rmse_after"] == pytest.approx(gap["noise_floor_rmse"], rel=0.1)
+    above = [
+        gap[key] ** 2 - gap["noise_floor_rmse"] ** 2 for key in ("heldout_rmse_before", "heldout_rmse_after")
+    ]
+    assert gap["closed"] == pytest.approx(1 - above[1] / above[0], abs=1e-6)
+    assert "unloading" in told["where"]
+    assert "shear" in told["cannot_see"]
+    assert json.loads((tmp_path / "new" / "diagnosis.json").read_text(encoding="utf-8")) == told
+    assert {"report.html", "gap.png", "signature.png"} <= {p.name for p in (tmp_path / "new").iterdir()}
+    assert hashes(cal) == before, "CAL is untouched"
+    assert any(own_cache.iterdir())
+    _is_a_calibration_like_any_other(tmp_path, looped, cal)
+
+
+def _is_a_calibration_like_any_other(folder: Path, data: Path, cal: Path) -> None:
+    new = read_calibration(folder / "new")
+    assert [e.name for e in new.effects] == ["hysteresis"]
+    assert new.provenance.command is not None
+    assert "diagnose" in new.provenance.command
+    errors: list[float] = []
+    for name, of in (("old", cal), ("better", folder / "new")):
+        assert run("predict", of, data, "--out", folder / name, "--slack") == 0
+        predicted, measured = read_dataset(folder / name).frames, read_dataset(data).frames
+        assert predicted is not None and measured is not None
+        errors.append(float(np.sqrt(((predicted.counts - measured.counts)[measured.press >= 0] ** 2).mean())))
+    assert errors[1] < 0.7 * errors[0]
+    assert run("export-dr", folder / "new", "--out", folder / "ranges.toml") == 0
+    assert "[skin.effects.hysteresis.height]" in (folder / "ranges.toml").read_text(encoding="utf-8")
+    assert run("diagnose", data, folder / "new", "--out", folder / "again", "--no-report", "--json") == 0
+    assert read_calibration(folder / "again").effects[0].name == "hysteresis"
+
+
+def test_nothing_hidden(
+    cal: Path, own_cache: Path, quick: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    write_dataset(session(), tmp_path / "run")
+    assert run("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report", "--no-cache") == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0] == "Nothing is missing that these presses could show."
+    assert "these presses could not show: shear" in out
+    assert str(tmp_path / "new") in err
+    told = json.loads((tmp_path / "new" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (told["verdict"], told["effects"], told["gap"]["closed"]) == ("none", [], None)
+    assert not (tmp_path / "new" / "report.html").exists()
+    assert read_calibration(tmp_path / "new").model == read_calibration(cal).model
+    assert not own_cache.exists()
+
+
+def test_static_presses_say_what_they_lack(
+    cal: Path, own_cache: Path, quick: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    write_dataset(without_frames(session()), tmp_path / "run")
+    arguments = ("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report", "--json")
+    assert run(*arguments) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdict"] == "none"
+    assert {"hysteresis", "creep", "latency", "shear"} <= set(told["cannot_see"])
+    assert "no frames" in told["why_not"]["creep"]
+
+
+def test_refusals(cal: Path, looped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "calibration.toml").write_text("mine")
+    assert run("diagnose", looped, cal, "--out", tmp_path / "new") == 2
+    assert "--force" in capsys.readouterr().err
+    assert (tmp_path / "new" / "calibration.toml").read_text() == "mine"
+    assert run("diagnose", tmp_path / "nowhere", cal, "--out", tmp_path / "other") == 2
+    assert run("diagnose", looped, tmp_path / "nowhere", "--out", tmp_path / "other") == 2
+    assert "Traceback" not in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+def test_other_sensor_and_too_few_presses(
+    cal: Path, looped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    text = (cal / "calibration.toml").read_text(encoding="utf-8")
+    (cal / "calibration.toml").write_text(
+        text.replace("pitch_m = 0.004", "pitch_m = 0.005"), encoding="utf-8"
+    )
+    assert run("diagnose", looped, cal, "--out", tmp_path / "new") == 2
+    assert "Use a calibration of this sensor" in capsys.readouterr().err
+    write_calibration(calibration(), tmp_path / "good")
+    write_dataset(session(presses=8), tmp_path / "few")
+    assert run("diagnose", tmp_path / "few", tmp_path / "good", "--out", tmp_path / "new") == 1
+    assert "record more presses" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
