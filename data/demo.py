@@ -19,6 +19,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 SEED = "7"
+POLICY = "marble-tactile-1"
 
 UNITS = {
     "y_m": ("y", 1e3, "mm"),
@@ -51,6 +52,8 @@ def main() -> None:
     fitted = json.loads(skincal("fit", run, "--out", cal, "--json", quiet=True))
     skincal("predict", cal, run, "--out", str(out / "predicted"), "--slack", "--json", quiet=True)
     skincal("export-dr", str(out / "cal"), "--out", str(out / "ranges.toml"))
+    skin = ("--ranges", str(out / "ranges.toml"), "--seed", SEED)
+    skincal("eval", "marble", POLICY, *skin, "--episodes", "20", "--out", str(out / "evaluation"))
     story(fitted, out, time.monotonic() - began)
 
 
@@ -94,6 +97,7 @@ def story(fitted: dict[str, Any], out: Path, seconds: float) -> None:
     print(f"report    {out / 'cal' / 'report.html'}")
     print(f"ranges    {out / 'ranges.toml'}")
     print(f"presses   {out / 'presses.png'}")
+    print(f"policy    {out / 'evaluation'}: a policy that comes along rolls a marble in the calibrated skin")
 
 
 if __name__ == "__main__":
