@@ -147,3 +147,17 @@ def test_unknown_suite(tmp_path, capsys):
     with pytest.raises(SystemExit):
         run.main(["--out", str(tmp_path), "--suite", "every"])
     assert "outside" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_slice_with_skincal_itself(tmp_path):
+    bench = Bench(tmp_path / "out", extra=("--no-cache", "--no-report"))
+    check_diagnose(bench)
+    some = [Spec("none", 0, 7), Spec("one", 0, 7, effects=(("crosstalk", 1.2),))]
+    assert run_all(bench, some, 1, print) == 0
+    outcomes, failed = opened(bench.out)
+    assert not failed
+    by_suite = {outcome.label["suite"]: outcome for outcome in outcomes}
+    assert by_suite["none"].verdict == "none"
+    assert by_suite["one"].right_class()
+    assert by_suite["one"].found("crosstalk")
