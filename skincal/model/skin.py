@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skincal.model.arrays import FloatArray, floats, positive
+from skincal.model.ball import loads_of_one
 from skincal.model.contact import Contacts
 from skincal.model.converter import Converter
-from skincal.model.indenters.base import Indenter
+from skincal.model.indenters import Indenter, Sphere
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
 from skincal.model.pressures import Pressures, pressures
@@ -77,7 +78,12 @@ class Skin:
 
         The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4).
         """
-        return loads(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
+        patch, elasticity = self.patch, self.parameters.elasticity_pa_per_m
+        if len(contacts) == 1 and self.law is None and isinstance(indenter, Sphere):
+            found = loads_of_one(patch, elasticity, indenter, contacts)
+            if found is not None:
+                return found
+        return loads(patch, elasticity, indenter, contacts, self.law)
 
     def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
         """Where each contact presses how hard, tactile point by tactile point: the terms of the sums of :meth:`loads`.
