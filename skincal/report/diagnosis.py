@@ -140,9 +140,15 @@ def _page(found: Diagnosis, dataset: Dataset, figures: list[tuple[int, Picture]]
         findings=sorted(found.findings, key=lambda finding: finding.severity != "warning"),
         parameters=parameter_rows(found),
         signatures=[
-            {"meaning": s.meaning, "share": percent(s.share), "p": f"{s.p_value:.2g}"}
+            {
+                "meaning": s.meaning,
+                "share": percent(s.share),
+                "p": f"{s.p_value:.2g}",
+                "times": f"{s.times_null:.1f}" if s.times_null < 10 else f"{s.times_null:.0f}",
+            }
             for s in found.signatures
         ],
+        structure=f"{found.options.structure:g}",
         effects=effect_rows(found),
         critical=f"{critical_score(found):.2g}",
         next_presses=found.next_presses,

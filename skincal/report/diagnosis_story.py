@@ -113,10 +113,18 @@ def _no_score(found: Diagnosis) -> str:
     if not rounds:
         return "The base model leaves no more residual than sessions have in which nothing is hidden."
     best = rounds[0].found[0]
-    p = null.p_value(best.effect, best.scored)
+    p, asked = null.p_value(best.effect, best.scored), found.options.choice.significant
+    if p > asked:
+        return (
+            f"The effect that does best, {best.effect}, scores no better than one does in sessions with nothing hidden "
+            f"({p_words(p, count)}; {asked:g} is asked for)."
+        )
+    strongest = max((s.times_null for s in found.signatures), default=0.0)
     return (
-        f"The effect that does best, {best.effect}, scores no better than one does in sessions with nothing hidden "
-        f"({p_words(p, count)}; {found.options.choice.significant:g} is asked for)."
+        f"The effect that does best, {best.effect}, scores better than in sessions with nothing hidden "
+        f"({p_words(p, count)}), but no effect explains a fair part of what is left, and what is left depends on nothing "
+        f"much more than in those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked for): "
+        "a contact law that is not quite right does that."
     )
 
 
