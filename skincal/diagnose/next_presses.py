@@ -98,16 +98,33 @@ def _apart(
     rng: np.random.Generator,
 ) -> NextPresses:
     rig = Rig.of(dataset)
-    pool = pool_plan(rig, rng)
-    picked = pick(_contests(pairs, pool, rig, dataset, found, rng), PICKED)
-    plan = plan_of(pool, picked.tolist(), rig)
-    # As they would be in their own order and at their own times.
-    contests = _contests(pairs, plan, rig, dataset, found, rng)
-    gains = tuple(_gain(p, c) for p, c in zip(pairs, contests, strict=True))
-    if all(g.added < _USEFUL * max(g.now, 1.0) for g in gains):
+    plan, gains = _chosen(found, pairs, pool_plan(rig, rng), rig, dataset, rng)
+    if not _useful(gains) and rig.radii_m:
+        # Only now: another indenter means that someone has to change it.
+        plan, gains = _chosen(found, pairs, pool_plan(rig, rng, caps=True), rig, dataset, rng)
+    if not _useful(gains):
         said = f"no further presses of the kinds that this rig made set {_names(gains)} apart"
         return NextPresses((said + "; other indenters, poses or forces may", *words), None, gains)
     return NextPresses((*(_gain_words(g, len(plan)) for g in gains), *words), plan, gains)
+
+
+def _chosen(
+    found: Diagnosis,
+    pairs: Sequence[Pair],
+    pool: Plan,
+    rig: Rig,
+    dataset: Dataset,
+    rng: np.random.Generator,
+) -> tuple[Plan, tuple[Gain, ...]]:
+    """The presses of a pool that do most, and what they do in their own order and at their own times."""
+    picked = pick(_contests(pairs, pool, rig, dataset, found, rng), PICKED)
+    plan = plan_of(pool, picked.tolist(), rig)
+    contests = _contests(pairs, plan, rig, dataset, found, rng)
+    return plan, tuple(_gain(p, c) for p, c in zip(pairs, contests, strict=True))
+
+
+def _useful(gains: Sequence[Gain]) -> bool:
+    return any(g.added >= _USEFUL * max(g.now, 1.0) for g in gains)
 
 
 def _contests(

@@ -21,8 +21,14 @@ _REST_S = 1.0
 """So much of the rest after a press is looked at, at most [s]."""
 
 
-def pool_plan(rig: Rig, rng: np.random.Generator) -> Plan:
-    """Presses to choose from: a full protocol as the rig can do it."""
+def pool_plan(rig: Rig, rng: np.random.Generator, *, caps: bool = False) -> Plan:
+    """Presses to choose from: a full protocol as the rig can do it.
+
+    Args:
+        rig: what it can do.
+        rng: the only source of chance.
+        caps: whether there are presses with another indenter, at the end, if the rig has one.
+    """
     options = FullProtocol(
         regular=_REGULAR,
         repeats=_REPEATS,
@@ -34,7 +40,7 @@ def pool_plan(rig: Rig, rng: np.random.Generator) -> Plan:
         anchor_force_n=rig.usual.force_n,
         second_indenter=_OTHER,
     )
-    plan = full_plan(rng, rig.field, options, rig.radii_m[0] if rig.radii_m else None)
+    plan = full_plan(rng, rig.field, options, rig.radii_m[0] if caps and rig.radii_m else None)
     return replace(plan, presses=tuple(rig.on_surface(plan.presses)))
 
 

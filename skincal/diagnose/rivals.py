@@ -9,7 +9,7 @@ from skincal.gap.choose import Choice, Model, Round
 NEAR = 0.8
 """An effect that a full fit found to explain this part of what the named one does is a near rival."""
 
-MOST = 3
+MOST = 2
 
 
 @dataclass(frozen=True, eq=False)
