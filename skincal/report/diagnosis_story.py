@@ -122,9 +122,9 @@ def _no_score(found: Diagnosis) -> str:
     strongest = max((s.times_null for s in found.signatures), default=0.0)
     return (
         f"The effect that does best, {best.effect}, scores better than in sessions with nothing hidden "
-        f"({p_words(p, count)}), but no effect explains a fair part of what is left, and what is left depends on nothing "
-        f"much more than in those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked for): "
-        "a contact law that is not quite right does that."
+        f"({p_words(p, count)}), but no effect explains a fair part of what is left, and what is left depends on "
+        f"nothing much more than in those sessions ({strongest:.1f} times the most; "
+        f"{found.options.structure:g} is asked for): a contact law that is not quite right does that."
     )
 
 
