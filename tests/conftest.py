@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,6 +24,10 @@ from skincal.dataset import (
 )
 
 RADIUS_M = 0.0115
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell has what it runs in the background ignore Ctrl-C; tests of an interrupt would then wait for ever.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:

@@ -241,15 +241,6 @@ def test_an_error_of_the_user_stops_the_hand_and_goes_on() -> None:
 
 @pytest.mark.parametrize("where", ["in a call", "between calls"])
 def test_control_c_stops_the_hand(where: str) -> None:
-    # A shell that runs this in the background has it ignore Ctrl-C; here it must not.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        _control_c(where)
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _control_c(where: str) -> None:
     driver = FakeHand(hang={"observe": 0.4} if where == "in a call" else {})
     main = threading.main_thread().ident
     assert main is not None
