@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from skincal.envs.marble import MarbleRollEnv
     from skincal.envs.options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
     from skincal.envs.rewards import RewardScales
-    from skincal.envs.roll import RollEnv, TaskOptions
+    from skincal.envs.roll import RollEnv
+    from skincal.envs.task import TaskOptions
 
 register_environments()
 
@@ -28,7 +29,7 @@ _HOMES = {
     "ORIENTATIONS_DEG": "options",
     "RewardScales": "rewards",
     "RollEnv": "roll",
-    "TaskOptions": "roll",
+    "TaskOptions": "task",
 }
 
 

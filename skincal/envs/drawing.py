@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Final, Literal, cast
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem
-from skincal.ranges import NAMES, PRESETS, Parameter, Ranges, preset, read_ranges
+from skincal.ranges import NAMES, PRESETS, Parameter, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX as _EFFECTS
 from skincal.ranges.names import find
 from skincal.ranges.sampling import Sample
@@ -22,65 +22,8 @@ Value = float | FloatArray
 Values = dict[str, Value]
 """Draws by full name: a float, or an array of one value a joint, a taxel or a direction."""
 
-ObjectName = Literal["marble", "bolt"]
-
-_ALTERNATIVES: Final = {
-    "skin.y_offset_m": ("skin.y_m",),
-    "skin.x_offset_m": ("skin.beta_deg",),
-}
-"""What may stand in the place of a parameter of a preset: a calibrated centre for an offset from the nominal one."""
-_EACH_STEP: Final = ("joint_noise_rad", "random_force_n", "taxel_noise_counts")
-"""What may be drawn in each step."""
 RIG_EFFECTS: Final = ("force_bias", "contact_offset", "indenter_radius")
 """Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
-
-
-def load_ranges(ranges: Ranges | str | Path | None) -> Ranges:
-    """Ranges as given, from a file, of a preset by its name, or (None) the preset ``iros24``.
-
-    Raises:
-        InputError: the file cannot be read, or anything in it is wrong.
-    """
-    if isinstance(ranges, Ranges):
-        return ranges
-    if ranges is None or str(ranges) in PRESETS:
-        return preset(str(ranges or "iros24"))
-    return read_ranges(ranges)
-
-
-def expected_names(ranges: Ranges, kind: ObjectName) -> list[str]:
-    """What ranges must hold for a task: all that the preset they started from randomizes of it."""
-    name = ranges.provenance.get("preset", "iros24")
-    base = PRESETS.get(name, PRESETS["iros24"])
-    return [path for path in base if not path.startswith("object.") or path.startswith(f"object.{kind}.")]
-
-
-def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> None:
-    """Checks that ranges hold all parameters of a task, and that they are drawn when the task can use them.
-
-    Raises:
-        InputError: naming every one that is missing, and what it is, and all that is drawn at the wrong time.
-    """
-    there = {*ranges, *(ranges.joint.columns if ranges.joint else ())}
-    found = [
-        _missing(path, place)
-        for path in expected_names(ranges, kind)
-        if path not in there and not there.intersection(_ALTERNATIVES.get(path, ()))
-    ]
-    found += [
-        Problem(f"{place}, [{path}] mode", "episode: the task does not draw it anew in each step", "step")
-        for path, parameter in ranges.items()
-        if parameter.mode == "step" and not path.endswith(_EACH_STEP)
-    ]
-    if found:
-        raise InputError(found)
-
-
-def _missing(path: str, place: str) -> Problem:
-    name = NAMES[path]
-    expected = f"{name.meaning} [{name.unit}]: distribution, mode, source, and figures"
-    fix = f'Add the table; for a fixed value: distribution = "constant", value = … in {name.unit}.'
-    return Problem(f"{place}, [{path}]", expected, "no such table", fix)
 
 
 class Drawer:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
+from skincal.envs.grip import Grip
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
-from skincal.envs.scene import PHYSICS_HZ, Grip, Scene
+from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.robot import Kinematics
 from skincal.sim.drives import DriveParameters
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.envs.scene import Scene
+from skincal.envs.trajectories import POLICY_HZ
+from skincal.model import TaxelLayout
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -42,6 +46,30 @@ def colours(share: FloatArray) -> FloatArray:
     return np.where(part <= 0.5, below, _MIDDLE + (_HIGH - _MIDDLE) * (2 * part - 1))
 
 
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is shown of a moment.
+
+    Attributes:
+        centre_m: (3,) where the hand is [m].
+        layout: the taxels.
+        image: (J,) counts; None: nothing is felt, the taxels stay dark.
+        target_m: (2,) where on the sensor the object shall be: a green cross [m].
+        place_m: (2,) where it is: a white ring [m].
+    """
+
+    centre_m: FloatArray
+    layout: TaxelLayout
+    image: FloatArray | None
+    target_m: FloatArray
+    place_m: FloatArray
+
+
+def picture(scene: Scene, shown: Shown) -> Picture:
+    """The hand and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
+    return np.concatenate([hand_picture(scene, shown.centre_m), panel(shown)], axis=1)
+
+
 def hand_picture(scene: Scene, centre_m: FloatArray) -> Picture:
     """The hand from the side (HEIGHT, WIDTH, 3)."""
     engine: Any = scene.engine
@@ -60,34 +88,21 @@ def hand_picture(scene: Scene, centre_m: FloatArray) -> Picture:
     return np.array(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, -1)[..., :3]
 
 
-def panel(
-    image: FloatArray | None,
-    centres_m: FloatArray,
-    sizes_m: FloatArray,
-    target_m: FloatArray,
-    place_m: FloatArray,
-) -> Picture:
-    """The sensor from outside (HEIGHT, HEIGHT, 3): u to the right, v upwards.
-
-    Args:
-        image: (J,) counts; None: nothing is felt, the taxels stay dark.
-        centres_m: (J, 2) centres of the taxels [m].
-        sizes_m: (J, 2) their edges [m].
-        target_m: (2,) where the object shall be: a green cross [m].
-        place_m: (2,) where it is: a white ring [m].
-    """
-    picture = np.full((HEIGHT, HEIGHT, 3), _BACK, dtype=np.float64)
-    share = np.zeros(len(centres_m)) if image is None else image / FULL_COUNTS
-    for centre, size, colour in zip(centres_m, sizes_m, colours(share), strict=True):
+def panel(shown: Shown) -> Picture:
+    """The sensor from outside (HEIGHT, HEIGHT, 3): u to the right, v upwards."""
+    canvas = np.full((HEIGHT, HEIGHT, 3), _BACK, dtype=np.float64)
+    layout = shown.layout
+    share = np.zeros(layout.taxels) if shown.image is None else shown.image / FULL_COUNTS
+    for centre, size, colour in zip(layout.centres_m, layout.sizes_m, colours(share), strict=True):
         (u0, v1), (u1, v0) = _pixel(centre - size / 2), _pixel(centre + size / 2)
-        picture[v0:v1, u0:u1] = colour
+        canvas[v0:v1, u0:u1] = colour
     v, u = np.mgrid[:HEIGHT, :HEIGHT]
-    (tu, tv), (pu, pv) = _pixel(target_m), _pixel(place_m)
+    (tu, tv), (pu, pv) = _pixel(shown.target_m), _pixel(shown.place_m)
     near = np.maximum(abs(u - tu), abs(v - tv)) <= 9
-    picture[near & (np.minimum(abs(u - tu), abs(v - tv)) <= 1)] = _TARGET
+    canvas[near & (np.minimum(abs(u - tu), abs(v - tv)) <= 1)] = _TARGET
     away = np.hypot(u - pu, v - pv)
-    picture[(away >= 6) & (away <= 8.5)] = _PLACE
-    return picture.astype(np.uint8)
+    canvas[(away >= 6) & (away <= 8.5)] = _PLACE
+    return canvas.astype(np.uint8)
 
 
 def _pixel(place_m: FloatArray) -> tuple[int, int]:
@@ -101,31 +116,29 @@ class Board:
 
     Args:
         scene: the world that it stands in; it has to be put up again in each new one.
-        centre_m: (3,) where the hand is [m].
-        centres_m: (J, 2) centres of the taxels [m].
+        shown: where the hand is, and the taxels.
     """
 
-    def __init__(self, scene: Scene, centre_m: FloatArray, centres_m: FloatArray) -> None:
+    def __init__(self, scene: Scene, shown: Shown) -> None:
         engine, client = scene.engine, scene.client
         self._scene = scene
         tile = engine.createVisualShape(
             engine.GEOM_BOX, halfExtents=[0.001, 0.004, 0.004], rgbaColor=[0, 0, 0, 1], physicsClientId=client
         )
+        places = shown.centre_m + [(0.0, 0.07 + 2.5 * u, 0.02 + 2.5 * v) for u, v in shown.layout.centres_m]
         self._tiles: list[int] = [
-            engine.createMultiBody(
-                0,
-                -1,
-                tile,
-                (centre_m + np.array([0.0, 0.07 + 2.5 * u, 0.02 + 2.5 * v])).tolist(),
-                physicsClientId=client,
-            )
-            for u, v in centres_m
+            engine.createMultiBody(0, -1, tile, place, physicsClientId=client) for place in places.tolist()
         ]
-        engine.resetDebugVisualizerCamera(0.25, 100, -10, centre_m.tolist(), physicsClientId=client)
+        engine.resetDebugVisualizerCamera(0.25, 100, -10, shown.centre_m.tolist(), physicsClientId=client)
+        self._next_s = time.monotonic()
 
-    def show(self, image: FloatArray) -> None:
-        """Colours the tiles by counts (J,)."""
-        for tile, colour in zip(self._tiles, colours(image / FULL_COUNTS) / 255.0, strict=True):
+    def show(self, shown: Shown) -> None:
+        """Colours the tiles, and waits until life has come so far."""
+        image = shown.image
+        share = np.zeros(len(self._tiles)) if image is None else image / FULL_COUNTS
+        for tile, colour in zip(self._tiles, colours(share) / 255.0, strict=True):
             self._scene.engine.changeVisualShape(
                 tile, -1, rgbaColor=[*colour.tolist(), 1.0], physicsClientId=self._scene.client
             )
+        self._next_s += 1 / POLICY_HZ
+        time.sleep(max(0.0, self._next_s - time.monotonic()))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from abc import abstractmethod
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -12,29 +10,20 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.dataset.findings import did_you_mean
 from skincal.envs.bodies import Body
 from skincal.envs.critic import constant_parts, state_parts, state_values
-from skincal.envs.drawing import (
-    Drawer,
-    ObjectName,
-    Value,
-    Values,
-    array,
-    check_given,
-    check_ranges,
-    is_chosen,
-    load_ranges,
-)
-from skincal.envs.grasp import Grasp, GraspOptions
+from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
+from skincal.envs.grasp import Grasp
+from skincal.envs.needed import ObjectName, ranges_for
 from skincal.envs.observations import KINDS, Observation, PolicyKind, Seen
 from skincal.envs.options import EpisodeOptions, read_options
-from skincal.envs.picture import Board, Picture, display_there, hand_picture, panel
+from skincal.envs.picture import Board, Picture, Shown, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
-from skincal.envs.rewards import RewardScales, Situation, reward_terms
+from skincal.envs.rewards import Situation, reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
+from skincal.envs.task import TaskOptions, with_single
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import InputError, Problem
 from skincal.ranges import Ranges
@@ -46,27 +35,6 @@ AHEAD: tuple[int, ...] = (5, 10)
 """The critic sees the targets so many steps ahead."""
 _HOLD_STEPS = 10
 """While the object is held, physics steps between looks for contact."""
-
-
-@dataclass(frozen=True)
-class TaskOptions:
-    """What a task is, besides its object.
-
-    Attributes:
-        duration_s: time-out of an episode [s].
-        speed_rad_per_s: joint velocity that an action of 1 commands, the largest there is; assumed [rad/s].
-        box_half_m: half the width of the box in which random targets lie [m].
-        resolution_m: longest edge of a tactile point's cell [m].
-        rewards: weights and widths.
-        grasp: how the object is taken.
-    """
-
-    duration_s: float = 6.0
-    speed_rad_per_s: float = 0.3
-    box_half_m: float = 6e-3
-    resolution_m: float = 0.25e-3
-    rewards: RewardScales = field(default_factory=RewardScales)
-    grasp: GraspOptions = field(default_factory=GraspOptions)
 
 
 class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -100,11 +68,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if policy not in KINDS:
             raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
         self.policy: PolicyKind = policy
-        self.options = _options(options or self.default_options(), single)
+        self.options = with_single(options or self.default_options(), single)
         self.render_mode = render_mode
-        self.ranges = load_ranges(ranges)
-        place = "ranges" if isinstance(ranges, Ranges) or ranges is None else Path(ranges).name
-        check_ranges(self.ranges, self.object_name, place)
+        self.ranges = ranges_for(self.object_name, ranges)
         self.pinch: Pinch = read_pinch(hand)
         self._kinematics = Kinematics(self.pinch.description)
         self.skin = TactileSkin(self.pinch, self.options.resolution_m)
@@ -206,7 +172,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Moves on by 0.1 s.
 
         Args:
-            action: (n,) in [-1, 1]; what lies beyond is cut off, what is not finite counts as 0.
+            action: (n,) in [-1, 1]; what lies beyond is cut off, what is NaN counts as 0.
         """
         scene = self._scene
         if scene is None:
@@ -353,26 +319,23 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             return None
         if self._scene is None:
             raise gymnasium.error.ResetNeeded("Cannot call env.render() before calling env.reset()")
-        beside = panel(
-            self.image if self.policy == "tactile" else None,
-            self.skin.layout.centres_m,
-            self.skin.layout.sizes_m,
-            self._target_m(),
-            self._view.position_m,
-        )
-        return np.concatenate([hand_picture(self._scene, self._grasp.centre_m), beside], axis=1)
+        return picture(self._scene, self._shown())
 
     def _show(self) -> None:
         """Keeps PyBullet's window, if there is one, up to date and at the pace of life."""
-        if self.render_mode != "human" or self._scene is None or not self._scene.window:
-            return
-        if self._step == 0:
-            self._board = Board(self._scene, self._grasp.centre_m, self.skin.layout.centres_m)
-            self._shown_s = time.monotonic()
-        if self.policy == "tactile":
-            self._board.show(self.image)
-        self._shown_s += 1 / POLICY_HZ
-        time.sleep(max(0.0, self._shown_s - time.monotonic()))
+        if self._scene is not None and self._scene.window:
+            if self._step == 0:
+                self._board = Board(self._scene, self._shown())
+            self._board.show(self._shown())
+
+    def _shown(self) -> Shown:
+        return Shown(
+            centre_m=self._grasp.centre_m,
+            layout=self.skin.layout,
+            image=self.image if self.policy == "tactile" else None,
+            target_m=self._target_m(),
+            place_m=self._view.position_m,
+        )
 
     def close(self) -> None:
         """Ends the physics; may be called twice."""
@@ -388,22 +351,3 @@ def _worst(values: FloatArray) -> float:
 
 def _plain(value: Value) -> Value:
     return value if isinstance(value, float) else np.array(value)
-
-
-def _options(options: TaskOptions, single: dict[str, Any]) -> TaskOptions:
-    known = list(TaskOptions.__dataclass_fields__)
-    found: list[Problem] = []
-    for name, value in single.items():
-        if name not in known:
-            close = did_you_mean(name, known)
-            fix = f'Did you mean "{close}"?' if close else ""
-            found.append(
-                Problem(f"environment {name}", f"one of {', '.join(known)}", "an unknown argument", fix)
-            )
-        elif name not in ("rewards", "grasp") and not (
-            isinstance(value, int | float) and 0 < cast("float", value) < 1e4
-        ):
-            found.append(Problem(f"environment {name}", "a number > 0", repr(value)))
-    if found:
-        raise InputError(found)
-    return replace(options, **single)

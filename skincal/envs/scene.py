@@ -7,7 +7,6 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from skincal.envs.bodies import Body
+from skincal.envs.grip import Frame, Grip
 from skincal.envs.pinch import Pinch
 from skincal.envs.pinch_urdf import pinch_urdf
 from skincal.envs.touching import Touching, merged
 from skincal.errors import WorkError
 from skincal.sim.bullet import quiet
-from skincal.sim.drives import DriveParameters, Drives
+from skincal.sim.drives import Drives
 
 FloatArray = NDArray[np.float64]
 
@@ -31,60 +30,6 @@ LARGEST_FORCE_N = 200.0
 """Contact forces beyond this are a solver's slip, and not believed [N]; the drives can exert some 20 N."""
 _LARGEST_ANGLE_RAD = 1e2
 _FAR_M = 10.0
-
-
-@dataclass(frozen=True, eq=False)
-class Grip:
-    """What a scene begins with.
-
-    Attributes:
-        angles_rad: (n,) angles of the links [rad].
-        command_rad: (n,) what the drives hold to [rad].
-        drives: what the drives are.
-        body: the object.
-        position_m: (3,) where its centre of mass is held [m].
-        rotation: (3, 3) from its frame to the root's.
-        finger_friction: friction coefficient of the tips; that of a pair is the product.
-        lateral_friction: the object's, against sliding.
-        spinning_friction: the object's, against spinning about the normal [m].
-        rolling_friction: the object's, against rolling [m].
-        stiffness_n_per_m: spring constant of a contact [N/m].
-        damping_ns_per_m: damping of a contact [N s/m].
-    """
-
-    angles_rad: FloatArray
-    command_rad: FloatArray
-    drives: DriveParameters
-    body: Body
-    position_m: FloatArray
-    rotation: FloatArray
-    finger_friction: float
-    lateral_friction: float
-    spinning_friction: float
-    rolling_friction: float
-    stiffness_n_per_m: float
-    damping_ns_per_m: float
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A frame in the root's.
-
-    Attributes:
-        origin_m: (3,) [m].
-        rotation: (3, 3).
-    """
-
-    origin_m: FloatArray
-    rotation: FloatArray
-
-    def inside(self, points_m: FloatArray) -> FloatArray:
-        """Points (..., 3) of the root's frame in this one."""
-        return (points_m - self.origin_m) @ self.rotation
-
-    def turned(self, vectors: FloatArray) -> FloatArray:
-        """Vectors (..., 3) of the root's frame in this one."""
-        return vectors @ self.rotation
 
 
 class Scene:

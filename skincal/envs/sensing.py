@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, number, turn_rad
+from skincal.envs.grip import Frame
 from skincal.envs.pinch import Pinch, require_cylinder
-from skincal.envs.scene import Frame, Scene
+from skincal.envs.scene import Scene
 from skincal.envs.tactile import Felt
 from skincal.envs.touching import Touching
 from skincal.model import SensorPose

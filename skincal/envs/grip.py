@@ -1,0 +1,67 @@
+"""What a scene begins with, and frames in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.envs.bodies import Body
+from skincal.sim.drives import DriveParameters
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What a scene begins with.
+
+    Attributes:
+        angles_rad: (n,) angles of the links [rad].
+        command_rad: (n,) what the drives hold to [rad].
+        drives: what the drives are.
+        body: the object.
+        position_m: (3,) where its centre of mass is held [m].
+        rotation: (3, 3) from its frame to the root's.
+        finger_friction: friction coefficient of the tips; that of a pair is the product.
+        lateral_friction: the object's, against sliding.
+        spinning_friction: the object's, against spinning about the normal [m].
+        rolling_friction: the object's, against rolling [m].
+        stiffness_n_per_m: spring constant of a contact [N/m].
+        damping_ns_per_m: damping of a contact [N s/m].
+    """
+
+    angles_rad: FloatArray
+    command_rad: FloatArray
+    drives: DriveParameters
+    body: Body
+    position_m: FloatArray
+    rotation: FloatArray
+    finger_friction: float
+    lateral_friction: float
+    spinning_friction: float
+    rolling_friction: float
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame in the root's.
+
+    Attributes:
+        origin_m: (3,) [m].
+        rotation: (3, 3).
+    """
+
+    origin_m: FloatArray
+    rotation: FloatArray
+
+    def inside(self, points_m: FloatArray) -> FloatArray:
+        """Points (..., 3) of the root's frame in this one."""
+        return (points_m - self.origin_m) @ self.rotation
+
+    def turned(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (..., 3) of the root's frame in this one."""
+        return vectors @ self.rotation
