@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import skincal.envs
-from skincal.envs.picture import HEIGHT, WIDTH, Shown, colours, panel
+from skincal.envs.picture import HEIGHT, WIDTH, Board, Shown, colours, panel
 from skincal.model import TaxelLayout
 
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
@@ -59,3 +59,21 @@ def test_without_a_display_the_window_is_left_out_and_that_is_said(
     env.step(np.zeros(6))
     env.close()
     assert "no display to open a window on" in capsys.readouterr().err
+
+
+def test_the_board_beside_the_hand_takes_the_colours_of_the_image() -> None:
+    env: Any = gymnasium.make("skincal/MarbleRoll-v0", render_mode="rgb_array", disable_env_checker=True)
+    env.reset(seed=0)
+    env, image = env.unwrapped, np.linspace(0.0, 100.0, 16)
+    shown = Shown(env._grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
+    before, board = env.render(), Board(env._scene, shown)
+    board.show(shown)
+    engine, client = env._scene.engine, env._scene.client
+    seen = [engine.getVisualShapeData(tile, physicsClientId=client)[0][7] for tile in board._tiles]
+    assert np.array(seen)[:, :3] == pytest.approx(colours(image / 100.0) / 255.0, abs=1e-6)
+    # It stands in the view, and the physics does not feel it.
+    assert np.any(env.render()[:, :WIDTH] != before[:, :WIDTH])
+    position = env.truth.position_m
+    *_, info = env.step(np.zeros(6))
+    assert np.linalg.norm(info["position_m"] - position) < 1e-3
+    env.close()
