@@ -18,7 +18,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.gap.elastic_layer import Layer, Press
 from skincal.dataset import (
     Dataset,
     DatasetMeta,
@@ -29,6 +28,7 @@ from skincal.dataset import (
     SensorSpec,
     SurfaceSpec,
 )
+from skincal.gap.elastic_layer import Layer, Press
 from skincal.model import (
     Contacts,
     Converter,

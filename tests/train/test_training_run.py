@@ -10,7 +10,8 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
-import runs
+import small_runs
+
 from skincal.errors import InputError
 from skincal.ranges import preset
 from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
@@ -34,9 +35,9 @@ def last_network(folder: Path) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("backend", ["sb3", JAX])
 def test_going_on_is_exact(tmp_path, backend):
-    runs.run(tmp_path / "straight", 4 * runs.CHECKPOINT_STEPS, backend)
+    small_runs.run(tmp_path / "straight", 4 * small_runs.CHECKPOINT_STEPS, backend)
     for steps in (2, 4):
-        runs.run(tmp_path / "twice", steps * runs.CHECKPOINT_STEPS, backend)
+        small_runs.run(tmp_path / "twice", steps * small_runs.CHECKPOINT_STEPS, backend)
     straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
     assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
     one, other = (read_curve(tmp_path / name / "curve.csv") for name in ("straight", "twice"))
@@ -47,7 +48,7 @@ def test_going_on_is_exact(tmp_path, backend):
 @pytest.mark.slow
 def test_going_on_is_exact_in_the_real_environment(tmp_path):
     """Physics begins anew with every episode, so nothing of an earlier one is missed."""
-    work = replace(runs.work(), settings=replace(runs.SMALL, learning_starts=40), rounds_per_checkpoint=3)
+    work = replace(small_runs.work(), settings=replace(small_runs.SMALL, learning_starts=40), rounds_per_checkpoint=3)
     rounds = work.settings.steps_per_round
     for name, stops in (("straight", (12,)), ("twice", (6, 12))):
         begin(work, preset("iros24"), tmp_path / name)
@@ -60,33 +61,33 @@ def test_going_on_is_exact_in_the_real_environment(tmp_path):
 @pytest.mark.slow
 def test_processes_change_nothing(tmp_path):
     for name, processes in (("one", False), ("many", True)):
-        begin(runs.work(), preset("iros24"), tmp_path / name)
-        train(tmp_path / name, runs.make, runs.CHECKPOINT_STEPS, processes=processes)
+        begin(small_runs.work(), preset("iros24"), tmp_path / name)
+        train(tmp_path / name, small_runs.make, small_runs.CHECKPOINT_STEPS, processes=processes)
     one, many = last_network(tmp_path / "one"), last_network(tmp_path / "many")
     assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
 
 
 def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
-    runs.run(tmp_path / "straight", 4 * runs.CHECKPOINT_STEPS)
+    small_runs.run(tmp_path / "straight", 4 * small_runs.CHECKPOINT_STEPS)
     folder = tmp_path / "killed"
-    runs.run(folder, 2 * runs.CHECKPOINT_STEPS)
+    small_runs.run(folder, 2 * small_runs.CHECKPOINT_STEPS)
 
     def kill(row: object) -> None:
         raise KilledError
 
     with pytest.raises(KilledError):
-        train(folder, runs.make, told=kill)
-    assert read_curve(folder / "curve.csv")["steps"][-1] > 2 * runs.CHECKPOINT_STEPS
-    runs.run(folder, 4 * runs.CHECKPOINT_STEPS)
+        train(folder, small_runs.make, told=kill)
+    assert read_curve(folder / "curve.csv")["steps"][-1] > 2 * small_runs.CHECKPOINT_STEPS
+    small_runs.run(folder, 4 * small_runs.CHECKPOINT_STEPS)
     for a, b in zip(last_network(tmp_path / "straight"), last_network(folder), strict=True):
         assert np.array_equal(a, b)
     steps = read_curve(folder / "curve.csv")["steps"]
-    assert np.array_equal(steps, np.arange(1, len(steps) + 1) * runs.SMALL.steps_per_round)
+    assert np.array_equal(steps, np.arange(1, len(steps) + 1) * small_runs.SMALL.steps_per_round)
 
 
 def test_seeds_matter_and_repeat(tmp_path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        runs.run(tmp_path / name, runs.CHECKPOINT_STEPS, seed=seed)
+        small_runs.run(tmp_path / name, small_runs.CHECKPOINT_STEPS, seed=seed)
     a, b, c = (np.concatenate([x.ravel() for x in last_network(tmp_path / n)]) for n in "abc")
     assert np.array_equal(a, b)
     assert not np.allclose(a, c)
@@ -99,9 +100,9 @@ def test_the_file_says_what_the_learner_does(tmp_path, backend):
     from skincal.train.checkpoint import load_checkpoint
     from skincal.train.run import _learner
 
-    done = runs.run(tmp_path / "run", 2 * runs.CHECKPOINT_STEPS, backend)
+    done = small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS, backend)
     work, _ = read_run(tmp_path / "run")
-    with _learner(work, runs.make, processes=False) as learner:
+    with _learner(work, small_runs.make, processes=False) as learner:
         load_checkpoint(learner, tmp_path / "run" / "checkpoint")
         network = learner.network()
         observation = {"policy": 2.0 * np.random.default_rng(1).normal(size=(40, 10)).astype(np.float32),
@@ -119,7 +120,7 @@ def test_the_file_says_what_the_learner_does(tmp_path, backend):
 def test_the_actor_does_not_see_what_the_critics_see(backend):
     from skincal.train.run import _learner
 
-    with _learner(runs.work(backend), runs.make, processes=False) as learner:
+    with _learner(small_runs.work(backend), small_runs.make, processes=False) as learner:
         seen = np.random.default_rng(1).normal(size=(1, 10)).astype(np.float32)
         acts = [
             learner.model.predict(
@@ -134,7 +135,7 @@ def test_the_actor_does_not_see_what_the_critics_see(backend):
 def test_the_critics_see_everything():
     from skincal.train.run import _learner
 
-    with _learner(runs.work(), runs.make, processes=False) as learner:
+    with _learner(small_runs.work(), small_runs.make, processes=False) as learner:
         assert learner.model.critic.qf0[0].in_features == 10 + 4 + 2
 
 
@@ -143,17 +144,17 @@ def test_the_critics_see_everything():
 def test_it_learns(tmp_path, backend):
     """The toy task is learned with the published rates: the error falls to a third of what chance gives."""
     settings = Settings(learning_starts=960, target_entropy=-2.0)
-    begin(replace(runs.work(backend), settings=settings), preset("iros24"), tmp_path / "run")
-    train(tmp_path / "run", runs.make, 10 * settings.steps_per_round)
+    begin(replace(small_runs.work(backend), settings=settings), preset("iros24"), tmp_path / "run")
+    train(tmp_path / "run", small_runs.make, 10 * settings.steps_per_round)
     error = read_curve(tmp_path / "run" / "curve.csv")["error_m"]
     assert error[-1] < error[0] / 3
 
 
 def test_description(tmp_path):
-    about = runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS).description
+    about = small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS).description
     read = read_policy(tmp_path / "run" / "policy.onnx").description
     assert read == about
-    assert (read.task, read.policy, read.seed, read.steps) == ("marble", "tactile", 3, runs.CHECKPOINT_STEPS)
+    assert (read.task, read.policy, read.seed, read.steps) == ("marble", "tactile", 3, small_runs.CHECKPOINT_STEPS)
     assert read.size == 10
     assert len(read.ranges_sha256) == 64
     assert "stable-baselines3" in read.versions
@@ -167,30 +168,30 @@ def test_published_settings():
 
 
 def test_work_survives_a_file(tmp_path):
-    runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS)
-    assert read_run(tmp_path / "run")[0] == runs.work()
+    small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
+    assert read_run(tmp_path / "run")[0] == small_runs.work()
 
 
 def test_a_damaged_checkpoint(tmp_path):
-    runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS)
+    small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
     (tmp_path / "run" / "checkpoint" / "weights.pt").write_bytes(b"no weights")
     with pytest.raises(
         InputError, match=r"checkpoint: expected a whole checkpoint of this run; got .*remove"
     ):
-        runs.run(tmp_path / "run", 2 * runs.CHECKPOINT_STEPS)
+        small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS)
 
 
 def test_no_run(tmp_path):
     with pytest.raises(InputError, match=r"run\.toml: expected a training run begun by `skincal train`"):
-        train(tmp_path, runs.make)
+        train(tmp_path, small_runs.make)
 
 
 def test_two_processes_at_one_run(tmp_path):
     from skincal.train.run import _alone
 
-    runs.run(tmp_path / "run", runs.CHECKPOINT_STEPS)
+    small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
     with _alone(tmp_path / "run"), pytest.raises(InputError, match="another process at work"):
-        runs.run(tmp_path / "run", 2 * runs.CHECKPOINT_STEPS)
+        small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS)
 
 
 def test_network_shapes():
