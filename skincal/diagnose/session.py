@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import HOLD, IDLE, Dataset, idle_means
+from skincal.diagnose.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.effects.samples import UNKNOWN
 from skincal.fit.observe import Readout
@@ -54,7 +55,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     assert frames is not None
     row = press_rows(dataset)
     force = np.where(row >= 0, frames.force_n, 0.0)
-    place = np.where((row >= 0)[:, None], frames.position_m, np.nan)
+    place = steady_places(np.where((row >= 0)[:, None], frames.position_m, np.nan), force, row)
     use = (row < 0) | (np.isfinite(place).all(axis=1) & np.isfinite(force))
     row, of_press = row[use], np.maximum(row, 0)[use]
 
