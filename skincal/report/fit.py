@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.fit.result import FitResult
+from skincal.report.fit_bound import bound_story
 from skincal.report.fit_draws import draws_figure
 from skincal.report.fit_images import images_figure
 from skincal.report.fit_residuals import residuals_figure, scatter_figure
 from skincal.report.fit_slack import slack_figure
 from skincal.report.fit_story import (
-    bound_story,
     headline,
     parameter_rows,
     press_rows,

@@ -81,6 +81,7 @@ def verdict(result: FitResult) -> list[str]:
     return [
         _about_presses(result),
         _about_parameters(result),
+        *_about_taxels(result),
         _about_images(result),
         _about_positions(result),
     ]
@@ -104,6 +105,20 @@ def _about_parameters(result: FitResult) -> str:
 
 def _range(of: Quantity) -> str:
     return f"{of.shown(of.low)} to {of.shown(of.high)}" if of.identified else "not identified"
+
+
+def _about_taxels(result: FitResult) -> list[str]:
+    scales = result.scale_per_taxel_per_n
+    if scales is None:
+        return []
+    cols = result.problem.rig.layout.cols
+    least, most = (
+        f"{scales[j]:.3g} of taxel ({j // cols}, {j % cols})" for j in (np.argmin(scales), np.argmax(scales))
+    )
+    return [
+        f"Each taxel has a scale of its own, from {least} to {most} 1/N; they differ by "
+        f"{100 * float(np.std(np.log(scales))):.2g} % rms."
+    ]
 
 
 def _about_images(result: FitResult) -> str:
@@ -178,40 +193,6 @@ def scatter_rows(result: FitResult) -> list[ScatterRow]:
             "hold mean of a taxel", f"{floor:.2g} counts at rest", f"{found.noise_counts:.2g} counts", image
         ),
     ]
-
-
-def bound_story(result: FitResult, calibration: Calibration) -> list[str]:
-    """How the bound of the valley, and with it the intervals, came about."""
-    bound = f"{result.valley_mse_counts2:.3g} counts² (rmse {result.valley_mse_counts2**0.5:.2g} counts)"
-    inside = int(result.grid.in_valley.sum())
-    combinations = result.grid.grid.combinations
-    if result.bound == "fixed":
-        return [
-            f"The bound was given: the valley is every combination of the grid whose loss is below {bound}; these are "
-            f"{inside:,} of {combinations:,}. The intervals are their extent. Such a bound knows nothing of the noise "
-            "of these data; without it the bound follows from the noise."
-        ]
-    level = calibration.provenance.options.get("level")
-    part = f"the central {100 * float(level):g} %" if isinstance(level, int | float) else "the central part"
-    story = [
-        "The valley is what the data cannot tell apart, given their own noise. From the best points of the grid on, "
-        "the fit goes on continuously: the error of every contact position and force is integrated over, and how "
-        f"large these errors and the noise of the images are is estimated along with the parameters. Intervals hold "
-        f"{part} of the draws from this distribution; their loss lies below {bound}.",
-        f"The draws are worth {result.effective_draws:.0f} independent ones. The grid has {combinations:,} "
-        f"combinations, of which {inside:,} lie below that bound: "
-        + (
-            "the valley is narrower than a cell of the grid."
-            if inside == 0
-            else "the valley is wider than its cells."
-        ),
-    ]
-    if result.law_spread_m > 0:
-        story.append(
-            "A skin may spread pressure sideways, which the model does not. The intervals include what this could "
-            f"change; a spread of {1e3 * result.law_spread_m:.2f} mm fits best."
-        )
-    return story
 
 
 def press_rows(result: FitResult, dataset: Dataset) -> list[PressRow]:

@@ -36,6 +36,7 @@ from skincal.fit.problem import PressTable, Rig, pose_problem
 from skincal.fit.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import SECTIONS, write_fit_report
+from skincal.report.fit_bound import bound_story
 from skincal.report.fit_draws import draws_figure
 from skincal.report.fit_images import images_figure
 from skincal.report.fit_left_out import left_out
@@ -43,7 +44,7 @@ from skincal.report.fit_presses import PressView, chosen_presses, why_unused
 from skincal.report.fit_quantities import quantities, with_digits
 from skincal.report.fit_residuals import Residuals, residuals_figure, scatter_figure
 from skincal.report.fit_slack import slack_figure
-from skincal.report.fit_story import bound_story, headline, parameter_rows, scatter_rows, verdict
+from skincal.report.fit_story import headline, parameter_rows, scatter_rows, verdict
 from skincal.report.fit_valley import valley_figure
 from skincal.report.style import GREEN, RED
 
@@ -288,10 +289,21 @@ def test_a_calibration_that_is_told_by_nothing_is_not_to_be_used(fitted: Fitted)
     warned = (FitFinding("few_draws", "warning", "The draws do not tell."),)
     changed = replace(fitted[0], findings=warned)
     assert headline(changed) == (False, "One thing needs attention before this calibration is relied on.")
-    assert headline(replace(changed, effective_draws=3.0)) == (
+    untold = replace(changed, effective_draws=3.0)
+    assert headline(untold) == (
         False,
         "Do not use this calibration: the data do not tell its parameters.",
     )
+    (story,) = bound_story(untold, fitted[2])
+    assert "no interval is given" in story and "Intervals hold" not in story
+
+
+def test_scales_of_the_taxels_are_told_where_there_are_any(fitted: Fitted) -> None:
+    scales = np.full(16, 62.0)
+    scales[[3, 9]] = 70.0, 55.0
+    told = " ".join(verdict(replace(fitted[0], scale_per_taxel_per_n=scales)))
+    assert "from 55 of taxel (2, 1) to 70 of taxel (0, 3) 1/N" in told
+    assert "scale of its own" not in " ".join(verdict(fitted[0]))
 
 
 def test_unused_presses_are_counted_with_their_reasons(fitted: Fitted) -> None:
