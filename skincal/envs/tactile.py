@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,12 @@ class TactileSkin:
         self._surface = Cylinder(require_cylinder(pinch))
         self._converter = converter_of(meta.sensor)
         self.layout = layout_of(meta.sensor, None)
-        self._mould = PatchMould(self._surface, self.layout, resolution_m)
+        self._resolution_m = resolution_m
+
+    @cached_property
+    def _mould(self) -> PatchMould:
+        """Made when there is something to feel: policies without touch do without."""
+        return PatchMould(self._surface, self.layout, self._resolution_m)
 
     @property
     def taxels(self) -> int:
