@@ -23,7 +23,7 @@ from skincal.gap.session import GapSession
 from skincal.model import Cylinder, Indenter, Plane, Sphere
 from skincal.model.arrays import FloatArray, as_floats
 
-THICKNESSES_M = (1.0e-3, 2.5e-3)
+THICKNESSES_M = (1.0e-3, 2.5e-3, 5.0e-3)
 """Layers of these thicknesses are the twins [m]."""
 POWERS = (0.85, 1.2)
 """Exponents of the stress where there is no layer."""
