@@ -48,7 +48,9 @@ def test_going_on_is_exact(tmp_path, backend):
 @pytest.mark.slow
 def test_going_on_is_exact_in_the_real_environment(tmp_path):
     """Physics begins anew with every episode, so nothing of an earlier one is missed."""
-    work = replace(small_runs.work(), settings=replace(small_runs.SMALL, learning_starts=40), rounds_per_checkpoint=3)
+    work = replace(
+        small_runs.work(), settings=replace(small_runs.SMALL, learning_starts=40), rounds_per_checkpoint=3
+    )
     rounds = work.settings.steps_per_round
     for name, stops in (("straight", (12,)), ("twice", (6, 12))):
         begin(work, preset("iros24"), tmp_path / name)
@@ -154,7 +156,12 @@ def test_description(tmp_path):
     about = small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS).description
     read = read_policy(tmp_path / "run" / "policy.onnx").description
     assert read == about
-    assert (read.task, read.policy, read.seed, read.steps) == ("marble", "tactile", 3, small_runs.CHECKPOINT_STEPS)
+    assert (read.task, read.policy, read.seed, read.steps) == (
+        "marble",
+        "tactile",
+        3,
+        small_runs.CHECKPOINT_STEPS,
+    )
     assert read.size == 10
     assert len(read.ranges_sha256) == 64
     assert "stable-baselines3" in read.versions
