@@ -50,6 +50,8 @@ FIRST_STEP = 0.25
 """A strength's first step [typical values]: some effects are flat at neutral."""
 _STEP = 0.03
 _FURTHEST = 1.2
+OF_PLACES = ("contact_offset", "shear")
+"""Effects that move contacts: the places of presses have followed them already, and to first order only."""
 _SHORTEST, _SHORTER = 0.04, 0.4
 
 
@@ -312,7 +314,34 @@ def _towards(coordinate: Coordinate) -> float:
     return -1.0 if coordinate.parameter.typical < 0 else 1.0
 
 
+def straight(scene: Scene, start: Start, learn: View, score: View) -> Found:
+    """What an effect explains to first order in its strengths, all of them free.
+
+    An effect that moves contacts is in the places that the fit found, and so in the residual, to first order: there a
+    change that is not has nothing to be compared with.
+    """
+    columns = np.stack([secant(scene, start, k) for k in range(len(start.coords))], axis=-1)
+    seen, scored = learn.seen(columns), score.seen(columns)
+    curve = seen.T @ seen + np.diag(1 / priors(start.coords) ** 2)
+    x = clipped(start.coords, np.linalg.solve(curve, seen.T @ learn.residual)[:, 0])
+
+    def fall(view: View, of: FloatArray) -> float:
+        return float((view.residual**2).sum() - ((view.residual - of @ x[:, None]) ** 2).sum())
+
+    return Found(start, x, fall(learn, seen), fall(score, scored))
+
+
+def secant(scene: Scene, start: Start, k: int) -> FloatArray:
+    """Change of the values (N, J) by one number of an effect from neutral, over a quarter of its unit [counts]."""
+    x = np.zeros(len(start.coords))
+    low, high = start.coords[k].bounds
+    x[k] = FIRST_STEP if high >= FIRST_STEP else max(-FIRST_STEP, low)
+    change = scene.bench.values(parameters_at(start.coords, x, start.held)) - scene.zero
+    return np.nan_to_num(change) / x[k]
+
+
 def best_of(scene: Scene, name: str, learn: View, score: View) -> Found | None:
     """The best of all searches for an effect; None where there is nothing to search."""
-    found = [search(scene, start, learn, score) for start in scene.bench.starts(name)]
+    way = straight if name in OF_PLACES else search
+    found = [way(scene, start, learn, score) for start in scene.bench.starts(name)]
     return max(found, key=lambda f: f.learned) if found else None

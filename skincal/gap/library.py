@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.effects import EFFECTS
-from skincal.gap.candidates import FIRST_STEP, Scene, Start, View
-from skincal.gap.free import parameters_at, priors, strengths
+from skincal.gap.candidates import Scene, Start, View, secant
+from skincal.gap.free import priors, strengths
 from skincal.model.arrays import FloatArray
 
 Pair = tuple[FloatArray, FloatArray]
@@ -69,11 +69,5 @@ def _falls(start: Start, columns: FloatArray, views: tuple[View, View], residual
 
 def columns_of(scene: Scene, start: Start) -> FloatArray:
     """Change of the values (N, J, n) by each strength of an effect, a secant from neutral [counts]."""
-    found: list[FloatArray] = []
-    for k in np.flatnonzero(strengths(start.coords)).tolist():
-        x = np.zeros(len(start.coords))
-        low, high = start.coords[k].bounds
-        x[k] = FIRST_STEP if high >= FIRST_STEP else max(-FIRST_STEP, low)
-        change = scene.bench.values(parameters_at(start.coords, x, start.held)) - scene.zero
-        found.append(np.nan_to_num(change) / x[k])
-    return np.stack(found, axis=-1)
+    strong = np.flatnonzero(strengths(start.coords)).tolist()
+    return np.stack([secant(scene, start, k) for k in strong], axis=-1)
