@@ -24,7 +24,7 @@ from skincal.gap.reading import Reading
 from skincal.gap.refit import RefitOptions, Slopes
 from skincal.gap.session import GapSession
 from skincal.model import FlatPunch, Sphere
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "hysteresis": ({"width": 0.3}, {"width": 1.5}, {"width": 5.0}),
@@ -323,7 +323,7 @@ def straight(scene: Scene, start: Start, learn: View, score: View) -> Found:
     columns = np.stack([secant(scene, start, k) for k in range(len(start.coords))], axis=-1)
     seen, scored = learn.seen(columns), score.seen(columns)
     curve = seen.T @ seen + np.diag(1 / priors(start.coords) ** 2)
-    x = clipped(start.coords, np.linalg.solve(curve, seen.T @ learn.residual)[:, 0])
+    x = clipped(start.coords, as_floats(np.linalg.solve(curve, seen.T @ learn.residual))[:, 0])
 
     def fall(view: View, of: FloatArray) -> float:
         return float((view.residual**2).sum() - ((view.residual - of @ x[:, None]) ** 2).sum())

@@ -128,7 +128,9 @@ CASES: Mapping[str, Effects] = {
     "none": {},
     "hysteresis": {"hysteresis": {"height": 0.3, "width": 3.0}},
     "crosstalk": {"crosstalk": {"leak": 0.05}},
-    "contact_offset": {"contact_offset": {"stretch_across": 0.08, "pose_along_m": [1.5e-4, -1.5e-4]}},
+    "contact_offset": {
+        "contact_offset": {"stretch_across": 0.08, "stretch_along": -0.08, "pose_along_m": [3e-4, -3e-4]}
+    },
     "taxel_gain": {"taxel_gain": {"gain": [1.1, 0.9, 1.0, 1.15, 1.0, 0.85, 0.95, 1.05, 1.1]}},
 }
 """Sessions that several files of tests look at."""

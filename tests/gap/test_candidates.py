@@ -10,8 +10,9 @@ from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Case, arrays, case, made, 
 from model.model_shapes import sphere_mesh
 
 from skincal.effects import COVARIATES, EFFECTS
-from skincal.gap.candidates import FORMS, Bench, Found, Scene, View, best_of, search
+from skincal.gap.candidates import FORMS, Bench, Found, Scene, View, best_of, search, straight
 from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.library import Library
 
 
 def views(of: Case) -> tuple[View, View]:
@@ -119,25 +120,22 @@ def test_the_base_model_and_places_explain_nothing_more():
 def test_the_residual_of_a_true_base_model_is_noise_once_projected():
     of = case("none")
     for view in views(of):
-        lost = 3 * len(np.unique(of.scene.press[view.rows]))
-        assert view.residual.var() == pytest.approx(1 - lost / len(view.residual), abs=0.12)
+        freedom = len(view.residual) - 5
+        assert (view.residual**2).sum() / freedom == pytest.approx(1.0, abs=5 * np.sqrt(2 / freedom))
 
 
-@pytest.mark.parametrize(
-    "name", ["hysteresis", "crosstalk", "contact_offset", pytest.param("taxel_gain", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["hysteresis", "crosstalk", "taxel_gain"])
 def test_what_is_hidden_is_found(name: str):
     of = case(name)
     best = found(name, of)
-    assert best.effect == name and best.learned > 40 and best.scored > 20
+    assert best.effect == name and best.learned > 20 and best.scored > 20
     truth = of.made.truth.effects[name]
     for key, value in truth.items():
         p = EFFECTS[name].parameter(key)
         got = best.parameters[name][key]
         unit = p.typical if p.role == "strength" else np.abs(value)
-        # What all taxels or poses share is the base model's.
-        shared = got.mean() - value.mean() if value.ndim else 0.0
-        assert np.abs(got - value - shared).max() < 0.45 * np.abs(unit), key
+        # Taxels that a dozen presses hardly reach keep to their prior.
+        assert np.median(np.abs(got - value)) < 0.45 * np.abs(unit), key
 
 
 def test_an_effect_in_the_positions_is_seen_where_they_were_measured():
@@ -145,10 +143,24 @@ def test_an_effect_in_the_positions_is_seen_where_they_were_measured():
     of = case("contact_offset")
     residual = of.model.refit.slopes.residual
     assert np.mean(residual**2) < 1.15
-    fitted_places = replace(of.scene, residual=residual)
-    blind = best_of(fitted_places, "contact_offset", *(fitted_places.part(v.rows) for v in views(of)))
-    assert blind is not None
-    assert found("contact_offset", of).scored > 3 * max(blind.scored, 5.0)
+    best = found("contact_offset", of)
+    assert best.learned > 40 and best.scored > 20
+    own = best.parameters["contact_offset"]
+    assert own["stretch_across"] > 0.02 and own["stretch_along"] < -0.02
+    assert own["pose_along_m"][0] - own["pose_along_m"][1] > 2e-4
+    moved = replace(of.scene, residual=residual)
+    blind = best_of(moved, "contact_offset", *(moved.part(v.rows) for v in views(of)))
+    assert blind is not None and best.learned > 5 * max(blind.learned, 0.0)
+
+
+def test_what_moves_contacts_is_explained_to_first_order():
+    of = case("contact_offset")
+    learn, score = views(of)
+    (start,) = of.scene.bench.starts("contact_offset")
+    best = straight(of.scene, start, learn, score)
+    library = Library.of(of.scene, ["contact_offset"])
+    learned, scored = library.falls("contact_offset", (learn, score), (learn.residual, score.residual))
+    assert (best.learned, best.scored) == pytest.approx((learned[0], scored[0]))
 
 
 def test_a_search_never_ends_worse_than_it_began():
