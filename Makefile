@@ -23,7 +23,7 @@ $(VENV)/.%-stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@$(PIP) install -c constraints.txt -e '.$(if $(filter core,$*),,[$*])'
 	@touch $@
 
-demo: $(VENV)/.policy-stamp ## a session on the simulated hand, its fit with a report, ranges, a policy in that skin
+demo: $(VENV)/.policy-stamp ## sessions on the simulated hand: fit, ranges, a policy; a hidden effect found and added
 	@$(BIN)/python data/demo.py --out $(DEMO)
 
 test: $(VENV)/.test-stamp ## the tests, without the slow ones

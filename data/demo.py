@@ -1,7 +1,8 @@
 """The main job, end to end, on the simulated hand: ``make demo``, or ``python -m data.demo --out FOLDER``.
 
-Runs the verbs as a person would, and ends with a short story of what they found. The hand is simulated, so the truth is
-known and the story can be checked.
+Runs the verbs as a person would, and ends with a short story of what they found. A second session comes from a skin
+with an effect that no fit knows: it is found, named and added, and the gap shrinks. The hand is simulated, so the truth
+is known and the story can be checked.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 SEED = "7"
+HIDDEN = "hysteresis=1"
 POLICY = "marble-tactile-1"
 
 UNITS = {
@@ -54,7 +56,22 @@ def main() -> None:
     skincal("export-dr", str(out / "cal"), "--out", str(out / "ranges.toml"))
     skin = ("--ranges", str(out / "ranges.toml"), "--seed", SEED)
     skincal("eval", "marble", POLICY, *skin, "--episodes", "20", "--out", str(out / "evaluation"))
+    gap = close_a_gap(out)
     story(fitted, out, time.monotonic() - began)
+    gap_story(gap, out)
+
+
+def close_a_gap(out: Path) -> dict[str, Any]:
+    """A second session, with a skin that has what no fit looks for: collected, fitted coarsely, and diagnosed."""
+    run, cal, closed = (str(out / name) for name in ("gap", "gap-cal", "gap-closed"))
+    hidden = ("--effect", HIDDEN, "--truth", str(out / "gap-truth.json"))
+    plan = str(ROOT / "data" / "short-plan.toml")
+    skincal("collect", "--driver", "sim", "--seed", SEED, "--plan", plan, *hidden, "--out", run)
+    coarse = ("--y-step-mm", "0.5", "--alpha-step-deg", "5", "--e-count", "12", "--no-report")
+    skincal("fit", run, "--out", cal, *coarse, "--json", quiet=True)
+    found = json.loads(skincal("diagnose", run, cal, "--out", closed, "--json", quiet=True))
+    skincal("export-dr", closed, "--out", str(out / "gap-ranges.toml"), "--json", quiet=True)
+    return found
 
 
 def skincal(*arguments: str, quiet: bool = False) -> str:
@@ -98,6 +115,40 @@ def story(fitted: dict[str, Any], out: Path, seconds: float) -> None:
     print(f"ranges    {out / 'ranges.toml'}")
     print(f"presses   {out / 'presses.png'}")
     print(f"policy    {out / 'evaluation'}: a policy that comes along rolls a marble in the calibrated skin")
+
+
+def gap_story(found: dict[str, Any], out: Path) -> None:
+    """Prints what was hidden in the second session, what was found of it, and the gap before and after."""
+    name, strength = HIDDEN.split("=")
+    hidden = json.loads((out / "gap-truth.json").read_text(encoding="utf-8"))["effects"]
+    print(
+        f"\nA skin that is not as the model has it\n\nHidden:   {name}, {strength} times a typical case: {hidden}"
+    )
+    print(f"Verdict:  {found['verdict']}")
+    for effect in found["effects"]:
+        numbers = ", ".join(f"{key} {_plain(value)}" for key, value in effect["parameters"].items())
+        print(f"Named:    {' or '.join(effect['consistent_with'])} (p = {effect['p_value']:.2g}): {numbers}")
+    print(f"Where:    {found['where']}\n")
+    gap = found["gap"]
+    before = gap["heldout_rmse_before"]
+    print(
+        f"Error on {gap['presses']} presses that neither the fit nor the choice has seen, counts rms a taxel:"
+    )
+    for label, key in (
+        ("before", "heldout_rmse_before"),
+        ("after", "heldout_rmse_after"),
+        ("noise", "noise_floor_rmse"),
+    ):
+        print(f"{label:8}{gap[key]:7.3f}  {'#' * round(60 * gap[key] / before)}")
+    if gap["closed"] is not None:
+        low, high = gap["closed_interval"]
+        print(f"{100 * gap['closed']:.0f} % of the gap is closed ({100 * low:.0f} to {100 * high:.0f} %).")
+    print(f"\nreport    {out / 'gap-closed' / 'report.html'}")
+    print(f"ranges    {out / 'gap-ranges.toml'}")
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, int | float) else f"{len(value)} values"
 
 
 if __name__ == "__main__":

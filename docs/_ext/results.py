@@ -1,13 +1,14 @@
 """Results of benchmarks as tables, or the words "not measured" where there are none.
 
 ``{results} FILE.json`` shows any file in the folder of results, ``{coverage} FILE.json`` that of the coverage study,
-``{speed} FILE.json`` that of the model's speed.
+``{speed} FILE.json`` that of the model's speed, ``{blind} FILE.json`` that of the blind test of the diagnosis.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -164,6 +165,25 @@ class Coverage(Results):
         return coverage(content)
 
 
+def blind(content: Mapping[str, Any]) -> list[str]:
+    """The score of the blind test as Markdown, with what was run."""
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    from benchmarks.blind.markdown import as_markdown
+
+    sessions, missing = len(content.get("sessions", [])), sum(content.get("missing", {}).values())
+    part = f" of {sessions + missing}; **the rest has not been run**" if missing else ""
+    seed = content.get("study", {}).get("seed", "unknown")
+    return [f"{sessions} sessions{part}, seed {seed}.", "", *as_markdown(content["suites"]).splitlines(), ""]
+
+
+class Blind(Results):
+    """The tables of the blind test."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return blind(content)
+
+
 class Speed(Results):
     """The table of the model's speed."""
 
@@ -178,4 +198,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("results", Results)
     app.add_directive("coverage", Coverage)
     app.add_directive("speed", Speed)
+    app.add_directive("blind", Blind)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

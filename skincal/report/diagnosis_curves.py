@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from skincal.model.arrays import FloatArray
 from skincal.report.diagnosis_left import Left, Line, edges_of, left_by, line_of
-from skincal.report.diagnosis_views import LEAST, OF_EFFECT, RINGS, VIEWS, View
+from skincal.report.diagnosis_views import LEAST, OF_EFFECT, RINGS, VIEWS, SignatureView
 from skincal.report.style import (
     BLACK,
     BLUE,
@@ -41,7 +41,7 @@ _STRONGEST = 2
 """Where nothing was named, so many of the views that explain most are shown."""
 
 
-def views_of(found: Diagnosis, left: Left) -> tuple[View, ...]:
+def views_of(found: Diagnosis, left: Left) -> tuple[SignatureView, ...]:
     """The views that show what was named; else those whose lines explain most of the residual.
 
     Args:
@@ -52,7 +52,7 @@ def views_of(found: Diagnosis, left: Left) -> tuple[View, ...]:
         views = [VIEWS[name] for name in dict.fromkeys(OF_EFFECT[e.name] for e in found.effects)]
         return tuple(v for v in views if v.kind == "moves" or len(_edges(v, left)) > 2)[:MOST]
     falls = {v.name: explained(v, left) for v in VIEWS.values() if v.kind != "moves"}
-    chosen: list[View] = []
+    chosen: list[SignatureView] = []
     for name in sorted(falls, key=lambda n: -falls[n]):
         seen_from = [(v.x_label, v.kind) for v in chosen]
         if falls[name] > -np.inf and (VIEWS[name].x_label, VIEWS[name].kind) not in seen_from:
@@ -60,7 +60,7 @@ def views_of(found: Diagnosis, left: Left) -> tuple[View, ...]:
     return tuple(chosen[:_STRONGEST])
 
 
-def _edges(view: View, left: Left) -> FloatArray:
+def _edges(view: SignatureView, left: Left) -> FloatArray:
     """(B + 1,) edges of the bins of a view; none where the data do not have what it needs."""
     if view.kind == "categories":
         return np.arange(len(RINGS) + 1, dtype=np.float64) - 0.5
@@ -69,7 +69,7 @@ def _edges(view: View, left: Left) -> FloatArray:
     return edges_of(view.parts(left), left, view.bins, log=view.log)
 
 
-def explained(view: View, left: Left) -> float:
+def explained(view: SignatureView, left: Left) -> float:
     """By how much the lines of a view lower the squared residual, less what as many lines do by chance."""
     edges = _edges(view, left)
     if len(edges) < 3:
@@ -115,7 +115,9 @@ def _with(found: Diagnosis) -> str:
     return "With " + " and ".join(names) if len(names) <= _FEW else "With all that was named"
 
 
-def _draw(figure: Figure | SubFigure, axes: Sequence[Axes], view: View, ends: Sequence[Left]) -> None:
+def _draw(
+    figure: Figure | SubFigure, axes: Sequence[Axes], view: SignatureView, ends: Sequence[Left]
+) -> None:
     if view.kind == "moves":
         _draw_moves(axes, ends)
         return
@@ -136,7 +138,7 @@ def _draw(figure: Figure | SubFigure, axes: Sequence[Axes], view: View, ends: Se
     _legend(axes[0], view, fitted[0])
 
 
-def _draw_line(axes: Axes, view: View, line: Line, held: Line, colour: str) -> None:
+def _draw_line(axes: Axes, view: SignatureView, line: Line, held: Line, colour: str) -> None:
     y, error = view.factor * line.y, 1.96 * view.factor * line.error
     if view.kind == "thin":
         axes.plot(line.x, y, color=BLUE, linewidth=0.9, alpha=0.8)
@@ -150,7 +152,7 @@ def _draw_line(axes: Axes, view: View, line: Line, held: Line, colour: str) -> N
               markerfacecolor="white", markeredgecolor=colour)  # fmt: skip
 
 
-def _label(axes: Axes, view: View) -> None:
+def _label(axes: Axes, view: SignatureView) -> None:
     axes.set(xlabel=view.x_label, ylabel=view.y_label)
     axes.grid(axis="y")
     if view.kind == "categories":
@@ -163,7 +165,7 @@ def _label(axes: Axes, view: View) -> None:
         few_logarithmic_ticks(axes.xaxis)
 
 
-def _same_height(axes: Sequence[Axes], view: View, lines: Sequence[Sequence[Line]]) -> None:
+def _same_height(axes: Sequence[Axes], view: SignatureView, lines: Sequence[Sequence[Line]]) -> None:
     """One scale before and after, so that what shrinks is seen to shrink."""
     ends = np.concatenate([
         view.factor * np.concatenate([line.y, line.y - 1.96 * line.error, line.y + 1.96 * line.error])
@@ -178,7 +180,7 @@ def _same_height(axes: Sequence[Axes], view: View, lines: Sequence[Sequence[Line
             own.set_ylim(low - room, high + room)
 
 
-def _legend(axes: Axes, view: View, lines: Sequence[Line]) -> None:
+def _legend(axes: Axes, view: SignatureView, lines: Sequence[Line]) -> None:
     if view.kind == "thin":
         return
     drawn, words = axes.get_legend_handles_labels()
@@ -193,7 +195,11 @@ def _legend(axes: Axes, view: View, lines: Sequence[Line]) -> None:
 
 
 def _draw_maps(
-    figure: Figure | SubFigure, axes: Sequence[Axes], view: View, ends: Sequence[Left], lines: Sequence[Line]
+    figure: Figure | SubFigure,
+    axes: Sequence[Axes],
+    view: SignatureView,
+    ends: Sequence[Left],
+    lines: Sequence[Line],
 ) -> None:
     values = [view.factor * line.y for line in lines]
     known = np.concatenate(values)
