@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from skincal.model.arrays import FloatArray
 from skincal.report.diagnosis_left import Left, Line, edges_of, left_by, line_of
-from skincal.report.diagnosis_views import LEAST, OF_EFFECT, RINGS, VIEWS, SignatureView
+from skincal.report.diagnosis_views import LEAST, OF_EFFECT, RINGS, VIEWS, Trace
 from skincal.report.style import (
     BLACK,
     BLUE,
@@ -41,7 +41,7 @@ _STRONGEST = 2
 """Where nothing was named, so many of the views that explain most are shown."""
 
 
-def views_of(found: Diagnosis, left: Left) -> tuple[SignatureView, ...]:
+def views_of(found: Diagnosis, left: Left) -> tuple[Trace, ...]:
     """The views that show what was named; else those whose lines explain most of the residual.
 
     Args:
@@ -52,7 +52,7 @@ def views_of(found: Diagnosis, left: Left) -> tuple[SignatureView, ...]:
         views = [VIEWS[name] for name in dict.fromkeys(OF_EFFECT[e.name] for e in found.effects)]
         return tuple(v for v in views if v.kind == "moves" or len(_edges(v, left)) > 2)[:MOST]
     falls = {v.name: explained(v, left) for v in VIEWS.values() if v.kind != "moves"}
-    chosen: list[SignatureView] = []
+    chosen: list[Trace] = []
     for name in sorted(falls, key=lambda n: -falls[n]):
         seen_from = [(v.x_label, v.kind) for v in chosen]
         if falls[name] > -np.inf and (VIEWS[name].x_label, VIEWS[name].kind) not in seen_from:
@@ -60,7 +60,7 @@ def views_of(found: Diagnosis, left: Left) -> tuple[SignatureView, ...]:
     return tuple(chosen[:_STRONGEST])
 
 
-def _edges(view: SignatureView, left: Left) -> FloatArray:
+def _edges(view: Trace, left: Left) -> FloatArray:
     """(B + 1,) edges of the bins of a view; none where the data do not have what it needs."""
     if view.kind == "categories":
         return np.arange(len(RINGS) + 1, dtype=np.float64) - 0.5
@@ -69,7 +69,7 @@ def _edges(view: SignatureView, left: Left) -> FloatArray:
     return edges_of(view.parts(left), left, view.bins, log=view.log)
 
 
-def explained(view: SignatureView, left: Left) -> float:
+def explained(view: Trace, left: Left) -> float:
     """By how much the lines of a view lower the squared residual, less what as many lines do by chance."""
     edges = _edges(view, left)
     if len(edges) < 3:
@@ -115,9 +115,7 @@ def _with(found: Diagnosis) -> str:
     return "With " + " and ".join(names) if len(names) <= _FEW else "With all that was named"
 
 
-def _draw(
-    figure: Figure | SubFigure, axes: Sequence[Axes], view: SignatureView, ends: Sequence[Left]
-) -> None:
+def _draw(figure: Figure | SubFigure, axes: Sequence[Axes], view: Trace, ends: Sequence[Left]) -> None:
     if view.kind == "moves":
         _draw_moves(axes, ends)
         return
@@ -138,7 +136,7 @@ def _draw(
     _legend(axes[0], view, fitted[0])
 
 
-def _draw_line(axes: Axes, view: SignatureView, line: Line, held: Line, colour: str) -> None:
+def _draw_line(axes: Axes, view: Trace, line: Line, held: Line, colour: str) -> None:
     y, error = view.factor * line.y, 1.96 * view.factor * line.error
     if view.kind == "thin":
         axes.plot(line.x, y, color=BLUE, linewidth=0.9, alpha=0.8)
@@ -152,7 +150,7 @@ def _draw_line(axes: Axes, view: SignatureView, line: Line, held: Line, colour: 
               markerfacecolor="white", markeredgecolor=colour)  # fmt: skip
 
 
-def _label(axes: Axes, view: SignatureView) -> None:
+def _label(axes: Axes, view: Trace) -> None:
     axes.set(xlabel=view.x_label, ylabel=view.y_label)
     axes.grid(axis="y")
     if view.kind == "categories":
@@ -165,7 +163,7 @@ def _label(axes: Axes, view: SignatureView) -> None:
         few_logarithmic_ticks(axes.xaxis)
 
 
-def _same_height(axes: Sequence[Axes], view: SignatureView, lines: Sequence[Sequence[Line]]) -> None:
+def _same_height(axes: Sequence[Axes], view: Trace, lines: Sequence[Sequence[Line]]) -> None:
     """One scale before and after, so that what shrinks is seen to shrink."""
     ends = np.concatenate([
         view.factor * np.concatenate([line.y, line.y - 1.96 * line.error, line.y + 1.96 * line.error])
@@ -180,7 +178,7 @@ def _same_height(axes: Sequence[Axes], view: SignatureView, lines: Sequence[Sequ
             own.set_ylim(low - room, high + room)
 
 
-def _legend(axes: Axes, view: SignatureView, lines: Sequence[Line]) -> None:
+def _legend(axes: Axes, view: Trace, lines: Sequence[Line]) -> None:
     if view.kind == "thin":
         return
     drawn, words = axes.get_legend_handles_labels()
@@ -197,7 +195,7 @@ def _legend(axes: Axes, view: SignatureView, lines: Sequence[Line]) -> None:
 def _draw_maps(
     figure: Figure | SubFigure,
     axes: Sequence[Axes],
-    view: SignatureView,
+    view: Trace,
     ends: Sequence[Left],
     lines: Sequence[Line],
 ) -> None:

@@ -29,7 +29,7 @@ RINGS = ("the brightest itself", "next to it", "diagonal", "further in its\nrow 
 
 
 @dataclass(frozen=True)
-class SignatureView:
+class Trace:
     """A picture.
 
     Attributes:
@@ -207,33 +207,33 @@ def _none(_: Left) -> tuple[Part, ...]:
 
 _FORCE, _TIME = "force [N]", "session time [s]"
 
-VIEWS: Final[Mapping[str, SignatureView]] = MappingProxyType(
+VIEWS: Final[Mapping[str, Trace]] = MappingProxyType(
     {
         v.name: v
         for v in (
-            SignatureView("loop", "Against force, while loading and unloading", _FORCE, PERCENT, _loop, factor=100),
-            SignatureView("hold", "In the hold", "time since the hold began [s]", PERCENT, _hold, factor=100, log=True),
-            SignatureView("speed", "Against the speed of loading", "speed [mm/s]", PERCENT, _speed, factor=100, log=True),
-            SignatureView("change", "Against how fast the value changes", "simulated change [counts/s]", COUNTS, _change),
-            SignatureView("session", "Over the session", _TIME, PERCENT, _session, factor=100),
-            SignatureView("temperature", "Against temperature", "temperature [°C]", PERCENT, _temperature, factor=100),
-            SignatureView("cycle", "First and later touches of a site", "earlier touches", PERCENT, _cycle, factor=100),
-            SignatureView("rest", "Level at rest, a line each taxel", _TIME, COUNTS, _rest, kind="thin", bins=10),
-            SignatureView("after", "At rest, after each press", "time since the press ended [s]", AFTER, _after, factor=100,
+            Trace("loop", "Against force, while loading and unloading", _FORCE, PERCENT, _loop, factor=100),
+            Trace("hold", "In the hold", "time since the hold began [s]", PERCENT, _hold, factor=100, log=True),
+            Trace("speed", "Against the speed of loading", "speed [mm/s]", PERCENT, _speed, factor=100, log=True),
+            Trace("change", "Against how fast the value changes", "simulated change [counts/s]", COUNTS, _change),
+            Trace("session", "Over the session", _TIME, PERCENT, _session, factor=100),
+            Trace("temperature", "Against temperature", "temperature [°C]", PERCENT, _temperature, factor=100),
+            Trace("cycle", "First and later touches of a site", "earlier touches", PERCENT, _cycle, factor=100),
+            Trace("rest", "Level at rest, a line each taxel", _TIME, COUNTS, _rest, kind="thin", bins=10),
+            Trace("after", "At rest, after each press", "time since the press ended [s]", AFTER, _after, factor=100,
                  log=True),
-            SignatureView("level", "Level at rest, by taxel", "", COUNTS, _level, kind="taxels"),
-            SignatureView("taxels", "Answer by taxel", "", PERCENT, _taxels, kind="taxels", factor=100),
-            SignatureView("value", "Against the value", "simulated value [counts]", COUNTS, _value, bins=12),
-            SignatureView("rings", "About the brightest taxel", "", BRIGHTEST, _rings, kind="categories", factor=100),
-            SignatureView("distance", "Against the distance from the contact", "distance [mm]", BRIGHTEST, _distance,
+            Trace("level", "Level at rest, by taxel", "", COUNTS, _level, kind="taxels"),
+            Trace("taxels", "Answer by taxel", "", PERCENT, _taxels, kind="taxels", factor=100),
+            Trace("value", "Against the value", "simulated value [counts]", COUNTS, _value, bins=12),
+            Trace("rings", "About the brightest taxel", "", BRIGHTEST, _rings, kind="categories", factor=100),
+            Trace("distance", "Against the distance from the contact", "distance [mm]", BRIGHTEST, _distance,
                  factor=100, bins=10),
-            SignatureView("indenter", "Against the distance from the contact, by indenter", "distance [mm]", BRIGHTEST,
+            Trace("indenter", "Against the distance from the contact, by indenter", "distance [mm]", BRIGHTEST,
                  _indenter, factor=100, bins=8),
-            SignatureView("force", "Against force", _FORCE, PERCENT, _force, factor=100),
-            SignatureView("poses", "Against force, by hand pose", _FORCE, PERCENT, _poses, factor=100),
-            SignatureView("shear", "Shift of the image under tangential force", "tangential force [N]",
+            Trace("force", "Against force", _FORCE, PERCENT, _force, factor=100),
+            Trace("poses", "Against force, by hand pose", _FORCE, PERCENT, _poses, factor=100),
+            Trace("shear", "Shift of the image under tangential force", "tangential force [N]",
                  "measured − simulated\nplace [mm]", _shear, factor=1e3),
-            SignatureView("moves", "By how much presses had to be moved to match", "across [mm]", "along [mm]", _none,
+            Trace("moves", "By how much presses had to be moved to match", "across [mm]", "along [mm]", _none,
                  kind="moves"),
         )
     }
