@@ -3,9 +3,10 @@
     python benchmarks/env_speed.py [--steps 600] [--json]
 
 One environment with tactile images of 0.25 mm resolution: processor time of one core, resets included, while small
-random actions move the object. The skin's share is all that is not there without it: its patch in each episode, the
-contact in its frame, the image with offsets, noise and converter. Then several environments side by side, in one
-process and in a process each: steps a second by the wall clock, so the machine should have nothing else to do.
+random actions move the object; of several rounds the fastest, as whatever else the machine does only adds. The skin's
+share is all that is not there without it: its patch in each episode, the contact in its frame, the image with offsets,
+noise and converter. Then several environments side by side, in one process and in a process each: steps a second by the
+wall clock, so the machine should have nothing else to do.
 """
 
 # ruff: noqa: E402 - the number of threads is read when numpy is imported
