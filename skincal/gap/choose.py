@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.gap.candidates import Found, Scene, Start, best_of, search
-from skincal.gap.free import Coordinate, priors
+from skincal.gap.free import Coordinate
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.library import Library
 from skincal.gap.reading import Reading
@@ -233,7 +233,28 @@ def choose(
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
         model, left = best, left - falls[name]
+    model, named = dropped(model, named, material, options.of_all * first)
+    left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (first, left))
+
+
+def dropped(
+    model: Model, named: Sequence[Named], material: Material, least: float
+) -> tuple[Model, list[Named]]:
+    """What is left of a model once every effect is dropped in turn that the others do without.
+
+    Args:
+        model: with all that was named.
+        named: in the order in which they were; the last one was named beside all others.
+        material: the session.
+        least: by how much the objective must rise for an effect to stay.
+    """
+    kept = list(named)
+    for one in named[:-1]:
+        other = without(model, one.name, material)
+        if other.refit.objective - model.refit.objective < least:
+            model, kept = other, [k for k in kept if k is not one]
+    return model, kept
 
 
 def _searched(
@@ -302,8 +323,3 @@ def without(model: Model, name: str, material: Material) -> Model:
     coords = tuple(c for c in model.coords if c.effect != name)
     held = {key: value for key, value in model.held.items() if key != name}
     return fitted(model.hypothesis, coords, model.refit.x[keep], held, material)
-
-
-def prior_cost(model: Model) -> float:
-    """What the priors of a model's numbers cost."""
-    return float(((model.refit.x / priors(model.coords)) ** 2).sum()) if model.coords else 0.0

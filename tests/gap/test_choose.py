@@ -1,0 +1,184 @@
+"""What was hidden is named, one effect or two, nothing where nothing is, and only what earns its place."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, scene_of
+
+from skincal.gap.candidates import best_of
+from skincal.gap.choose import (
+    Choice,
+    ChoiceOptions,
+    Model,
+    Named,
+    choose,
+    dropped,
+    excess_of,
+    extended,
+    without,
+)
+from skincal.gap.library import Library
+from skincal.gap.null import Null, simulate_null
+from skincal.gap.refit import refit
+
+NAMES = ("hysteresis", "crosstalk", "saturation", "taxel_gain", "contact_offset", "force_bias", "gain_drift")
+TWO: Effects = {**CASES["hysteresis"], "crosstalk": {"leak": 0.02}}
+
+
+@cache
+def library_and_null(name: str) -> tuple[Library, Null]:
+    """What the effects do about a case, and what they score by chance."""
+    return material_of(case(name))
+
+
+def material_of(of: Case) -> tuple[Library, Null]:
+    library = Library.of(of.scene, NAMES)
+    errors = {"fitted": np.zeros_like(of.scene.zero)}
+    rng = np.random.default_rng(0)
+    return library, simulate_null(of.scene, of.made.material, library, errors, 200, rng)
+
+
+def chosen(of: Case, given: tuple[Library, Null], options: ChoiceOptions | None = None) -> Choice:
+    library, null = given
+    return choose(of.model, of.made.material, library, null.p_value, null.mean_square, options)
+
+
+@cache
+def choice_of(name: str) -> Choice:
+    return chosen(case(name), library_and_null(name))
+
+
+def named(choice: Choice) -> tuple[str, ...]:
+    return tuple(one.name for one in choice.named)
+
+
+@pytest.mark.parametrize(
+    "name", ["hysteresis", "crosstalk", pytest.param("taxel_gain", marks=pytest.mark.slow)]
+)
+def test_one_hidden_effect_is_named_and_no_other(name: str):
+    choice = choice_of(name)
+    assert named(choice) == (name,)
+    (one,) = choice.named
+    assert one.consistent_with[0] == name and one.p_value <= 0.01 and one.share > 0.7
+    assert choice.explained > 0.8
+    assert choice.before.names == () and choice.after.names == (name,)
+    for key, value in CASES[name][name].items():
+        found = choice.after.hypothesis.effects[name][key]
+        assert np.abs(found - value).max() < 0.3 * np.abs(value).max(), key
+
+
+def test_what_lives_in_the_positions_is_named_too():
+    choice = choice_of("contact_offset")
+    assert "contact_offset" in named(choice)[:1]
+
+
+def test_two_hidden_effects_are_named():
+    one = made(TWO)
+    model = based(one)
+    of = Case(one, model, scene_of(one, model))
+    choice = chosen(of, material_of(of))
+    assert set(named(choice)) == set(TWO)
+    assert len(choice.rounds) >= 2 and choice.explained > 0.8
+    found = choice.after.hypothesis.effects
+    assert found["hysteresis"]["height"] == pytest.approx(0.3, abs=0.1)
+    assert found["crosstalk"]["leak"] == pytest.approx(0.02, rel=0.3)
+    again = without(choice.after, "crosstalk", one.material)
+    assert again.names == ("hysteresis",)
+    assert again.refit.objective > choice.after.refit.objective + 100
+    model, kept = dropped(choice.after, choice.named, one.material, 100.0)
+    assert model is choice.after and kept == list(choice.named)
+
+
+def test_an_effect_that_the_others_do_without_is_dropped():
+    of, choice = case("crosstalk"), choice_of("crosstalk")
+    first = best_of(of.scene, "force_bias", *(of.scene.part(r) for r in parts(of)))
+    assert first is not None
+    alone = extended(of.model, first, of.made.material)
+    both = extended(
+        alone, next(f for f in choice.rounds[0].found if f.effect == "crosstalk"), of.made.material
+    )
+    assert both.names == ("force_bias", "crosstalk")
+    named = [Named("force_bias", ("force_bias",), 0.5, 0.01), choice.named[0]]
+    model, kept = dropped(both, named, of.made.material, 0.05 * choice.excess[0])
+    assert [k.name for k in kept] == ["crosstalk"] and model.names == ("crosstalk",)
+    assert model.refit.objective == pytest.approx(choice.after.refit.objective, abs=15)
+
+
+def parts(of: Case) -> tuple[np.ndarray, np.ndarray]:
+    """What parameters are found on, and what chooses."""
+    return of.made.material.learn, of.made.material.score
+
+
+def test_nothing_is_named_where_nothing_is_hidden():
+    choice = choice_of("none")
+    assert choice.named == () and choice.after is choice.before
+
+
+@pytest.mark.slow
+def test_nothing_is_named_in_many_sessions_without_effects():
+    count = 0
+    for seed in range(20, 32):
+        one = made(seed=seed)
+        model = based(one)
+        of = Case(one, model, scene_of(one, model))
+        count += bool(chosen(of, library_and_null("none")).named)
+    assert count <= 1
+
+
+def test_not_more_than_allowed_and_nothing_at_a_level_that_nothing_reaches():
+    of, given = case("hysteresis"), library_and_null("hysteresis")
+    assert named(chosen(of, given, ChoiceOptions(most=0))) == ()
+    never = ChoiceOptions(significant=0.0)
+    none = chosen(of, given, never)
+    assert none.named == () and len(none.rounds) == 1
+    assert chosen(of, given, ChoiceOptions(share_first=1.01)).named == ()
+
+
+def test_an_effect_that_a_calibration_has_already_is_not_named_again():
+    one = made(CASES["hysteresis"])
+    fixed = one.truth.effects
+    found = refit(one.start, one.session, one.reading, OPTIONS, learn=one.material.known, fixed=fixed)
+    model = Model(found, (), fixed)
+    of = Case(one, model, scene_of(one, model))
+    choice = chosen(of, library_and_null("none"))
+    assert choice.named == () and choice.after.names == ("hysteresis",)
+    # With something else missing beside it, that is named and the known one stays as it is.
+    both = made({**fixed, "crosstalk": {"leak": 0.05}})
+    found = refit(both.start, both.session, both.reading, OPTIONS, learn=both.material.known, fixed=fixed)
+    model = Model(found, (), fixed)
+    choice = chosen(Case(both, model, scene_of(both, model)), library_and_null("none"))
+    assert named(choice) == ("crosstalk",)
+    assert choice.after.hypothesis.effects["hysteresis"]["height"] == 0.3
+
+
+def test_rounds_tell_what_was_tried():
+    choice = choice_of("hysteresis")
+    first = choice.rounds[0]
+    scores = [f.scored for f in first.found]
+    assert scores == sorted(scores, reverse=True)
+    assert first.excess == choice.excess[0]
+    assert first.falls["hysteresis"] == max(first.falls.values())
+    assert first.falls["hysteresis"] == pytest.approx(choice.excess[0] - choice.excess[1])
+    assert choice.explained == pytest.approx(1 - max(choice.excess[1], 0) / choice.excess[0])
+
+
+def test_excess_is_what_no_null_session_has():
+    of = case("none")
+    _, null = library_and_null("none")
+    many = 9 * of.made.material.known.sum()
+    left = excess_of(of.model, of.made.material, null.mean_square)
+    assert abs(left) < 6 * np.sqrt(2 * many)
+    hidden = case("crosstalk")
+    assert excess_of(hidden.model, hidden.made.material, 1.0) > 2000
+
+
+def test_progress_is_told():
+    heard: list[str] = []
+    of = case("hysteresis")
+    library, null = library_and_null("hysteresis")
+    options = ChoiceOptions(most=1)
+    choose(of.model, of.made.material, library, null.p_value, null.mean_square, options, heard=heard.append)
+    assert heard[0].startswith("round 1") and "hysteresis" in heard[1]
