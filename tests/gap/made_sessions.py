@@ -17,7 +17,8 @@ from skincal.gap.candidates import Scene
 from skincal.gap.choose import Material, Model
 from skincal.gap.hypothesis import PLACE, Hypothesis
 from skincal.gap.reading import Reading
-from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.refit import RefitOptions, refit
+from skincal.gap.relocate import relocated
 from skincal.gap.session import Binning, GapSession, binned
 from skincal.gap.split import SELECTION, TRAIN, split_presses
 from skincal.model import SensorPose, TaxelLayout
@@ -114,8 +115,13 @@ def made(
 
 
 def based(one: Made) -> Model:
-    """The base model, fitted to what learns and chooses."""
-    found: Refit = refit(one.start, one.session, one.reading, OPTIONS, learn=one.material.known)
+    """The base model, fitted to what learns and chooses, with a second look at where presses were."""
+    known = one.material.known
+    found = refit(one.start, one.session, one.reading, OPTIONS, learn=known)
+    placed = relocated(found.hypothesis, one.session, one.reading, OPTIONS)
+    if placed is not found.hypothesis:
+        again = replace(OPTIONS, settle=0, steps=4)
+        found = refit(placed, one.session, one.reading, again, learn=known)
     return Model(found)
 
 
