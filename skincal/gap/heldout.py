@@ -84,7 +84,7 @@ def gap_closed(
         rms[1],
         rms[2],
         float(_closed(total[None])[0]),
-        (float(np.nanquantile(again, 0.025)), float(np.nanquantile(again, 0.975))),
+        _interval(again),
         len(presses),
         int(rows.sum()),
         float(slack[0]),
@@ -95,6 +95,14 @@ def gap_closed(
 
 def _owned(session: GapSession, rows: BoolArray, presses: IntArray) -> list[IntArray]:
     return [np.flatnonzero(rows & (session.press == press)) for press in presses]
+
+
+def _interval(closed: FloatArray) -> tuple[float, float]:
+    """Where 95 % of what was drawn lies; NaN where there was a gap in none."""
+    some = closed[np.isfinite(closed)]
+    if not len(some):
+        return float("nan"), float("nan")
+    return float(np.quantile(some, 0.025)), float(np.quantile(some, 0.975))
 
 
 def _closed(sums: FloatArray) -> FloatArray:

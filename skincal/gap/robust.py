@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
@@ -101,7 +102,8 @@ def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> li
             after = (weight * (y[rows] - answer * x[rows] - level) ** 2).sum()
             fall = float((weight * (y[rows] - x[rows]) ** 2).sum() - after)
             if fall > best[0] and answer < _DEAD:
-                best = (fall, Dead(taxel, float(time[begin]), level / max(1 - answer, 0.1), max(answer, 0.0)))
+                since = float(time[begin]) if begin else 0.0
+                best = (fall, Dead(taxel, since, level / max(1 - answer, 0.1), max(answer, 0.0)))
         if best[1] is not None:
             found.append(best[1])
     return found if len(found) <= values.shape[1] // 3 else []
@@ -128,19 +130,16 @@ def jumps(values: FloatArray, reading: Reading, session: GapSession, dead: list[
     rest = np.flatnonzero(session.press < 0)
     if len(rest) < 2 * _FEWEST:
         return []
-    time, residual = _time(session), reading.residual(values)
-    weight = reading.weight(values)
-    found: dict[int, list[tuple[int, float]]] = {}
+    residual, weight = reading.residual(values), reading.weight(values)
+    found: dict[int, list[int]] = {}
     for taxel in sorted(set(range(values.shape[1])) - {d.taxel for d in dead}):
         rows = rest[weight[rest, taxel] > 0]
         if len(rows) < 2 * _FEWEST:
             continue
-        r, w = residual[rows, taxel], weight[rows, taxel]
-        step = _step(r, w)
-        if step is None or abs(step[1]) < _LEAST_JUMP:
-            continue
-        found.setdefault(int(rows[step[0]]), []).append((taxel, step[1]))
-    return _together(found, time)
+        step = _step(residual[rows, taxel], weight[rows, taxel])
+        if step is not None and abs(step[1]) >= _LEAST_JUMP:
+            found.setdefault(int(rows[step[0]]), []).append(taxel)
+    return [_jump(row, taxels, values, reading, session) for row, taxels in _together(found)]
 
 
 def _step(r: FloatArray, w: FloatArray) -> tuple[int, float] | None:
@@ -162,27 +161,59 @@ def _step(r: FloatArray, w: FloatArray) -> tuple[int, float] | None:
     return (best[1], best[2]) if sure and left_by_step < 0.5 * left_by_drift else None
 
 
-def _together(found: dict[int, list[tuple[int, float]]], time: FloatArray) -> list[Jump]:
-    """Jumps within a few observations of each other are one."""
-    groups: list[tuple[int, list[tuple[int, float]]]] = []
+def _together(found: dict[int, list[int]]) -> list[tuple[int, list[int]]]:
+    """Rows and taxels of jumps: those within a few observations of each other are one."""
+    groups: list[tuple[int, list[int]]] = []
     for row in sorted(found):
         if groups and row - groups[-1][0] <= 6:
             groups[-1][1].extend(found[row])
         else:
             groups.append((row, list(found[row])))
-    return [
-        Jump(tuple(t for t, _ in taxels), float(time[row]), tuple(c for _, c in taxels))
-        for row, taxels in groups
-    ]
+    return groups
+
+
+def _jump(row: int, taxels: list[int], values: FloatArray, reading: Reading, session: GapSession) -> Jump:
+    """A jump that shows at rest from a row on: how high it is, and when within the press before it was."""
+    rest = np.flatnonzero(session.press < 0)
+    before, after = rest[rest < row], rest[rest >= row]
+    height = np.zeros(values.shape[1])
+    for j in taxels:
+        height[j] = _level(values, reading, after, j) - _level(values, reading, before, j)
+    between = np.arange(before[-1] + 1, row + 1)
+    ends = (reading.residual(values + shift)[np.ix_(between, taxels)] for shift in (np.zeros(1), height))
+    stay, moved = ((end**2).sum(axis=1) for end in ends)
+    first = np.argmin([stay[:k].sum() + moved[k:].sum() for k in range(len(between))])
+    return Jump(tuple(taxels), float(_time(session)[between[first]]), tuple(height[taxels].tolist()))
+
+
+def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> float:
+    """By how much a taxel reads higher than its values in some rows [counts].
+
+    A converter clips: what it shows of a level near a bound is not the level. Of one below the bound it shows next to
+    nothing, so that it is taken to be no further away than the noise.
+    """
+    rows = rows[reading.seen[rows, taxel]]
+    share = reading.frames[rows] / reading.frames[rows].sum()
+    shown = float(share @ reading.counts[rows, taxel])
+    own, bound = values[rows, taxel], reading.readout.value_min
+    most = float(np.abs(shown - own).max()) + 10 * reading.sigma_counts
+    least = -most if bound is None else bound - reading.sigma_counts - float(own.max())
+
+    def over(offset: float) -> float:
+        return float(share @ reading.expected(own + offset)) - shown
+
+    if over(least) >= 0 or over(most) <= 0:
+        return least if over(least) >= 0 else most
+    return float(brentq(over, least, most, xtol=1e-4))
 
 
 def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> Reading:
-    """The reading with jumps taken off."""
+    """The reading with jumps taken off, clipped as it would have been."""
     counts, time = reading.counts.copy(), _time(session)
     for jump in jumped:
         later = time >= jump.at_s
         for taxel, height in zip(jump.taxels, jump.counts, strict=True):
-            counts[later, taxel] -= height
+            counts[later, taxel] = reading.expected(counts[later, taxel] - height)
     return reading.with_counts(counts)
 
 
