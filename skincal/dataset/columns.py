@@ -71,6 +71,7 @@ class ColumnReader:
         self._table = table
         self.sheet = table.sheet
         self.rows = table.rows
+        self._said: dict[str, BoolArray] = {}
 
     def has(self, name: str) -> bool:
         """Whether the table has the column."""
@@ -107,13 +108,13 @@ class ColumnReader:
         return values
 
     def whole(self, name: str, expected: str, low: int) -> NDArray[np.int64]:
-        """A column of whole numbers from ``low`` on, shape (rows,); 0 stands where it is none."""
+        """A column of whole numbers from ``low`` on, shape (rows,); ``low`` - 1 stands where a cell is none."""
         values, text = self._numbers(name)
         if not self.has(name):
             return np.zeros(self.rows, dtype=np.int64)
         good = is_number(values) & (values >= low) & (values == np.rint(values))
         self.sheet.bad_rows(name, ~good & ~text, values, expected)
-        return np.where(good, values, 0).astype(np.int64)
+        return np.where(good, values, low - 1).astype(np.int64)
 
     def text(self, name: str) -> NDArray[Any]:
         """A column as text, shape (rows,); '' where a cell is empty or NaN."""
@@ -132,6 +133,15 @@ class ColumnReader:
         for j, name in enumerate(names):
             matrix[:, j] = self.numbers(name)
         return matrix
+
+    def said(self, names: Sequence[str]) -> BoolArray:
+        """Which cells of some columns were already reported as no numbers at all, shape (rows, columns)."""
+        none = np.zeros(self.rows, dtype=bool)
+        return np.column_stack([self._said.get(name, none) for name in names])
+
+    def taxel_columns(self) -> list[str]:
+        """The columns that are named as taxels are, for where the description does not say which there are."""
+        return [name for name in self._table.columns if TAXEL.fullmatch(name)]
 
     def optional(self, known: Mapping[str, str], taken: Collection[str]) -> dict[str, NDArray[Any]]:
         """Every column that is not ``taken``, in the file's order: known ones checked, others as they are."""
@@ -173,6 +183,7 @@ class ColumnReader:
             value = _number(cell)
             text[i] = value is None
             values[i] = np.nan if value is None else value
+        self._said[name] = text
         decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
         self.sheet.bad_rows(name, text, column, "a number", "Write a decimal point." if decimal_comma else "")
         return values, text

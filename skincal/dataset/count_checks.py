@@ -30,7 +30,7 @@ def check_counts(reader: ColumnReader, sensor: SensorSpec, counts: FloatArray, *
     sheet, counts = reader.sheet, counts[:, present]
     finite = np.isfinite(counts)
     if not finite.all():
-        _check_missing(sheet, names, counts)
+        _check_missing(sheet, names, counts, reader.said(names))
     sheet.bad_cells(names, ~is_number(counts) & ~np.isnan(counts), counts, "a finite number of counts")
     low, high = _bounds(sensor)
     outside = finite & ((counts < low) | (counts > high))
@@ -47,13 +47,13 @@ def _bounds(sensor: SensorSpec) -> tuple[float, float]:
     return (low, high) if sensor.baseline == "raw" else (low - high, high - low)
 
 
-def _check_missing(sheet: Sheet, names: list[str], counts: FloatArray) -> None:
+def _check_missing(sheet: Sheet, names: list[str], counts: FloatArray, said: BoolArray) -> None:
     missing = np.isnan(counts)
     dead = np.asarray(missing.all(axis=0))
     stretches = long_stretches(missing, DEAD_STRETCH)
     stray = missing & ~stretches & ~dead
     expected = f"a number of counts (a dead taxel is NaN throughout, or {DEAD_STRETCH} rows or more on end)"
-    sheet.bad_cells(names, stray, counts, expected)
+    sheet.bad_cells(names, stray & ~said, counts, expected)
     _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
     partly = np.asarray((stretches & ~dead).any(axis=0))
     _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")

@@ -40,7 +40,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
         force_n=reader.checked("force_n", ANY, may_be_nan=False),
         position_m=np.column_stack([reader.checked(name, ANY, may_be_nan=unmeasured) for name in POSITION]),
         counts=counts,
-        columns=reader.optional(OPTIONAL, {*REQUIRED, *taxels}),
+        columns=reader.optional(OPTIONAL, {*REQUIRED, *(taxels or reader.taxel_columns())}),
     )
     check_counts(reader, meta.sensor, counts, whole=True)
     _check_order(reader, frames)
@@ -69,7 +69,7 @@ def _check_order(reader: ColumnReader, frames: Frames) -> None:
 
 
 def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None) -> None:
-    nothing = frames.press < 0
+    nothing = frames.press == -1
     if reader.has("phase"):
         bad = nothing & (frames.phase != IDLE)
         names = np.array(PHASES)[frames.phase[bad][:3]]
@@ -77,5 +77,5 @@ def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None
         values[np.flatnonzero(bad)[:3]] = names
         reader.sheet.bad_rows("phase", bad, values, '"idle" where press is -1')
     if presses is not None:
-        strangers = ~nothing & ~np.isin(frames.press, presses.press)
+        strangers = (frames.press >= 0) & ~np.isin(frames.press, presses.press)
         reader.sheet.bad_rows("press", strangers, frames.press, "a press of the table of presses")

@@ -22,6 +22,8 @@ def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None
 
     Every taxel of ``rows`` x ``cols`` must be there once. What is wrong is added to the table's findings.
     """
+    if not sensor.taxels:  # the description does not say how many there are, and that has been said
+        return None
     reader = ColumnReader(table)
     reader.require(COLUMNS)
     if not all(reader.has(name) for name in COLUMNS):
@@ -37,6 +39,8 @@ def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None
         )
     reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}")
     reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}")
+    if (np.minimum(r, c) < 0).any():  # which taxel is meant cannot be known
+        return None
     return _in_order(reader, sensor, r * sensor.cols + c, centres, sizes)
 
 

@@ -33,7 +33,10 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
         force_n=reader.checked("force_n", ANY, may_be_nan=False),
         counts=counts,
         normals=_normals(reader),
-        columns=reader.optional({**OPTIONAL, **dict.fromkeys(TIMES, ANY)}, {*REQUIRED, *NORMAL, *taxels}),
+        columns=reader.optional(
+            {**OPTIONAL, **dict.fromkeys(TIMES, ANY)},
+            {*REQUIRED, *NORMAL, *(taxels or reader.taxel_columns())},
+        ),
     )
     if reader.has("press"):
         _check_unique(reader, press)
@@ -46,7 +49,8 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
 def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
     first = np.zeros(len(press), dtype=bool)
     first[np.unique(press, return_index=True)[1]] = True
-    reader.sheet.bad_rows("press", ~first, press, "each number once", "The same press twice?")
+    # What is no number of a press has been said.
+    reader.sheet.bad_rows("press", ~first & (press >= 0), press, "each number once", "The same press twice?")
 
 
 def _normals(reader: ColumnReader) -> np.ndarray | None:

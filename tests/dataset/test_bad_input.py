@@ -188,6 +188,26 @@ def test_mistakes_in_the_frames(folder: Path, edit: Edit, said: list[str]) -> No
         assert words in text
 
 
+@pytest.mark.parametrize(
+    ("edit", "place"),
+    [
+        (put("press", 5, 0.5), "column press, row 6 (line 7)"),
+        (put("taxel_1_2", 5, "much"), "column taxel_1_2, row 6 (line 7)"),
+    ],
+)
+def test_a_wrong_cell_is_one_mistake(folder: Path, edit: Edit, place: str) -> None:
+    (folder / "frames.csv").unlink()
+    edit_table(folder, "presses.csv", edit)
+    (said,) = errors(folder)
+    assert said.startswith(f"presses.csv, {place}")
+
+
+def test_where_the_size_of_the_sensor_is_wrong_no_taxel_is(folder: Path) -> None:
+    edit_toml(folder, "rows = 4", 'rows = "four"')
+    (said,) = errors(folder)
+    assert said.startswith("dataset.toml, [sensor] rows")
+
+
 def test_everything_wrong_is_said_at_once(folder: Path) -> None:
     edit_toml(folder, "radius_m = 0.006", "radius_m = 6")
     edit_table(folder, "presses.csv", put("force_n", 3, np.nan))
