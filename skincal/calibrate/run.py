@@ -94,7 +94,8 @@ def calibrate(
                 progress=progress,
             )
     except FitError as error:
-        raise WorkError(f"{error}. {why_dropped(problem)}") from error
+        dropped = any(status != USED for status in problem.status)
+        raise WorkError(f"{error}. {why_dropped(problem)}" if dropped else f"{error}.") from error
     provenance = Provenance(
         dataset_sha256=sha,
         dataset="" if dataset.folder is None else dataset.folder.name,
