@@ -59,7 +59,7 @@ class Cache:
             return make()
         path = self.folder / f"{kind}-{digest(parts)}.npz"
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 found = {name: stored[name] for name in stored.files}
             path.touch()
             return found
@@ -89,11 +89,16 @@ def digest(parts: Iterable[object]) -> str:
     """A hash of arrays, numbers and text, and of the version."""
     found = hashlib.sha256(__version__.encode())
     for part in parts:
-        if isinstance(part, np.ndarray):
-            array = cast("NDArray[np.generic]", part)
-            found.update(f"{array.dtype}{array.shape}".encode())
-            found.update(np.ascontiguousarray(array).tobytes())
-        else:
-            found.update(repr(part).encode())
-        found.update(b"\0")
+        found.update(_bytes(part) + b"\0")
     return found.hexdigest()[:32]
+
+
+def _bytes(part: object) -> bytes:
+    """All of a part; of arrays in a sequence too, the text of which leaves out what is long."""
+    if isinstance(part, np.ndarray):
+        array = cast("NDArray[np.generic]", part)
+        return f"{array.dtype}{array.shape}".encode() + np.ascontiguousarray(array).tobytes()
+    if isinstance(part, tuple | list):
+        inside = cast("tuple[object, ...] | list[object]", part)
+        return b"(" + b",".join(_bytes(one) for one in inside) + b")"
+    return repr(part).encode()

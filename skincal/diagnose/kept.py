@@ -39,7 +39,7 @@ class Kept:
         """See :func:`skincal.gap.null.law_error`; it does not depend on what was read but by the fitted sensor."""
         key = [twin.name, *self._protocol()]
         hypothesis = self.model.hypothesis
-        return self._cache.get("law", key, lambda: {"error": law_error(hypothesis, self.material, twin)})[
+        return self._cache.get("twin", key, lambda: {"error": law_error(hypothesis, self.material, twin)})[
             "error"
         ]
 
@@ -64,7 +64,7 @@ class Kept:
 
         names = (*errors, *library.columns, *signatures, draws, self.seed)
         found = self._cache.get(
-            "null", [names, *errors.values(), scene.slopes.place, *self._protocol()], make
+            "scores", [names, *errors.values(), scene.law, scene.slopes.place, *self._protocol()], make
         )
         laws = tuple(law for law in errors for _ in range(draws))
         return Null(laws, _part(found, _SCORE), float(found[_MEAN]), _part(found, _SIGNATURE))

@@ -127,11 +127,11 @@ def _weighted(
     """The session with the number of frames that each observation is worth, and the noise of one."""
     if session.has_frames:
         return session, floor.frame_counts
-    sigma = floor.frame_counts
-    if floor.frame_from != "hold frames":
-        sigma = _positive(calibration.loss.extra.get("noise_sigma_counts"), sigma)
+    sigma, mean = floor.frame_counts, floor.mean_counts
+    if floor.frame_from not in ("hold frames", "clipped rest"):
+        # Nothing shows the noise of a frame: what the fit found is that of a hold's mean.
+        sigma = mean = _positive(calibration.loss.extra.get("noise_sigma_counts"), mean)
     full = float(np.hypot(sigma, rounding(model.readout)))
-    mean = floor.mean_counts * sigma / floor.frame_counts
     return replace(session, frames=np.full(len(session), max(1.0, (full / mean) ** 2))), sigma
 
 
@@ -142,14 +142,11 @@ def _full(dataset: Dataset, session: GapSession) -> GapSession:
 
 
 def _split(dataset: Dataset, session: GapSession, rng: np.random.Generator) -> Split:
-    """The split of all presses, in blocks of session time."""
+    """The split of all presses that were observed, in blocks of session time; no part waits for one that was not."""
     site = sites(dataset)
-    seen = session.press[session.press >= 0]
-    rows, first = np.unique(seen, return_index=True)
-    when = np.full(len(site), len(seen))
-    when[rows] = first
-    order = np.argsort(when, kind="stable")
-    part = np.empty(len(site), dtype=np.int64)
+    rows, first = np.unique(session.press[session.press >= 0], return_index=True)
+    order = rows[np.argsort(first, kind="stable")]
+    part = np.full(len(site), TRAIN, dtype=np.int64)
     part[order] = split_presses(site[order], rng).part
     return Split(part)
 

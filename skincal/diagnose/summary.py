@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 
 SLACK_EFFECT = "contact_offset"
@@ -14,12 +16,13 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
     """Verdict, effects, what cannot be seen, the gap, and what it rests on, as plain values."""
     d, gap = diagnosis, diagnosis.gap
     named = d.verdict == "effects"
+    told = named and np.isfinite(gap.closed)
     numbers: dict[str, Any] = {
         "heldout_rmse_before": gap.before,
         "heldout_rmse_after": gap.after if named else gap.before,
         "noise_floor_rmse": gap.floor,
-        "closed": gap.closed if named else None,
-        "closed_interval": list(gap.interval) if named else None,
+        "closed": gap.closed if told else None,
+        "closed_interval": list(gap.interval) if told else None,
         "presses": gap.presses,
         "frames": gap.frames,
     }

@@ -25,12 +25,13 @@ from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.gap.candidates import Scene, Start
-from skincal.gap.choose import Choice, Material, Model, choose
+from skincal.gap.choose import Choice, Material, Model, choose, excess_of, scene_of
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.dying import dead_start
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.law import law_directions
 from skincal.gap.library import Library
 from skincal.gap.null import Null
 from skincal.gap.refit import Refit, refit
@@ -97,13 +98,16 @@ def diagnose(
     audit = audit_dataset(dataset, calibration, audited)
     heard("base model")
     base = fit_base(ready)
-    scene = _scene(base)
+    kept = Kept(cache or Cache(), base.model, base.material, seed)
+    errors = _law_errors(base, heard, kept)
+    base = with_law(base, errors)
+    scene = scene_of(base.model, base.material)
     heard("sensitivities of the effects")
     library = Library.of(scene)
     signs = signature_columns(base.model.refit.slopes, ready.session, dataset.layout())
     columns = {name: own for name, (_, own) in signs.items()}
-    kept = Kept(cache or Cache(), base.model, base.material, seed)
-    null = _null(base, scene, library, options, drawn, columns, heard, kept)
+    heard("null sessions: scores")
+    null = kept.null(scene, library, errors, options.null_draws, drawn, columns)
     start = dead_start(scene.bench, base.dead)
     extra: dict[str, Start] = {} if start is None else {DEAD_TAXEL: start}
     choice = choose(
@@ -141,6 +145,8 @@ def diagnose(
             base.jumps,
             base.dead,
             ready.reading.seen,
+            ready.session.taxels,
+            _of_law(base),
         ),
         ready.split,
         ready.session,
@@ -184,28 +190,27 @@ def _second_look(first: Refit, ready: Prepared) -> Refit:
     return refit(placed, ready.session, ready.reading, options, learn=known, fixed=ready.known_effects)
 
 
-def _scene(base: Base) -> Scene:
-    m = base.material
-    return Scene.of(base.model.hypothesis, base.model.refit.slopes, m.session, m.reading, m.options)
-
-
-def _null(
-    base: Base,
-    scene: Scene,
-    library: Library,
-    options: DiagnoseOptions,
-    rng: np.random.Generator,
-    signs: Mapping[str, FloatArray],
-    heard: Heard,
-    kept: Kept,
-) -> Null:
-    errors = {"fitted": np.zeros_like(scene.zero)}
-    hypothesis = base.model.hypothesis
-    for twin in twins_for(hypothesis, base.material.session):
+def _law_errors(base: Base, heard: Heard, kept: Kept) -> dict[str, FloatArray]:
+    """What each contact law leaves of the base model (N, J), whitened; the fitted one nothing."""
+    hypothesis, material = base.model.hypothesis, base.material
+    errors = {"fitted": np.zeros_like(base.model.refit.slopes.values)}
+    for twin in twins_for(hypothesis, material.session):
         heard(f"null sessions: {twin.name}")
         errors[twin.name] = kept.law_error(twin)
-    heard("null sessions: scores")
-    return kept.null(scene, library, errors, options.null_draws, rng, signs)
+    return errors
+
+
+def with_law(base: Base, errors: Mapping[str, FloatArray]) -> Base:
+    """A base whose contact law may err as twins do."""
+    law = law_directions(scene_of(base.model, base.material), base.material.known, list(errors.values()))
+    return replace(base, material=replace(base.material, law=law))
+
+
+def _of_law(base: Base) -> float:
+    """Root mean square of what the law's own error explains, in units of the noise."""
+    without = excess_of(base.model, replace(base.material, law=None), 0.0)
+    values = int((base.material.reading.seen & base.material.known[:, None]).sum())
+    return float(np.sqrt(max(without - excess_of(base.model, base.material, 0.0), 0.0) / values))
 
 
 def judged(
@@ -216,8 +221,9 @@ def judged(
     Something is missing where an effect scores as none does in null sessions, or where the residual depends on
     something far more than in any of them. It is named if what was named explains most of it.
     """
-    if choice.named and choice.explained >= options.explained:
-        return "effects", 1 - choice.explained > options.unexplained
+    little = choice.left <= options.negligible
+    if choice.named and (little or choice.explained >= options.explained):
+        return "effects", not little and 1 - choice.explained > options.unexplained
     strongest = max((s.times_null for s in signatures), default=0.0)
     if choice.named or strongest >= options.structure:
         return "unknown", True

@@ -170,6 +170,7 @@ class Scene:
         slopes: of the hypothesis.
         prior: (3,) of the places of presses.
         press: (N,) rows of presses.
+        law: (N, J, m) whitened directions in which the contact law may err, projected out as the sensor is.
 
     The residual is that at the *measured* places, to first order: where presses had to move to fit, what moved them is
     in it, and the projection takes out as much of it as the prior of the places allows. An effect that lives in the
@@ -183,6 +184,7 @@ class Scene:
     slopes: Slopes
     prior: FloatArray
     press: IntArray
+    law: FloatArray
 
     @classmethod
     def of(
@@ -192,6 +194,7 @@ class Scene:
         session: GapSession,
         reading: Reading,
         options: RefitOptions,
+        law: FloatArray | None = None,
     ) -> Scene:
         """A scene about a refit's end."""
         own = np.where((session.press >= 0)[:, None], hypothesis.places[np.maximum(session.press, 0)], 0.0)
@@ -203,11 +206,12 @@ class Scene:
             slopes,
             options.place_prior,
             session.press,
+            np.zeros((*slopes.values.shape, 0)) if law is None else law,
         )
 
     def part(self, rows: BoolArray) -> View:
         """The scene as some observations (N,) show it."""
-        shared = np.concatenate([self.slopes.base, self.slopes.effect], axis=-1)
+        shared = np.concatenate([self.slopes.base, self.slopes.effect, self.law], axis=-1)
         press: IntArray = self.press[rows]
         place: FloatArray = self.slopes.place[rows] * self.prior
         projection = Projection.of(press, place, np.zeros_like(self.zero[rows]), shared[rows])

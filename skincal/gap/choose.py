@@ -44,6 +44,8 @@ class ChoiceOptions:
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less.
+        weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
+            tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
     """
 
     most: int = 4
@@ -57,6 +59,11 @@ class ChoiceOptions:
     searched: int = 8
     near: float = 0.1
     enough: float = 0.03
+    weakest: float = 0.12
+
+    def least(self, values: int) -> float:
+        """By how much the weakest effect lowers the squared residual of so many values."""
+        return self.weakest**2 * values
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +76,7 @@ class Material:
         learn: (N,) observations that parameters are found on.
         score: (N,) observations that choose.
         options: priors of a refit.
+        law: (N, J, m) whitened directions in which the contact law may err; None: it does not.
     """
 
     session: GapSession
@@ -76,6 +84,7 @@ class Material:
     learn: BoolArray
     score: BoolArray
     options: RefitOptions
+    law: FloatArray | None = None
 
     @property
     def known(self) -> BoolArray:
@@ -152,6 +161,7 @@ class Choice:
         named: them.
         rounds: what was tried.
         excess: squared residual beyond noise, before and after.
+        values: that were read and looked at.
     """
 
     before: Model
@@ -159,12 +169,18 @@ class Choice:
     named: tuple[Named, ...]
     rounds: tuple[Round, ...]
     excess: tuple[float, float]
+    values: int = 1
 
     @property
     def explained(self) -> float:
         """The part of the excess that the named effects explain; NaN where there is none."""
         first, last = self.excess
         return 1 - max(last, 0.0) / first if first > 0 else float("nan")
+
+    @property
+    def left(self) -> float:
+        """Root mean square of what is left, in units of the noise."""
+        return (max(self.excess[1], 0.0) / self.values) ** 0.5
 
 
 PValue = Callable[[str, float], float]
@@ -174,8 +190,9 @@ PValue = Callable[[str, float], float]
 def excess_of(model: Model, material: Material, null_mean: float) -> float:
     """What a model leaves beyond what a null session does, over all that choice and fit see.
 
-    It is the objective of the fit: squared residuals, and what presses had to move against the prior of their places.
-    With the places integrated out, its mean is the number of values that were read.
+    It is the objective of the fit, squared residuals and what presses had to move against the prior of their places,
+    less what the contact law's own error explains of it. With the places integrated out, its mean is the number of
+    values that were read.
 
     Args:
         model: a fit.
@@ -183,7 +200,14 @@ def excess_of(model: Model, material: Material, null_mean: float) -> float:
         null_mean: mean square of a null session's residual.
     """
     seen = material.reading.seen & material.known[:, None]
-    return model.refit.objective - null_mean * float(seen.sum())
+    left = scene_of(model, material).part(material.known).residual
+    return float((left**2).sum()) - null_mean * float(seen.sum())
+
+
+def scene_of(model: Model, material: Material) -> Scene:
+    """A model's fit as candidates are tried on it."""
+    m, found = material, model.refit
+    return Scene.of(found.hypothesis, found.slopes, m.session, m.reading, m.options, m.law)
 
 
 def choose(
@@ -210,6 +234,8 @@ def choose(
     """
     options = options or ChoiceOptions()
     model, named, rounds = before, list[Named](), list[Round]()
+    seen = int((material.reading.seen & material.known[:, None]).sum())
+    least = options.least(seen)
     first = excess_of(before, material, null_mean)
     left = first
     while len(named) < options.most and left > options.enough * first and first > 0:
@@ -228,14 +254,14 @@ def choose(
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left
         wanted = options.share_later if named else options.share_first
-        if share < wanted or falls[name] < options.of_all * first:
+        if share < wanted or falls[name] < max(least, options.of_all * first):
             break
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
         model, left = best, left - falls[name]
     model, named = dropped(model, named, material, options.of_all * first)
     left = excess_of(model, material, null_mean)
-    return Choice(before, model, tuple(named), tuple(rounds), (first, left))
+    return Choice(before, model, tuple(named), tuple(rounds), (first, left), seen)
 
 
 def dropped(
@@ -252,7 +278,7 @@ def dropped(
     kept = list(named)
     for one in named[:-1]:
         other = without(model, one.name, material)
-        if other.refit.objective - model.refit.objective < least:
+        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) < least:
             model, kept = other, [k for k in kept if k is not one]
     return model, kept
 
@@ -260,9 +286,7 @@ def dropped(
 def _searched(
     model: Model, material: Material, library: Library, options: ChoiceOptions, extra: Mapping[str, Start]
 ) -> list[Found]:
-    scene = Scene.of(
-        model.hypothesis, model.refit.slopes, material.session, material.reading, material.options
-    )
+    scene = scene_of(model, material)
     views = scene.part(material.learn), scene.part(material.score)
     residuals = views[0].residual, views[1].residual
     first = {

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import map_coordinates
+from scipy.optimize import brentq
 
 Floats = NDArray[np.float64]
 
@@ -132,7 +133,10 @@ class ContactProblem:
             step = np.where(touch, apart + (0.0 if restart else squares / before) * step, 0.0)
             moved = self.displacement(step)
             moved -= moved[touch].mean()
-            length = float((apart[touch] * step[touch]).sum()) / float((moved[touch] * step[touch]).sum())
+            curve = float((moved[touch] * step[touch]).sum())
+            if curve <= 0:
+                raise ContactError("the contact is smaller than two cells, or fills the grid")
+            length = float((apart[touch] * step[touch]).sum()) / curve
             overlap = reach & ~touch & (apart < 0)
             worst = max(float(np.abs(apart[touch]).max()), -float(apart[overlap].min(initial=0.0)))
             if worst < SETTLED * abs(approach):
@@ -192,6 +196,21 @@ class Press:
     def gap_m(self) -> Floats:
         """(n, n) distance of sphere and surface at first touch, along the contact normal [m]."""
         return self._geometry[0]
+
+    def foundation_pa(self, elasticity_pa_per_m: float, force_n: float) -> Floats:
+        """What a taxel feels (n, n) [Pa] under an elastic foundation: pressure in proportion to the penetration."""
+        gap, cosine, facing = self._geometry
+        near = np.where(np.isfinite(gap), gap, self.sphere_radius_m)
+
+        def pressure(depth_m: float) -> Floats:
+            return elasticity_pa_per_m * np.maximum(depth_m - near, 0.0)
+
+        def missing(depth_m: float) -> float:
+            return float((pressure(depth_m) * cosine).sum()) * self.spacing_m**2 - force_n
+
+        deepest = self.sphere_radius_m
+        depth = deepest if missing(deepest) < 0 else float(brentq(missing, 0.0, deepest))
+        return pressure(depth) * cosine * facing
 
     def fields(self, layer: Layer, force_n: Floats) -> list[PressureField]:
         """Contacts at some forces (K,) along the contact normal [N]."""

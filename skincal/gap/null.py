@@ -1,10 +1,10 @@
 """What scores come out where nothing is missing: simulated sessions of this protocol, under several contact laws.
 
 A null session is the fitted sensor under its own law or a twin's (:mod:`skincal.gap.twin`), with noise, rounding and
-clipping, and with places and forces off as their priors say. Under a twin the base model is fitted first, as it is to
-data. All sessions share the linearised, whitened sensitivities of the effects, so a hundred of them cost no more than
-one: an effect's score is that of its best form, found on the training presses and scored on the selection presses as
-with data.
+clipping, and with places and forces off as their priors say. What sensor, places and the law's own directions
+(:mod:`skincal.gap.law`) can take up is projected out, as it is of data. All sessions share the linearised, whitened
+sensitivities of the effects, so a hundred of them cost no more than one: an effect's score is that of its best form,
+found on the training presses and scored on the selection presses as with data.
 
 The p-value of a score is the share of null sessions in which *any* effect does as well, each counted in units of what
 it reaches itself in one null session of twenty: a list of 22 effects is then no more prone to false alarms than one.
@@ -13,7 +13,7 @@ it reaches itself in one null session of twenty: a list of 22 effects is then no
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from skincal.gap.candidates import Scene
 from skincal.gap.choose import Material
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
-from skincal.gap.refit import refit
 from skincal.gap.signatures import signature_falls
 from skincal.gap.twin import Twin
 from skincal.model.arrays import FloatArray
@@ -39,7 +38,7 @@ class Null:
     Attributes:
         laws: name of the law of each session (D,).
         scores: (D,) by effect.
-        mean_square: mean square of the whitened residual of a null session's values.
+        mean_square: mean square of a null session's whitened residual, sensor, places and law projected out.
         signatures: what each signature explains of a session (D,).
     """
 
@@ -65,12 +64,13 @@ class Null:
 
 
 def law_error(hypothesis: Hypothesis, material: Material, twin: Twin) -> FloatArray:
-    """Whitened residual (N, J) that a twin's law leaves when the base model is fitted to it without noise."""
-    # Pressed where it was measured, so that no press has to move but for the law's sake.
-    exact = hypothesis.with_places(np.zeros_like(hypothesis.places))
-    reading = material.reading.with_counts(material.reading.expected(twin.values(exact, material.session)))
-    options = replace(material.options, settle=0, steps=5)
-    return refit(exact, material.session, reading, options, learn=material.known).slopes.residual
+    """Whitened residual (N, J) of the base model where a twin's law holds and there is no noise, nothing fitted again.
+
+    Twins are as wide as the fitted law, so that sensor and places move by little, which a projection takes out.
+    """
+    plain = hypothesis.with_effects({})
+    expected = material.reading.expected(twin.values(plain, material.session))
+    return material.reading.with_counts(expected).residual(plain.values(material.session))
 
 
 def _misplaced(scene: Scene, draws: int, rng: np.random.Generator) -> FloatArray:
@@ -112,11 +112,11 @@ def simulate_null(
         ],
         axis=-1,
     )
-    mean_square = float((drawn[seen] ** 2).mean())
     drawn += _misplaced(scene, len(laws), rng)
     first, second = (view.projection.apply(drawn[view.rows].reshape(-1, drawn.shape[-1])) for view in views)
     scores = {name: library.falls(name, views, (first, second))[1] for name in library.columns}
     whole = scene.part(material.known)
     all_of = whole.projection.apply(drawn[whole.rows].reshape(-1, drawn.shape[-1]))
+    mean_square = float((all_of**2).sum(axis=0).mean()) / max(1, int(seen[whole.rows].sum()))
     told = {name: signature_falls(whole, columns, all_of) for name, columns in (signatures or {}).items()}
     return Null(laws, scores, mean_square, told)

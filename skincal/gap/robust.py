@@ -179,8 +179,8 @@ def _jump(row: int, taxels: list[int], values: FloatArray, reading: Reading, ses
     height = np.zeros(values.shape[1])
     for j in taxels:
         height[j] = _level(values, reading, after, j) - _level(values, reading, before, j)
-    between = np.arange(before[-1] + 1, row + 1)
-    ends = (reading.residual(values + shift)[np.ix_(between, taxels)] for shift in (np.zeros(1), height))
+    between: IntArray = np.arange(int(before[-1]) + 1, row + 1)
+    ends = (reading.residual(values + shift)[between][:, taxels] for shift in (np.zeros(1), height))
     stay, moved = ((end**2).sum(axis=1) for end in ends)
     first = np.argmin([stay[:k].sum() + moved[k:].sum() for k in range(len(between))])
     return Jump(tuple(taxels), float(_time(session)[between[first]]), tuple(height[taxels].tolist()))

@@ -1,9 +1,10 @@
 """Twins: the same sensor under a contact law that is not the fitted one, so that the law's own error is not named.
 
-Where the surface is a cylinder or a plane and all indenters are spheres, the twin is an elastic layer
+Where the surface is a cylinder or a plane and all indenters are spheres, the twins are elastic layers
 (:mod:`skincal.gap.elastic_layer`), whose pressure about a contact is the same wherever it is pressed: it is tabled over
-the force once. For other shapes the twin is the foundation with a stress that grows as another power of the
-penetration.
+the force once. A layer has the stiffness that spreads the pressure of a press of middling force as far as the fitted
+foundation does; the sensor that fits it is then nearly the same. For other shapes the twin is the foundation with a
+stress that grows as another power of the penetration.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from math import ceil, exp, log
+from math import ceil, exp, log, sqrt
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -20,10 +21,10 @@ from skincal.effects import Samples
 from skincal.gap.elastic_layer import ContactError, Layer, Press
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.session import GapSession
-from skincal.model import Cylinder, Indenter, Plane, Sphere
+from skincal.model import Cylinder, Indenter, Plane, Sphere, Surface
 from skincal.model.arrays import FloatArray, as_floats
 
-THICKNESSES_M = (1.0e-3, 2.5e-3, 5.0e-3)
+THICKNESSES_M = (1.0e-3, 1.8e-3, 3.0e-3, 5.0e-3, 10.0e-3)
 """Layers of these thicknesses are the twins [m]."""
 POWERS = (0.85, 1.2)
 """Exponents of the stress where there is no layer."""
@@ -32,6 +33,8 @@ _SPACING_M, _HALF_WIDTH_M = 0.25e-3, 6e-3
 _FORCES = 14
 _LEAST_FORCE = 0.01
 """The smallest force of the table, in parts of the largest."""
+_ALIKE, _TRIES = 0.01, 16
+"""Widths of pressures differ by so much at most, relative; halving and doubling get there in a few steps."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +47,15 @@ class Twin:
 
 def twins_for(hypothesis: Hypothesis, session: GapSession) -> tuple[Twin, ...]:
     """Laws other than the fitted one that can be computed for this sensor and these indenters."""
-    balls = all(isinstance(indenter, Sphere) for indenter in session.samples.indenters)
-    if balls and isinstance(hypothesis.model.surface, Cylinder | Plane):
-        return tuple(_layer(h) for h in THICKNESSES_M)
+    balls = [i for i in session.samples.indenters if isinstance(i, Sphere)]
+    force = session.samples.contacts.force_n[session.samples.touching]
+    force = force[np.isfinite(force) & (force > 0)]
+    surface = hypothesis.model.surface
+    all_balls = len(balls) == len(session.samples.indenters)
+    if all_balls and len(force) and isinstance(surface, Cylinder | Plane):
+        stiffness, middle = hypothesis.model.elasticity_pa_per_m, float(np.median(force))
+        layers = [alike_layer(surface, balls[0].radius_m, stiffness, middle, h) for h in THICKNESSES_M]
+        return tuple(_layer(layer) for layer in layers)
     return tuple(_power(n) for n in POWERS)
 
 
@@ -58,16 +67,58 @@ def _power(exponent: float) -> Twin:
     return Twin(f"power {exponent:g}", values)
 
 
-def _layer(thickness_m: float) -> Twin:
+def _layer(layer: Layer) -> Twin:
     def values(hypothesis: Hypothesis, session: GapSession) -> FloatArray:
         placed = hypothesis.placed(session).samples
-        return session.means(layer_loads(hypothesis, placed, thickness_m) * hypothesis.model.scale_per_n)
+        return session.means(layer_loads(hypothesis, placed, layer) * hypothesis.model.scale_per_n)
 
-    return Twin(f"layer {1e3 * thickness_m:g} mm", values)
+    return Twin(f"layer {1e3 * layer.thickness_m:g} mm", values)
 
 
-def layer_loads(hypothesis: Hypothesis, samples: Samples, thickness_m: float) -> FloatArray:
-    """Loads (K, J) of taxels under an elastic layer [N], of the stiffness under even pressure that E says."""
+def alike_layer(
+    surface: Cylinder | Plane, sphere_m: float, elasticity_pa_per_m: float, force_n: float, thickness_m: float
+) -> Layer:
+    """The layer of a thickness under which a press is as wide as under a foundation.
+
+    Args:
+        surface: what is pressed.
+        sphere_m: radius of the indenter [m].
+        elasticity_pa_per_m: E of the foundation.
+        force_n: of the press [N].
+        thickness_m: of the layer [m].
+    """
+    press = _press(surface, sphere_m)
+    wanted = _width(press.axis_m, press.foundation_pa(elasticity_pa_per_m, force_n))
+    factor, soft, stiff = 1.0, 0.0, np.inf
+    layer = Layer.of_stiffness(elasticity_pa_per_m, thickness_m, _POISSON)
+    for _ in range(_TRIES):
+        try:
+            wide = _width(press.axis_m, press.fields(layer, np.array([force_n]))[0].felt_pa) / wanted
+        except ContactError:
+            # Soft: the ball sinks in beyond the grid.
+            wide = np.inf
+        if abs(wide - 1) < _ALIKE:
+            break
+        soft, stiff = (factor, stiff) if wide > 1 else (soft, factor)
+        factor = 2 * soft if np.isinf(stiff) else stiff / 2 if soft == 0 else sqrt(soft * stiff)
+        layer = Layer.of_stiffness(factor * elasticity_pa_per_m, thickness_m, _POISSON)
+    return layer
+
+
+def _press(surface: Surface, sphere_m: float) -> Press:
+    radius = surface.radius_m if isinstance(surface, Cylinder) else float("inf")
+    return Press(radius, sphere_m, _SPACING_M, min(_HALF_WIDTH_M, 0.98 * sphere_m))
+
+
+def _width(axis_m: FloatArray, felt_pa: FloatArray) -> float:
+    """Root mean square distance from the contact [m]."""
+    square = axis_m**2
+    moment = float(felt_pa.sum(axis=1) @ square + felt_pa.sum(axis=0) @ square)
+    return sqrt(moment / float(felt_pa.sum()))
+
+
+def layer_loads(hypothesis: Hypothesis, samples: Samples, layer: Layer) -> FloatArray:
+    """Loads (K, J) of taxels under an elastic layer [N]."""
     patch = hypothesis.skin.skin.patch
     loads = np.zeros((len(samples), patch.layout.taxels))
     felt = patch.taxel >= 0
@@ -81,9 +132,7 @@ def layer_loads(hypothesis: Hypothesis, samples: Samples, thickness_m: float) ->
         if not len(rows):
             continue
         force = samples.contacts.force_n[rows]
-        table = _table(
-            indenter, surface, hypothesis.model.elasticity_pa_per_m, thickness_m, float(force.max())
-        )
+        table = _table(indenter, surface, layer, float(force.max()))
         at = _unrolled(surface.project(samples.contacts.points_m[rows]), surface)
         stress = table.at(force, arc - at[0][:, None], along - at[1][:, None])
         owner = np.zeros((len(taxel), loads.shape[1]))
@@ -122,31 +171,21 @@ class _Table:
         return found * weak[:, None]
 
 
-def _table(
-    indenter: Indenter, surface: object, elasticity_pa_per_m: float, thickness_m: float, most_n: float
-) -> _Table:
+def _table(indenter: Indenter, surface: Surface, layer: Layer, most_n: float) -> _Table:
     assert isinstance(indenter, Sphere)
-    radius = surface.radius_m if isinstance(surface, Cylinder) else float("inf")
-    # Rounded, so that small moves of a fit do not ask for another table.
-    stiffness = exp(round(log(elasticity_pa_per_m), 2))
-    force = exp(ceil(10 * log(most_n)) / 10)
-    return _solved(indenter.radius_m, radius, stiffness, thickness_m, force)
+    # Rounded up, so that small moves of forces do not ask for another table.
+    return _solved(_press(surface, indenter.radius_m), layer, exp(ceil(10 * log(most_n)) / 10))
 
 
 @cache
-def _solved(
-    sphere_m: float, cylinder_m: float, elasticity_pa_per_m: float, thickness_m: float, most_n: float
-) -> _Table:
-    layer = Layer.of_stiffness(elasticity_pa_per_m, thickness_m, _POISSON)
+def _solved(press: Press, layer: Layer, most_n: float) -> _Table:
     forces = np.geomspace(_LEAST_FORCE * most_n, most_n, _FORCES)
-    half = min(_HALF_WIDTH_M, 0.98 * sphere_m)
     while True:
-        press = Press(cylinder_m, sphere_m, _SPACING_M, half)
         try:
             fields = press.fields(layer, forces)
         except ContactError:
-            # A soft layer: the ball sinks in beyond the grid. Twice as stiff is as good a twin.
-            layer = Layer.of_stiffness(2 * layer.elasticity_pa_per_m, thickness_m, _POISSON)
+            # At the largest forces the ball sinks in beyond the grid. Twice as stiff is as good a twin.
+            layer = Layer.of_stiffness(2 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
             continue
         felt = np.stack([f.felt_pa for f in fields])
         return _Table(felt, np.log(forces), float(press.axis_m[0]))

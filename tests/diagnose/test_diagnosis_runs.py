@@ -1,0 +1,208 @@
+"""Diagnoses of small sessions: what must not sway them is set apart, and an interrupted one goes on where it was.
+
+Null sessions are of the fitted law only, as in :mod:`report.diagnosis_cases`, so nothing is learned about false alarms.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from calibrations import make_calibration
+from diagnose.diagnose_data import moving, still
+from report.diagnosis_cases import LOOP, calibration, diagnosed, session
+
+from skincal.calibration import Effect
+from skincal.dataset import HOLD, Dataset
+from skincal.diagnose.cache import Cache
+from skincal.diagnose.diagnosis import Diagnosis
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
+from skincal.diagnose.summary import summary
+from skincal.diagnose.workflow import diagnose, judged
+from skincal.errors import InputError, WorkError
+from skincal.gap.choose import Choice, ChoiceOptions, Named
+from skincal.gap.null import Null
+from skincal.gap.signatures import Signature
+
+OPTIONS = DiagnoseOptions(null_draws=40, choice=ChoiceOptions(significant=0.03, contenders=1, searched=3))
+NO_NULL = Null((), {}, 1.0)
+
+
+def ready(data: Dataset | None = None, **changes: Any) -> Prepared:
+    given = moving() if data is None else data
+    made = make_calibration(model=calibration().model, findings=(), **changes)
+    return prepare(given, made, OPTIONS, np.random.default_rng(0))
+
+
+@cache
+def prepared() -> Prepared:
+    return ready()
+
+
+def test_rest_belongs_to_the_press_before_it():
+    one = prepared()
+    assert set(one.split.part.tolist()) == {TRAIN, SELECTION, FINAL}
+    pressed = one.session.press >= 0
+    assert np.array_equal(one.part[pressed], one.split.part[one.session.press[pressed]])
+    last = 0
+    for k in np.flatnonzero(pressed)[0] + np.arange(40):
+        last = int(one.session.press[k]) if pressed[k] else last
+        assert one.part[k] == one.split.part[last]
+    assert (one.part[: np.flatnonzero(pressed)[0]] == TRAIN).all()
+    assert np.array_equal(one.is_part(TRAIN, FINAL), one.part != SELECTION)
+
+
+def test_the_full_session_has_every_frame():
+    one, frames = prepared(), moving().frames
+    assert frames is not None and len(one.full) == len(frames) and (one.full.frames == 1).all()
+    assert one.full.counts is not None
+    np.testing.assert_array_equal(one.full.counts, frames.counts)
+
+
+def test_the_sharper_of_data_and_fit_says_what_a_place_is_worth():
+    loss = make_calibration().loss
+    assert prepared().options.position_sigma_m == moving().meta.position.sigma_m
+    sharp = ready(still(), loss=replace(loss, extra={"position_sigma_m": 2e-4}))
+    assert sharp.options.position_sigma_m == 2e-4
+    blunt = ready(still(), loss=replace(loss, extra={"position_sigma_m": 0.1}))
+    assert blunt.options.position_sigma_m == moving().meta.position.sigma_m
+
+
+def test_a_hold_mean_weighs_as_much_as_its_noise_says():
+    one = ready(still())
+    assert one.full is one.session and one.force_noise_n == 0.0
+    bright = np.full((len(one.session), 16), 100.0)
+    assert one.reading.deviation(bright) == pytest.approx(one.floor.mean_counts, rel=1e-6)
+
+
+def test_effects_of_the_calibration_are_known():
+    one = ready(still(), effects=(Effect("crosstalk", {"leak": 0.03}),))
+    assert one.known_effects["crosstalk"]["leak"] == 0.03
+    assert one.start.effects["crosstalk"]["leak"] == 0.03
+    assert prepared().known_effects == {}
+
+
+def test_noise_of_the_force_is_noise_of_what_the_model_says():
+    one = prepared()
+    noise = 0.02
+    variance = force_variance(one.start, one.session, noise)
+    assert variance.shape == one.reading.counts.shape and not variance[one.session.press < 0].any()
+    k = int(np.argmax(variance.max(axis=1)))
+    places = one.start.places.copy()
+    places[one.session.press[k], 2] += 0.01
+    change = one.start.with_places(places).values(one.session)[k] - one.start.values(one.session)[k]
+    force = one.session.samples.contacts.force_n[k]
+    expected = (change / (0.01 * force) * noise) ** 2 / one.session.frames[k]
+    assert variance[k] == pytest.approx(expected, rel=0.05, abs=1e-6)
+    assert not force_variance(one.start, one.session, 0.0).any()
+
+
+def test_a_chamber_and_too_few_presses_are_refused():
+    data = moving()
+    chamber = replace(data, meta=replace(data.meta, position=replace(data.meta.position, sigma_m=np.inf)))
+    with pytest.raises(InputError, match="pressure chamber"):
+        ready(chamber)
+    few = replace(still(), presses=still().presses.select(np.arange(11)))
+    with pytest.raises(WorkError, match=r"11 presses .* expected 12"):
+        ready(few)
+
+
+def test_a_calibration_of_another_sensor_is_refused():
+    other = replace(calibration().sensor, pitch_m=(0.005, 0.005))
+    with pytest.raises(InputError, match="Use a calibration of this sensor"):
+        diagnose(moving(), replace(calibration(), sensor=other))
+
+
+@pytest.mark.parametrize(
+    ("named", "left", "times", "said"),
+    [
+        (False, 100.0, 0.0, ("none", False)),
+        (False, 100.0, 4.9, ("none", False)),
+        (False, 100.0, 5.1, ("unknown", True)),
+        (True, 5.0, 0.0, ("effects", False)),
+        (True, 20.0, 0.0, ("effects", True)),
+        (True, 1e-9, 0.0, ("effects", False)),
+        (True, 5.0, 50.0, ("effects", False)),
+        (True, 26.0, 0.0, ("unknown", True)),
+    ],
+)
+def test_verdicts(named: bool, left: float, times: float, said: tuple[str, bool]):
+    names = (Named("creep", ("creep",), 0.9, 0.01),) if named else ()
+    choice = Choice(cast("Any", None), cast("Any", None), names, (), (100.0, left))
+    sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, times)
+    assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
+
+
+def spoilt(data: Dataset, change: Callable[[np.ndarray, np.ndarray, np.ndarray], None]) -> Dataset:
+    """A session with its counts changed in place: of counts (M, 16), numbers of presses and times (M,)."""
+    assert data.frames is not None
+    frames, counts = data.frames, data.frames.counts.copy()
+    change(counts, frames.press, frames.time_s)
+    counts = np.clip(np.round(counts), 0, 255)
+    means = [counts[(frames.press == p) & (frames.phase == HOLD)].mean(axis=0) for p in data.presses.press]
+    presses = replace(data.presses, counts=np.array(means))
+    return replace(data, frames=replace(frames, counts=counts), presses=presses)
+
+
+def glitch(counts: np.ndarray, press: np.ndarray, time_s: np.ndarray) -> None:
+    """Press 105 shows the image of something else."""
+    del time_s
+    own = press == 105
+    counts[own] = counts[own][:, ::-1] + 60.0
+
+
+def told(found: Diagnosis) -> str:
+    return json.dumps(summary(found), sort_keys=True, allow_nan=False)
+
+
+@pytest.fixture
+def fitted_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Null sessions of the fitted law only: other laws take long."""
+    monkeypatch.setattr("skincal.diagnose.workflow.twins_for", lambda *_: ())
+
+
+def test_an_interrupted_diagnosis_goes_on_and_ends_the_same(tmp_path: Path, fitted_law: None):
+    through, data = diagnosed("hysteresis")
+
+    def cut(stage: str) -> None:
+        if "searching" in stage:
+            raise KeyboardInterrupt
+
+    kept = Cache(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(data, calibration(), OPTIONS, 1, cut, kept)
+    assert any(tmp_path.iterdir())
+    with patch("skincal.diagnose.kept.simulate_null", side_effect=AssertionError("not taken from the cache")):
+        again = diagnose(data, calibration(), OPTIONS, 1, cache=kept)
+    assert told(again) == told(through)
+    assert again.calibration.effects == through.calibration.effects
+
+
+def test_the_summary_is_that_of_the_contract():
+    found = summary(diagnosed("hysteresis")[0])
+    assert found["verdict"] == "effects" and [e["name"] for e in found["effects"]] == ["hysteresis"]
+    assert set(found["effects"][0]) == {
+        "name", "consistent_with", "p_value", "parameters", "intervals", "where", "share",
+    }  # fmt: skip
+    low, high = found["effects"][0]["intervals"]["height"]
+    assert low < found["effects"][0]["parameters"]["height"] < high
+    assert "slack_rms_before_m" not in found["gap"]
+    assert found["candidates"][0][0]["name"] == "hysteresis"
+    assert found["candidates"][0][0]["score"] == max(c["score"] for c in found["candidates"][0])
+
+
+@pytest.mark.slow
+def test_a_glitch_press_is_listed_and_does_not_change_what_is_named(fitted_law: None):
+    found = diagnose(spoilt(session(LOOP), glitch), calibration(), OPTIONS, 1)
+    (one,) = found.findings
+    assert one.code == "glitch" and "press 105" in one.text
+    assert [e.name for e in found.effects] == ["hysteresis"]
+    assert found.effects[0].parameters["height"] == pytest.approx(LOOP["hysteresis"]["height"], abs=0.1)

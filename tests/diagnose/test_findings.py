@@ -1,0 +1,75 @@
+"""Findings say in words what was found, by the names and numbers of the dataset."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.calibration import Finding
+from skincal.diagnose.findings import findings_of, taxel_name
+from skincal.gap.robust import Dead, Jump
+from skincal.model import TaxelLayout
+from skincal.model.arrays import IntArray
+
+LAYOUT = TaxelLayout.grid(2, 3, taxel_size_m=0.0025, pitch_m=0.004)
+PRESSES = np.array([100, 101, 107])
+
+
+def found(
+    glitches: tuple[int, ...] = (),
+    jumps: tuple[Jump, ...] = (),
+    dead: tuple[Dead, ...] = (),
+    never: tuple[int, ...] = (),
+    taxels: IntArray | None = None,
+) -> tuple[Finding, ...]:
+    seen = np.ones((5, 6 if taxels is None else len(taxels)), dtype=bool)
+    seen[:, list(never)] = False
+    return findings_of(LAYOUT, PRESSES, glitches, jumps, dead, seen, taxels)
+
+
+def test_nothing_found_nothing_said():
+    assert found() == ()
+
+
+def test_taxels_are_named_by_row_and_column():
+    assert [taxel_name(LAYOUT, t) for t in (0, 2, 3, 5)] == [
+        "taxel_0_0",
+        "taxel_0_2",
+        "taxel_1_0",
+        "taxel_1_2",
+    ]
+
+
+def test_glitches_are_told_by_the_number_of_the_press():
+    (one,) = found(glitches=(0, 2))
+    assert one.code == "glitch" and one.severity == "warning" and one.advice
+    assert "press 100, 107:" in one.text and "left out" in one.text
+
+
+def test_a_jump_says_which_taxels_when_and_how_much():
+    (one,) = found(jumps=(Jump((1, 4), 61.25, (3.04, -2.0)),))
+    assert one.code == "jump"
+    assert (
+        one.text == "taxel_0_1, taxel_1_1: the level at rest jumps at 61.2 s by +3.0, -2.0 counts; taken off"
+    )
+
+
+def test_a_dead_taxel_is_dead_throughout_or_from_a_moment():
+    always, later = found(dead=(Dead(0, 0.0, 0.0, 0.0), Dead(5, 90.0, 17.0, 0.0)))
+    assert always.code == later.code == "dead_taxel"
+    assert always.text == "taxel_0_0 does not answer throughout; it reads 0.0 counts"
+    assert later.text == "taxel_1_2 does not answer from 90.0 s on; it reads 17.0 counts"
+
+
+def test_a_taxel_that_was_never_read_is_said():
+    (one,) = found(never=(2, 3))
+    assert one.code == "never_read" and one.text.startswith("taxel_0_2, taxel_1_0:")
+
+
+def test_of_a_few_taxels_of_a_large_sensor_the_names_are_those_of_the_sensor():
+    told = found(
+        jumps=(Jump((1,), 10.0, (2.0,)),),
+        dead=(Dead(0, 0.0, 0.0, 0.0),),
+        never=(2,),
+        taxels=np.array([1, 3, 5]),
+    )
+    assert [one.text.split()[0].strip(":") for one in told] == ["taxel_1_0", "taxel_0_1", "taxel_1_2"]
