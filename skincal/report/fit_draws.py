@@ -56,7 +56,8 @@ def draws_figure(result: FitResult) -> Figure:
                     _write_correlation(axes, row.draws, col.draws)
                     continue
                 _label(axes, col, row, bottom=i == count - 1, left=j == 0 and i > 0)
-        figure.legend(handles=_handles(), loc="outside upper right", ncols=4)
+        handles = _handles(any(q.identified for q in all_of))
+        figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
 
 
@@ -64,7 +65,8 @@ def _draw_alone(axes: Axes, of: Quantity) -> None:
     low, high = _limits(of)
     axes.hist(of.draws, bins=_bins(of), color=BLUE)  # type: ignore[arg-type]
     _mark(axes, of, "x", band=True)
-    title = f"{of.label} {of.shown(of.best)} {of.unit}" if of.identified else f"{of.label}: not identified"
+    best = f"{of.label} {of.shown(of.best)} {of.unit}".replace(" °", "°")
+    title = best if of.identified else f"{of.label}: not identified"
     axes.set_title(title, fontsize=9)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
@@ -160,10 +162,10 @@ def _few_ticks(axes: Axes, along: str, of: Quantity) -> None:
         getattr(axes, f"{along}axis").set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
 
 
-def _handles() -> list[Any]:
+def _handles(intervals: bool) -> list[Any]:
     return [
         Line2D([], [], color=RED, label="best"),
-        Line2D([], [], color=ORANGE, label="interval"),
+        *([Line2D([], [], color=ORANGE, label="interval")] if intervals else []),
         Line2D([], [], color=GREY, linestyle=":", label="searched range"),
         Patch(facecolor="#C6DAE8", label="correlation"),
     ]

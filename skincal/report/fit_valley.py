@@ -185,8 +185,9 @@ def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResu
     handles += [
         Line2D([], [], linestyle="", marker="o", markersize=9, label="best point", **look),
         Line2D([], [], linestyle="", marker=".", color=BLACK, label="draws from the valley"),
-        Patch(color=ORANGE, alpha=0.35, label="interval"),
     ]
+    if any(of.quantity.identified for of in _searched(result)):
+        handles.append(Patch(color=ORANGE, alpha=0.35, label="interval"))
     place.legend(handles=handles, loc="upper right", fontsize=9)
     if side < 2:
         return
