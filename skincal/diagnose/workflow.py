@@ -34,6 +34,8 @@ from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.law import law_directions
 from skincal.gap.library import Library
 from skincal.gap.null import Null
+from skincal.gap.places import NAME as PLACES
+from skincal.gap.places import with_places
 from skincal.gap.refit import Refit, refit
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
@@ -91,7 +93,7 @@ def diagnose(
     options = options or DiagnoseOptions()
     check_same_sensor(calibration, dataset)
     # A generator for each use: what is taken from a cache must not change what comes after it.
-    rng, audited, drawn, again, further = np.random.default_rng(seed).spawn(5)
+    rng, audited, drawn, again, further, swapped = np.random.default_rng(seed).spawn(6)
     heard("noise floor and places")
     ready = prepare(dataset, calibration, options, rng)
     heard("what can be seen")
@@ -120,6 +122,8 @@ def diagnose(
         extra,
         heard,
     )
+    heard("places")
+    choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
     heard("gap on presses nobody has fitted")
     gap = _gap(ready, base, choice, again)
     told = _signatures(scene, base, null, signs)
@@ -222,9 +226,13 @@ def judged(
     something far more than in any of them. It is named if what was named explains most of it.
     """
     little = choice.left <= options.negligible
-    if choice.named and (little or choice.explained >= options.explained):
-        return "effects", not little and 1 - choice.explained > options.unexplained
     strongest = max((s.times_null for s in signatures), default=0.0)
+    in_images = [one for one in choice.named if one.name != PLACES]
+    if in_images and (little or choice.explained >= options.explained):
+        return "effects", not little and 1 - choice.explained > options.unexplained
+    if choice.named and not in_images and strongest < options.structure:
+        # What lives in the places is taken up by them: the images say nothing for it or against it.
+        return "effects", False
     if choice.named or strongest >= options.structure:
         return "unknown", True
     return "none", False

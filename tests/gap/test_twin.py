@@ -72,7 +72,9 @@ def test_a_thin_layer_is_the_foundation_of_the_same_stiffness():
 def test_what_is_felt_about_a_contact_does_not_depend_on_where_it_is():
     spots = np.stack([on_finger(1e-3, 0.0235 + 1.5e-3), on_finger(-2e-3, 0.0235)])
     force = np.array([2.0, 3.0])
-    here = layer_loads(on(FINGER, LAYOUT, SensorPose(0.0235, 0.2)), pressing(FINGER, spots, force), layer(1e-3))
+    here = layer_loads(
+        on(FINGER, LAYOUT, SensorPose(0.0235, 0.2)), pressing(FINGER, spots, force), layer(1e-3)
+    )
     turn = 0.3
     round_finger = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     elsewhere = on(FINGER, LAYOUT, SensorPose(0.0305, 0.2, turn))

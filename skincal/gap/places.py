@@ -1,0 +1,203 @@
+"""Whether measured places are off in a way that goes with something: where on the skin, the force, the hand's pose.
+
+A fit gives every press a place of its own, and takes as wide a prior for it as the places need. Measured places that
+are stretched or that yield with the force leave then no trace in the images; they show in the places alone. The moves y
+of presses whose images tell where they were are regressed on what ``contact_offset`` does to places, X, beside what
+the sensor's pose does, Z:
+
+    share = 1 - |y - Z a - X b|² / (m - p) : |y - Z c|² / (m - z)
+
+Its chance is that of a larger share where presses swap their moves (Freedman & Lane 1983). What another contact law
+does to places (:mod:`skincal.gap.law`) must explain much less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.effects import EFFECTS
+from skincal.effects.base import InputEffect
+from skincal.effects.parameter import Values
+from skincal.gap.candidates import Bench, Found, Start
+from skincal.gap.choose import Choice, Material, Model, Named, excess_of, extended
+from skincal.gap.free import clipped, parameters_at
+from skincal.gap.hypothesis import PLACE
+from skincal.model.arrays import BoolArray, FloatArray, as_floats
+
+NAME = "contact_offset"
+_STEP = 0.1
+_KNOWN = 4.0
+"""A place is known where its images are worth so much more than its prior, along both directions."""
+_FEWEST = 3
+"""Presses for each number at least."""
+_SWAPS = 999
+_SAME = 1e-6
+"""Columns less apart than this, relative, are one: offsets in all poses together are the sensor's pose."""
+SIGNIFICANT, SHARE = 0.002, 0.12
+"""When a trend is named: its p-value at most, and its share at least."""
+_OF_LAW = 0.5
+"""A law may move places by so much of what is found at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """What goes with the places.
+
+    Attributes:
+        found: ``contact_offset`` with the numbers that explain most.
+        share: of the variance of the moves, for the numbers that were free.
+        p_value: of so large a share.
+        rms_m: root mean square of the moves that it explains [m].
+    """
+
+    found: Found
+    share: float
+    p_value: float
+    rms_m: float
+
+
+def place_trend(
+    model: Model, material: Material, errors: list[FloatArray], rng: np.random.Generator
+) -> Trend | None:
+    """The trend of the places of a fit; None where presses or pose do not allow one.
+
+    Args:
+        model: a fit without ``contact_offset``.
+        material: the session.
+        errors: (N, J) whitened residual of each contact law.
+        rng: swaps presses.
+    """
+    starts = Bench(model.hypothesis, material.session).starts(NAME)
+    rows = _told(model, material)
+    if not starts:
+        return None
+    (start,) = starts
+    columns, turns = _moves(model, material, start)
+    if len(rows) < _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2:
+        return None
+    moves = model.hypothesis.places[rows, :2]
+    x, share = _explained(moves, columns[rows], turns[rows])
+    drawn = [
+        _explained(_swapped(moves, turns[rows], rng), columns[rows], turns[rows])[1] for _ in range(_SWAPS)
+    ]
+    made = _beyond(columns[rows] @ x, turns[rows])
+    by_law = [_explained(of[rows], columns[rows], turns[rows])[0] for of in _by_laws(model, material, errors)]
+    most = max((_rms(_beyond(columns[rows] @ own, turns[rows])) for own in by_law), default=0.0)
+    if most > _OF_LAW * _rms(made):
+        return None
+    chance = (1 + sum(other >= share for other in drawn)) / (1 + _SWAPS)
+    found = Found(start, clipped(start.coords, x), 0.0, 0.0)
+    return Trend(found, share, chance, _rms(made))
+
+
+def with_places(
+    choice: Choice, material: Material, errors: list[FloatArray], null_mean: float, rng: np.random.Generator
+) -> Choice:
+    """A choice to which ``contact_offset`` is added where the places say so.
+
+    Args:
+        choice: of the effects that show in the images.
+        material: the session.
+        errors: (N, J) whitened residual of each contact law.
+        null_mean: mean square of a null session's residual.
+        rng: swaps presses.
+    """
+    if NAME in choice.after.names:
+        return choice
+    trend = place_trend(choice.after, material, errors, rng)
+    if trend is None or trend.p_value > SIGNIFICANT or trend.share < SHARE:
+        return choice
+    model = extended(choice.after, trend.found, material)
+    named = (*choice.named, Named(NAME, (NAME,), trend.share, trend.p_value))
+    return replace(
+        choice, after=model, named=named, excess=(choice.excess[0], excess_of(model, material, null_mean))
+    )
+
+
+def _told(model: Model, material: Material) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Rows of presses that were learned from and whose images tell where they were."""
+    known, press = material.known, material.session.press
+    rows = np.unique(press[known & (press >= 0)])
+    worth = np.array([_worth(model, material, press == row) for row in rows])
+    return rows[worth > _KNOWN] if len(rows) else rows
+
+
+def _worth(model: Model, material: Material, own: BoolArray) -> float:
+    slopes = (model.refit.slopes.place[own][..., :2] * material.options.place_prior[:2]).reshape(-1, 2)
+    return float(np.linalg.eigvalsh(slopes.T @ slopes)[0])
+
+
+def _moves(model: Model, material: Material, start: Start) -> tuple[FloatArray, FloatArray]:
+    """Moves of presses (P, 2, n) by each number of the effect, and (P, 2, 3) by those of the pose [m]."""
+    effect = EFFECTS[NAME]
+    assert isinstance(effect, InputEffect)
+    session, skin = material.session, model.hypothesis.skin
+    samples = session.samples
+    own = (session.row >= 0) & samples.touching & np.isfinite(samples.contacts.points_m).all(axis=1)
+    many = len(model.hypothesis.places)
+    count = np.maximum(np.bincount(session.row[own], minlength=many), 1)
+
+    def of_press(values: FloatArray) -> FloatArray:
+        return np.bincount(session.row[own], values[own], many) / count
+
+    setting = skin.setting
+    here = samples.contacts.points_m
+    columns: list[FloatArray] = []
+    for k in range(len(start.coords)):
+        x = np.zeros(len(start.coords))
+        x[k] = _STEP
+        values: Values = {name: np.asarray(v) for name, v in parameters_at(start.coords, x)[NAME].items()}
+        there = effect.apply(samples, values, setting).contacts.points_m
+        moved = (there - here) @ setting.axes.T / _STEP
+        columns.append(np.stack([of_press(moved[:, 0]), of_press(moved[:, 1])], axis=-1))
+    place = (here - setting.centre_m) @ setting.axes.T
+    across, along = of_press(place[:, 0]), of_press(place[:, 1])
+    one, none = np.ones(many), np.zeros(many)
+    turns = [np.stack(pair, axis=-1) for pair in ((one, none), (none, one), (-along, across))]
+    return np.stack(columns, axis=-1), np.stack(turns, axis=-1)
+
+
+def _explained(moves: FloatArray, columns: FloatArray, turns: FloatArray) -> tuple[FloatArray, float]:
+    """The smallest numbers (n,) that explain most of the moves (P, 2), and their share of the variance."""
+    y, own, pose = moves.ravel(), columns.reshape(moves.size, -1), turns.reshape(moves.size, -1)
+    rest = np.hstack([y[:, None], own])
+    rest = rest - pose @ np.linalg.lstsq(pose, rest, rcond=None)[0]
+    before, beyond = rest[:, 0], rest[:, 1:]
+    x, _, rank, _ = np.linalg.lstsq(beyond, before, rcond=_SAME)
+    left = before - beyond @ x
+    free = len(y) - pose.shape[1]
+    total = float(before @ before) / max(1, free)
+    return as_floats(x), 1 - float(left @ left) / max(1, free - int(rank)) / total if total > 0 else 0.0
+
+
+def _beyond(moves: FloatArray, turns: FloatArray) -> FloatArray:
+    """Moves (P, 2) without what the pose does."""
+    pose = turns.reshape(moves.size, -1)
+    return as_floats(
+        moves - (pose @ np.linalg.lstsq(pose, moves.ravel(), rcond=None)[0]).reshape(moves.shape)
+    )
+
+
+def _rms(moves: FloatArray) -> float:
+    return float(np.sqrt((moves**2).sum(axis=1).mean()))
+
+
+def _swapped(moves: FloatArray, turns: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Moves beyond what the pose does, of presses in another order."""
+    beyond = _beyond(moves, turns)
+    return moves - beyond + beyond[rng.permutation(len(moves))]
+
+
+def _by_laws(model: Model, material: Material, errors: list[FloatArray]) -> list[FloatArray]:
+    """Moves (P, 2) that presses make to fit each law's residual [m]; the sensor stays."""
+    prior, press = material.options.place_prior, material.session.press
+    found = [np.zeros((len(model.hypothesis.places), 2)) for _ in errors]
+    for row in np.unique(press[press >= 0]).tolist():
+        own = press == row
+        slopes = (model.refit.slopes.place[own] * prior).reshape(-1, PLACE)
+        inverse = np.linalg.inv(slopes.T @ slopes + np.eye(PLACE))
+        for moves, error in zip(found, errors, strict=True):
+            moves[row] = (prior * (inverse @ (slopes.T @ error[own].ravel())))[:2]
+    return found

@@ -1,0 +1,89 @@
+"""Places that are off in a way that goes with something, told from places that are just off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap.made_sessions import Case, case
+
+from skincal.gap.choose import Choice, Material, Model
+from skincal.gap.places import NAME, SHARE, SIGNIFICANT, place_trend, with_places
+
+STRETCH = 0.15
+
+
+def material_of(of: Case) -> Material:
+    """Places are measured to a millimetre: what images say of them is worth more."""
+    return replace(of.made.material, options=replace(of.made.material.options, position_sigma_m=1e-3))
+
+
+def moved(of: Case, places_m: np.ndarray) -> Model:
+    """The base model with its presses elsewhere; what its images say of places is the same."""
+    here = of.model.hypothesis
+    places = np.zeros_like(here.places)
+    places[:, :2] = places_m
+    return replace(of.model, refit=replace(of.model.refit, hypothesis=replace(here, places=places)))
+
+
+def stretched(of: Case, stretch: float) -> np.ndarray:
+    """Moves (P, 2) of presses that are farther from the centre across than was measured."""
+    session, setting = of.made.session, of.model.hypothesis.skin.setting
+    moves = np.zeros((len(of.model.hypothesis.places), 2))
+    place = (session.samples.contacts.points_m - setting.centre_m) @ setting.axes.T
+    for row in range(len(moves)):
+        moves[row, 0] = stretch * place[(session.row == row) & session.samples.touching, 0].mean()
+    return moves
+
+
+def noise(of: Case, seed: int, sigma_m: float = 1e-4) -> np.ndarray:
+    return sigma_m * np.random.default_rng(seed).standard_normal((len(of.model.hypothesis.places), 2))
+
+
+def test_a_stretch_is_found_for_what_it_is():
+    of = case("none")
+    model = moved(of, stretched(of, STRETCH) + noise(of, 0))
+    trend = place_trend(model, material_of(of), [], np.random.default_rng(0))
+    assert trend is not None
+    assert trend.p_value <= SIGNIFICANT and trend.share > SHARE
+    found = trend.found.parameters[NAME]
+    assert float(found["stretch_across"]) == pytest.approx(STRETCH, abs=0.06)
+    assert abs(float(found["stretch_along"])) < 0.06 and abs(float(found["skew"])) < 0.06
+    # What goes with all places alike, or turns them all, is the sensor's pose.
+    made = stretched(of, STRETCH)
+    assert 0 < trend.rms_m < 1.3 * np.sqrt(((made - made.mean(axis=0)) ** 2).sum(axis=1).mean())
+
+
+def test_a_pose_and_noise_are_no_trend():
+    of = case("none")
+    chances: list[float] = []
+    for seed in range(12):
+        model = moved(of, noise(of, seed) + np.array([4e-4, -2e-4]))
+        trend = place_trend(model, material_of(of), [], np.random.default_rng(seed))
+        assert trend is not None
+        chances.append(trend.p_value)
+    assert min(chances) > SIGNIFICANT
+    assert 0.2 < np.mean(chances) < 0.8
+
+
+def test_what_a_law_does_to_places_is_no_trend():
+    of = case("none")
+    moves = stretched(of, STRETCH)
+    model = moved(of, moves + noise(of, 0, 2e-5))
+    slopes, session = of.model.refit.slopes, of.made.session
+    own = np.where((session.press >= 0)[:, None], moves[np.maximum(session.press, 0)], 0.0)
+    error = (slopes.place[..., :2] * own[:, None, :]).sum(axis=-1)
+    assert place_trend(model, material_of(of), [error], np.random.default_rng(0)) is None
+
+
+def test_it_is_named_beside_what_the_images_show():
+    of = case("none")
+    material = material_of(of)
+    plain = Choice(of.model, of.model, (), (), (10.0, 10.0))
+    assert with_places(plain, material, [], 1.0, np.random.default_rng(0)) is plain
+    model = moved(of, stretched(of, STRETCH) + noise(of, 0))
+    found = with_places(replace(plain, after=model), material, [], 1.0, np.random.default_rng(0))
+    assert [one.name for one in found.named] == [NAME] and found.after.names == (NAME,)
+    again = with_places(found, material, [], 1.0, np.random.default_rng(0))
+    assert again is found
