@@ -19,7 +19,7 @@ import numpy as np
 
 from skincal.effects import EFFECTS
 from skincal.effects.base import InputEffect
-from skincal.effects.parameter import Values
+from skincal.effects.parameter import checked
 from skincal.gap.candidates import Bench, Found, Start
 from skincal.gap.choose import Choice, Material, Model, Named, excess_of, extended
 from skincal.gap.free import clipped, parameters_at
@@ -148,7 +148,7 @@ def _moves(model: Model, material: Material, start: Start) -> tuple[FloatArray, 
     for k in range(len(start.coords)):
         x = np.zeros(len(start.coords))
         x[k] = _STEP
-        values: Values = {name: np.asarray(v) for name, v in parameters_at(start.coords, x)[NAME].items()}
+        values = checked(NAME, effect.parameters, parameters_at(start.coords, x)[NAME], 1)
         there = effect.apply(samples, values, setting).contacts.points_m
         moved = (there - here) @ setting.axes.T / _STEP
         columns.append(np.stack([of_press(moved[:, 0]), of_press(moved[:, 1])], axis=-1))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from skincal.diagnose.summary import SLACK_EFFECT
 from skincal.effects import EFFECTS, EffectParameter
 from skincal.gap.split import FINAL, SELECTION, TRAIN
 from skincal.model.arrays import FloatArray
@@ -122,14 +123,20 @@ def _no_score(found: Diagnosis) -> str:
     strongest = max((s.times_null for s in found.signatures), default=0.0)
     return (
         f"The effect that does best, {best.effect}, scores better than in sessions with nothing hidden "
-        f"({p_words(p, count)}), but no effect explains a fair part of what is left, and what is left depends on "
-        f"nothing much more than in those sessions ({strongest:.1f} times the most; "
-        f"{found.options.structure:g} is asked for): a contact law that is not quite right does that."
+        f"({p_words(p, count)}), but no effect explains a fair part of what is left, or more than "
+        f"{found.options.choice.weakest:g} times the noise, and what is left depends on nothing much more than in "
+        f"those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked for)."
     )
 
 
 def _effect_sentence(effect: NamedEffect, found: Diagnosis) -> str:
     share, chance = percent(min(effect.share, 1.0)), p_words(effect.p_value, len(found.null.laws))
+    if effect.name == SLACK_EFFECT:
+        return (
+            f"{capital(effect.name)} ({EFFECTS[effect.name].meaning}) explains {share} of the variance of where "
+            f"presses turn out to be (p = {effect.p_value:.2g}, by presses that swap their places). "
+            "Images do not show it."
+        )
     text = (
         f"{capital(effect.name)} ({EFFECTS[effect.name].meaning}) explains {share} of the excess residual that was "
         f"left when it was added ({chance})."
@@ -181,7 +188,8 @@ def _tried(found: Diagnosis) -> str:
             f"With {_and(names)} in the model {percent(choice.explained)} of the excess is explained; "
             f"{percent(found.options.explained)} is asked for before effects are named."
         )
-    best = max(choice.rounds[0].falls.items(), key=lambda item: item[1], default=("", 0.0))
+    falls = choice.rounds[0].falls if choice.rounds else {}
+    best = max(falls.items(), key=lambda item: item[1], default=("", 0.0))
     if not best[0] or choice.excess[0] <= 0:
         return "No known effect explains a fair part of it."
     return f"What comes closest, {best[0]}, explains {percent(best[1] / choice.excess[0])} of it."

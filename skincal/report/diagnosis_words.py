@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
+    from skincal.diagnose.summary import SLACK_EFFECT
+from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 
 
 def verdict_lines(found: Diagnosis) -> list[str]:
@@ -39,7 +40,8 @@ def _verdict(found: Diagnosis) -> str:
 
 
 def _effect(effect: NamedEffect) -> Iterator[str]:
-    yield f"{effect.name} (p = {effect.p_value:.3g}; explains {100 * min(effect.share, 1.0):.0f} % of what was left)"
+    of = "where presses turn out to be" if effect.name == SLACK_EFFECT else "what was left"
+    yield f"{effect.name} (p = {effect.p_value:.3g}; explains {100 * min(effect.share, 1.0):.0f} % of {of})"
     for name, value in effect.parameters.items():
         low, high = effect.intervals[name]
         if value.ndim == 0 and low < high:
