@@ -217,7 +217,7 @@ def gap_closed(outcomes: Sequence[Outcome]) -> Record:
 
 def _closed(outcome: Outcome) -> float | None:
     gap = outcome.gap
-    if gap.get("closed") is None and gap.get("slack_rms_before_m"):
+    if outcome.hidden == ["contact_offset"] and gap.get("slack_rms_before_m"):
         # What the noise of the positions leaves of the slack is not told: the plain shrink.
         return 1 - (gap["slack_rms_after_m"] / gap["slack_rms_before_m"]) ** 2
     return gap.get("closed")

@@ -28,6 +28,8 @@ from skincal.cli.fit_ranges import Pair, searched
 
 if TYPE_CHECKING:
     from skincal.calibrate import Method, Outcome, Way
+    from skincal.calibration import Calibration
+    from skincal.dataset import Dataset
     from skincal.fit.options import FitOptions, GridSteps
 
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
@@ -91,6 +93,14 @@ def fit(
     per_taxel: Annotated[
         bool, typer.Option("--per-taxel", help="Also find a scale for every taxel.")
     ] = False,
+    effects: Annotated[
+        Path | None,
+        typer.Option(
+            "--effects",
+            help="A calibration of this sensor whose effects are fitted again, beside pose, E and S.",
+            show_default=False,
+        ),
+    ] = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
     ] = None,
@@ -113,6 +123,7 @@ def fit(
     refuse_existing(out, force=force, marker="calibration.toml")
     data = read_dataset(dataset)
     warn(data.warnings)
+    known = None if effects is None else _with_effects(effects, data)
     way = choose_way(data, cast("Method", method))
     if way.method != "fast":
         say(f"skincal: fitting by nlopt on the skin model, which takes minutes: {way.why}")
@@ -131,6 +142,13 @@ def fit(
             method=way.method,
             progress=told,
         )
+        if known is not None:
+            from skincal.diagnose.refitting import refitted_effects
+
+            told("effects", 0, 1)
+            both = refitted_effects(data, outcome.calibration, known, seed)
+            outcome = replace(outcome, calibration=both)
+            told("effects", 1, 1)
         told("report", 0, 1)
 
         def beside(folder: Path) -> None:
@@ -145,6 +163,20 @@ def fit(
         print_json(_as_json(outcome, out))
         return
     _tell(outcome, out, report)
+
+
+def _with_effects(folder: Path, data: Dataset) -> Calibration:
+    """The calibration that has the effects; one without, or of another sensor, is refused before the fit begins."""
+    from skincal.calibration import read_calibration
+    from skincal.calibration.matching import check_same_sensor
+    from skincal.errors import InputError, Problem
+
+    found = read_calibration(folder)
+    if not found.effects:
+        text = "a calibration with effects, such as skincal diagnose writes"
+        raise InputError([Problem(f"--effects: {folder}", text, "one without; leave --effects out")])
+    check_same_sensor(found, data)
+    return found
 
 
 def _steps(
@@ -236,6 +268,7 @@ def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:
         "best": calibration.model.best(),
         "intervals": {name: list(interval) for name, interval in calibration.intervals.items()},
         "findings": [vars(finding) for finding in calibration.findings],
+        "effects": [effect.name for effect in calibration.effects],
         "calibration": str(out),
     }
 
@@ -255,6 +288,12 @@ def _tell(outcome: Outcome, out: Path, report: bool) -> None:
     for name, (low, high) in outcome.calibration.intervals.items():
         ends = (f"{low:.5g}", f"{high:.5g}") if isfinite(high - low) else ("not", "told")
         table.add_row(name, f"{best[name]:.5g}", *ends)
+    for effect in outcome.calibration.effects:
+        for name, (low, high) in effect.intervals.items():
+            ends = [f"{end:.4g}" for end in (low, high) if isinstance(end, float | int)]
+            value = effect.parameters[name]
+            if len(ends) == 2 and isinstance(value, float | int):
+                table.add_row(f"{effect.name}: {name}", f"{value:.4g}", *ends)
     console.print(table)
     say(why_dropped(result.problem))
     if outcome.resumed:

@@ -65,6 +65,13 @@ class Coordinate:
         raw = self.start * float(np.exp(x)) if logarithmic else self.start + x * self.unit
         return float(np.clip(raw, p.low, p.high))
 
+    def at(self, value: float) -> float:
+        """The coordinate of a parameter's value."""
+        p = self.parameter
+        if not self.is_strength and p.scale == "log":
+            return float(np.log(value / self.start))
+        return (value - self.start) / self.unit
+
     @property
     def bounds(self) -> tuple[float, float]:
         """Least and largest coordinate."""
@@ -112,6 +119,18 @@ def parameters_at(
                 at
             )
     return found
+
+
+def coordinates_at(
+    coords: Sequence[Coordinate], parameters: Mapping[str, Mapping[str, FloatArray]]
+) -> FloatArray:
+    """Coordinates (n,) of parameters by effect: the inverse of :func:`parameters_at`, zero where one is not given."""
+    found = np.zeros(len(coords))
+    for k, c in enumerate(coords):
+        given = parameters.get(c.effect, {}).get(c.parameter.name)
+        if given is not None:
+            found[k] = c.at(float(np.broadcast_to(given, c.size)[c.index]))
+    return clipped(coords, found)
 
 
 def strengths(coords: Sequence[Coordinate]) -> BoolArray:

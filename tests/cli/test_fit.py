@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibrations import make_calibration
 
 from benchmarks.sessions import make_session
+from skincal.calibration import write_calibration
 from skincal.cli.main import main
 from skincal.dataset import write_dataset
 
@@ -82,6 +84,17 @@ def test_a_wrong_option_is_status_2(
     assert status == 2
     assert message in err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_calibration_without_effects_is_refused_before_the_fit(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_calibration(make_calibration(), tmp_path / "plain")
+    status, _, err = _run(
+        capsys, "fit", str(session), "--out", str(tmp_path / "cal"), "--effects", str(tmp_path / "plain")
+    )
+    assert status == 2 and "expected a calibration with effects" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["plain"]
 
 
 def test_an_output_that_exists_is_left_alone(

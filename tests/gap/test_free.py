@@ -7,7 +7,7 @@ import pytest
 
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import FORMS
-from skincal.gap.free import clipped, coordinates, names, parameters_at, priors, strengths
+from skincal.gap.free import clipped, coordinates, coordinates_at, names, parameters_at, priors, strengths
 
 SIZES = {"scalar": 1, "per-taxel": 9, "per-pose": 2}
 every_effect = pytest.mark.parametrize("name", EFFECTS)
@@ -22,6 +22,14 @@ def test_zero_is_neutral_and_what_is_given_as_form(name: str):
         assert EFFECTS[name].is_neutral(checked)
         assert set(found) == {p.name for p in EFFECTS[name].parameters}
         assert all(found[key] == pytest.approx(value) for key, value in forms.items())
+
+
+@every_effect
+def test_coordinates_of_parameters_are_those_they_came_from(name: str):
+    coords = coordinates(EFFECTS[name], SIZES)
+    x = clipped(coords, 0.4 * np.random.default_rng(1).standard_normal(len(coords)))
+    assert coordinates_at(coords, parameters_at(coords, x)) == pytest.approx(x, abs=1e-9)
+    assert not coordinates_at(coords, {}).any()
 
 
 @every_effect

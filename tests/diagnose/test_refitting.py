@@ -1,0 +1,43 @@
+"""A calibration's effects fitted again beside another calibration of the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from report.diagnosis_cases import LOOP, calibration, session, without_frames
+
+from skincal.diagnose.refitting import refitted_effects
+from skincal.errors import InputError
+
+
+def test_effects_are_found_again_from_others():
+    data = session(LOOP)
+    start = {"hysteresis": {"height": 0.25, "width": 0.8}}
+    found = refitted_effects(data, calibration(), calibration(start))
+    (one,) = found.effects
+    assert one.name == "hysteresis"
+    for name, true in LOOP["hysteresis"].items():
+        low, high = one.intervals[name]
+        assert one.parameters[name] == pytest.approx(true, rel=0.1)
+        assert float(low) < float(high) and abs(float(one.parameters[name]) - true) < 2 * (
+            float(high) - float(low)
+        )
+    assert found.model.elasticity_pa_per_m == pytest.approx(calibration().model.elasticity_pa_per_m, rel=0.1)
+    assert found.provenance == calibration().provenance
+
+
+def test_what_the_data_cannot_speak_of_stays_as_it_was():
+    data = without_frames(session(None))
+    start = {"gain_drift": {"rate_per_s": -1e-3}, "crosstalk": {"leak": 0.02}}
+    found = {e.name: e for e in refitted_effects(data, calibration(), calibration(start)).effects}
+    assert set(found) == {"gain_drift", "crosstalk"}
+    assert found["gain_drift"].parameters["rate_per_s"] == -1e-3
+    assert float(found["crosstalk"].parameters["leak"]) != 0.02
+
+
+def test_effects_of_another_sensor_are_refused():
+    other = calibration(LOOP)
+    other = replace(other, sensor=replace(other.sensor, rows=other.sensor.rows + 1))
+    with pytest.raises(InputError, match="5 x 4 taxels"):
+        refitted_effects(session(LOOP), calibration(), other)
