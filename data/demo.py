@@ -121,9 +121,9 @@ def gap_story(found: dict[str, Any], out: Path) -> None:
     """Prints what was hidden in the second session, what was found of it, and the gap before and after."""
     name, strength = HIDDEN.split("=")
     hidden = json.loads((out / "gap-truth.json").read_text(encoding="utf-8"))["effects"]
-    print(
-        f"\nA skin that is not as the model has it\n\nHidden:   {name}, {strength} times a typical case: {hidden}"
-    )
+    sizes = ", ".join(f"{key} {value:.3g}" for key, value in hidden[0]["parameters"].items())
+    print("\nA skin that is not as the model has it\n")
+    print(f"Hidden:   {name}, {strength} times a typical case: {sizes}")
     print(f"Verdict:  {found['verdict']}")
     for effect in found["effects"]:
         numbers = ", ".join(f"{key} {_plain(value)}" for key, value in effect["parameters"].items())

@@ -37,13 +37,15 @@ class ChoiceOptions:
         share_first: part of the excess that an effect must explain to be named at all, of what is there in its round.
         share_later: the same from the second round on: what an equation that is not quite right leaves over must not
             be named.
-        of_all: part of the first round's excess that a later effect must explain.
+        of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
         alike: effects stay in the set of names if they explain at least this part of what the best one does.
         contenders: so many are fitted in full at most.
         contend: effects that explain at least this part of the best are fitted in full.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
-        enough: no further round where this part of the first round's excess is left, or less.
+        enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
+        clear: root mean square in units of the noise from which on a later effect is looked at however large the first
+            one was.
         weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
             tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
     """
@@ -60,10 +62,15 @@ class ChoiceOptions:
     near: float = 0.1
     enough: float = 0.03
     weakest: float = 0.12
+    clear: float = 0.4
 
     def least(self, values: int) -> float:
         """By how much the weakest effect lowers the squared residual of so many values."""
         return self.weakest**2 * values
+
+    def later(self, share: float, first: float, values: int) -> float:
+        """A share of the first round's excess, but no more than is clear."""
+        return min(share * first, self.clear**2 * values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +245,7 @@ def choose(
     least = options.least(seen)
     first = excess_of(before, material, null_mean)
     left = first
-    while len(named) < options.most and left > options.enough * first and first > 0:
+    while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
         heard(f"round {len(named) + 1}: searching")
         found = _searched(model, material, library, options, extra or {})
         if not found:
@@ -254,12 +261,12 @@ def choose(
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left
         wanted = options.share_later if named else options.share_first
-        if share < wanted or falls[name] < max(least, options.of_all * first):
+        if share < wanted or falls[name] < max(least, options.later(options.of_all, first, seen)):
             break
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
         model, left = best, left - falls[name]
-    model, named = dropped(model, named, material, options.of_all * first)
+    model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (first, left), seen)
 
