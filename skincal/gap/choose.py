@@ -44,6 +44,9 @@ class ChoiceOptions:
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
+        related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
+            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess.
+        of_related: see ``related``.
         clear: root mean square in units of the noise from which on a later effect is looked at however large the first
             one was.
         weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
@@ -63,6 +66,8 @@ class ChoiceOptions:
     enough: float = 0.03
     weakest: float = 0.12
     clear: float = 0.4
+    related: float = 0.3
+    of_related: float = 0.25
 
     def least(self, values: int) -> float:
         """By how much the weakest effect lowers the squared residual of so many values."""
@@ -263,12 +268,35 @@ def choose(
         wanted = options.share_later if named else options.share_first
         if share < wanted or falls[name] < max(least, options.later(options.of_all, first, seen)):
             break
+        if named and falls[name] < options.of_related * first:
+            known = [one.name for one in named]
+            if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
+                break
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
         model, left = best, left - falls[name]
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (first, left), seen)
+
+
+def likeness(scene: Scene, material: Material, first: Round, name: str, known: Sequence[str]) -> float:
+    """The largest squared cosine of what an effect and others do, each as the first round's search ended with it alone.
+
+    Args:
+        scene: of the base model.
+        material: the session.
+        first: the first round.
+        name: of the effect.
+        known: names of the others.
+    """
+    view = scene.part(material.learn)
+    of = {f.effect: f for f in first.found if f.effect == name or f.effect in known}
+    done = {n: view.seen(scene.bench.values(f.parameters) - scene.zero)[:, 0] for n, f in of.items()}
+    if name not in done:
+        return 0.0
+    unit = {n: own / max(float(np.linalg.norm(own)), 1e-300) for n, own in done.items()}
+    return max((float(unit[name] @ unit[n]) ** 2 for n in known if n in unit), default=0.0)
 
 
 def dropped(

@@ -14,10 +14,12 @@ from skincal.gap.choose import (
     ChoiceOptions,
     Model,
     Named,
+    Round,
     choose,
     dropped,
     excess_of,
     extended,
+    likeness,
     without,
 )
 from skincal.gap.library import Library
@@ -182,3 +184,23 @@ def test_progress_is_told():
     options = ChoiceOptions(most=1)
     choose(of.model, of.made.material, library, null.p_value, null.mean_square, options, heard=heard.append)
     assert heard[0].startswith("round 1") and "hysteresis" in heard[1]
+
+
+def test_what_a_later_effect_must_explain_grows_with_the_first_but_not_without_end():
+    options = ChoiceOptions(of_all=0.06, clear=0.4, weakest=0.1)
+    assert options.later(0.06, 1000.0, 20_000) == pytest.approx(60.0)
+    assert options.later(0.06, 1e9, 20_000) == pytest.approx(0.16 * 20_000)
+    assert options.least(20_000) == pytest.approx(200.0)
+
+
+def test_likeness_is_one_for_the_same_and_little_for_what_acts_otherwise():
+    of = case("hysteresis")
+    material = of.made.material
+    views = of.scene.part(material.learn), of.scene.part(material.score)
+    found = [best_of(of.scene, name, *views) for name in ("hysteresis", "creep", "taxel_offset")]
+    first = Round(tuple(f for f in found if f is not None), 1.0, {})
+    assert likeness(of.scene, material, first, "hysteresis", ["hysteresis"]) == pytest.approx(1.0)
+    assert likeness(of.scene, material, first, "hysteresis", ["taxel_offset"]) < 0.2
+    # What was not searched is like nothing.
+    assert likeness(of.scene, material, first, "spread", ["hysteresis"]) == 0.0
+    assert likeness(of.scene, material, first, "hysteresis", []) == 0.0
