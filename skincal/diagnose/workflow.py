@@ -36,6 +36,7 @@ from skincal.gap.library import Library
 from skincal.gap.null import Null
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.places import with_places
+from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, refit
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
@@ -166,13 +167,12 @@ def diagnose(
 def fit_base(ready: Prepared) -> Base:
     """Fits the base model, and again with the noise of the force, and without glitches and jumps."""
     known = ready.is_part(TRAIN, SELECTION)
-    first = refit(
-        ready.start, ready.session, ready.reading, ready.options, learn=known, fixed=ready.known_effects
-    )
-    first = _second_look(first, ready)
-    residual, seen = first.slopes.residual, ready.reading.seen
-    wild = glitches(residual, seen, ready.session.press)
+    first = _first_look(ready, ready.reading)
+    wild = glitches(first.slopes.residual, ready.reading.seen, ready.session.press)
     reading = without_presses(ready.reading, ready.session.press, wild)
+    if len(wild):
+        # They have drawn sensor and places after them: from the beginning, without them.
+        first = _first_look(ready, reading)
     reading = reading.with_further(force_variance(first.hypothesis, ready.session, ready.force_noise_n))
     values = first.slopes.values
     dead = tuple(dead_taxels(values, reading, ready.session))
@@ -185,13 +185,15 @@ def fit_base(ready: Prepared) -> Base:
     return Base(Model(first, (), ready.known_effects), material, wild, dead, jumped)
 
 
-def _second_look(first: Refit, ready: Prepared) -> Refit:
-    """The fit with presses that it left in the wrong valley found again."""
-    placed = relocated(first.hypothesis, ready.session, ready.reading, ready.options)
+def _first_look(ready: Prepared, reading: Reading) -> Refit:
+    """The base model's fit, with presses that it left in the wrong valley found again."""
+    known, session = ready.is_part(TRAIN, SELECTION), ready.session
+    first = refit(ready.start, session, reading, ready.options, learn=known, fixed=ready.known_effects)
+    placed = relocated(first.hypothesis, session, reading, ready.options)
     if placed is first.hypothesis:
         return first
-    options, known = replace(ready.options, settle=0, steps=2), ready.is_part(TRAIN, SELECTION)
-    return refit(placed, ready.session, ready.reading, options, learn=known, fixed=ready.known_effects)
+    options = replace(ready.options, settle=0, steps=2)
+    return refit(placed, session, reading, options, learn=known, fixed=ready.known_effects)
 
 
 def _law_errors(base: Base, heard: Heard, kept: Kept) -> dict[str, FloatArray]:

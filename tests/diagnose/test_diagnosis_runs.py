@@ -156,7 +156,8 @@ def glitch(counts: np.ndarray, press: np.ndarray, time_s: np.ndarray) -> None:
     """Press 105 shows the image of something else."""
     del time_s
     own = press == 105
-    counts[own] = counts[own][:, ::-1] + 60.0
+    noise = np.random.default_rng(0).normal(0.0, 0.9, (int(own.sum()), counts.shape[1]))
+    counts[own] = counts[own][:, ::-1] + 60.0 + noise
 
 
 def told(found: Diagnosis) -> str:
