@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skincal.diagnose.summary import SLACK_EFFECT
+
 if TYPE_CHECKING:
-    from skincal.diagnose.summary import SLACK_EFFECT
-from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
+    from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 
 
 def verdict_lines(found: Diagnosis) -> list[str]:

@@ -1,0 +1,32 @@
+"""A diagnosis in the terminal: the verdict first, and what was named with what it explains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from report.diagnosis_cases import diagnosed
+
+from skincal.report.diagnosis_story import verdict_sentences
+from skincal.report.diagnosis_words import verdict_lines
+
+
+def test_what_was_named_and_what_it_explains():
+    found, _ = diagnosed("hysteresis")
+    lines = verdict_lines(found)
+    assert lines[0] == "Missing: hysteresis."
+    assert lines[1].startswith("hysteresis (p = ") and "of what was left" in lines[1]
+    assert "height" in lines[2]
+
+
+def test_what_shows_in_the_places_is_said_to():
+    found, _ = diagnosed("hysteresis")
+    one = replace(found.effects[0], name="contact_offset", consistent_with=("contact_offset",), share=0.4)
+    lines = verdict_lines(replace(found, effects=(one,)))
+    assert lines[0] == "Missing: contact_offset."
+    assert "40 % of where presses turn out to be" in lines[1]
+    told = " ".join(verdict_sentences(replace(found, effects=(one,))))
+    assert "40 % of the variance of where presses turn out to be" in told and "null sessions did" not in told
+
+
+def test_nothing_missing():
+    assert verdict_lines(diagnosed("none")[0])[0] == "Nothing is missing that these presses could show."
