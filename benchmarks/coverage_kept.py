@@ -44,7 +44,13 @@ def read_kept(path: Path) -> tuple[Record, list[Record]]:
     return study, records
 
 
-def as_shipped(record: Record, quantiles: Sequence[float], levels: Sequence[float], level: float) -> Record:
+def as_shipped(
+    record: Record,
+    quantiles: Sequence[float],
+    levels: Sequence[float],
+    level: float,
+    widening: float = SCALE_WIDENING,
+) -> Record:
     """A session with its intervals made as the fit makes them, from its kept quantiles.
 
     Args:
@@ -52,12 +58,13 @@ def as_shipped(record: Record, quantiles: Sequence[float], levels: Sequence[floa
         quantiles: which quantiles of the draws it keeps.
         levels: probability contents to make intervals for.
         level: that of the fit.
+        widening: of S.
     """
-    if "failed" in record or ("levels" in record and record["scale_widening"] == SCALE_WIDENING):
+    if "failed" in record or ("levels" in record and record["scale_widening"] == widening):
         return record
     clouds = dict(record["quantiles"])
     if _SCALE in clouds:
-        factor = SCALE_WIDENING / record["scale_widening"]
+        factor = widening / record["scale_widening"]
         clouds[_SCALE] = [_widened(cloud, quantiles, factor) for cloud in clouds[_SCALE]]
     box = SearchBox(**{name: (low, high) for name, (low, high) in record["box"].items()})
     made = {
@@ -70,7 +77,7 @@ def as_shipped(record: Record, quantiles: Sequence[float], levels: Sequence[floa
         "quantiles": clouds,
         "levels": made,
         "intervals": made[str(level)],
-        "scale_widening": SCALE_WIDENING,
+        "scale_widening": widening,
     }
     return record | anew
 
