@@ -59,7 +59,7 @@ def candidates_figure(found: Diagnosis) -> Figure:
             own.axvline(critical, color=BLACK, linewidth=0.9, linestyle="--")
         few_logarithmic_ticks(axes[-1].xaxis)
         axes[-1].set_xlabel(
-            "score on presses that choose [times what the effect reaches in 1 null session of 20]"
+            "score on presses that choose [times what the effect reaches in 1 null session of 20, or 30]"
         )
     return figure
 
