@@ -10,8 +10,9 @@ from skincal.calibration import Calibration, Finding
 from skincal.collect import Plan
 from skincal.diagnose.audit import AuditReport
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.gap.choose import Choice, Material
+from skincal.gap.choose import Choice
 from skincal.gap.heldout import Gap
+from skincal.gap.models import Material
 from skincal.gap.noise import NoiseFloor
 from skincal.gap.null import Null
 from skincal.gap.session import GapSession

@@ -9,10 +9,9 @@ import numpy as np
 
 from skincal.diagnose.cache import Arrays, Cache
 from skincal.gap.candidates import Scene
-from skincal.gap.choose import Material, Model
 from skincal.gap.library import Library
-from skincal.gap.null import Null, law_error, simulate_null
-from skincal.gap.twin import Twin
+from skincal.gap.models import Material, Model
+from skincal.gap.null import Null, simulate_null
 from skincal.model import Cylinder, FlatPunch, Plane, Sphere
 from skincal.model.arrays import FloatArray
 
@@ -34,14 +33,6 @@ class Kept:
     model: Model
     material: Material
     seed: int
-
-    def law_error(self, twin: Twin) -> FloatArray:
-        """See :func:`skincal.gap.null.law_error`; it does not depend on what was read but by the fitted sensor."""
-        key = [twin.name, *self._protocol()]
-        hypothesis = self.model.hypothesis
-        return self._cache.get("twin", key, lambda: {"error": law_error(hypothesis, self.material, twin)})[
-            "error"
-        ]
 
     def null(
         self,

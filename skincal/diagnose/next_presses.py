@@ -17,7 +17,7 @@ from skincal.diagnose.prepare import force_variance
 from skincal.diagnose.rig import Rig
 from skincal.diagnose.rivals import Pair, pairs_of
 from skincal.diagnose.session import hold_groups
-from skincal.gap.choose import Model
+from skincal.gap.models import Model
 from skincal.gap.noise import force_scatter
 from skincal.gap.reading import Reading
 from skincal.gap.reasons import cures, facts_of

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skincal.gap.choose import Choice, Model, Round
+from skincal.gap.choose import Choice, Round
+from skincal.gap.models import Model
 
 NEAR = 0.8
 """An effect that a full fit found to explain this part of what the named one does is a near rival."""

@@ -8,7 +8,7 @@ one. What was named is fitted once more to all presses for the calibration that 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.audit import audit_dataset
+from skincal.diagnose.base_fit import Base, fit_base, law_errors, of_law, with_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
 from skincal.diagnose.findings import findings_of
@@ -23,50 +24,28 @@ from skincal.diagnose.kept import Kept
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
+from skincal.diagnose.prepare import FINAL, Prepared, force_variance, prepare
 from skincal.gap.candidates import Scene, Start
-from skincal.gap.choose import Choice, Material, Model, choose, excess_of, scene_of
+from skincal.gap.choose import Choice, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.dying import dead_start
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.law import law_directions
 from skincal.gap.library import Library
+from skincal.gap.models import Model, scene_of
 from skincal.gap.null import Null
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.places import with_places
-from skincal.gap.reading import Reading
-from skincal.gap.refit import Refit, refit
-from skincal.gap.relocate import relocated
-from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
+from skincal.gap.refit import refit
+from skincal.gap.robust import without_jumps
 from skincal.gap.signatures import Signature, signature_columns, signature_falls, where_text
-from skincal.gap.twin import twins_for
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray
 
 Heard = Callable[[str], None]
 _LEAST_FALL = 20.0
 _PLACE_STEPS = 6
 _WIDTH = 1.96
-
-
-@dataclass(frozen=True, eq=False)
-class Base:
-    """The base model about a session, and what must not sway a verdict taken out.
-
-    Attributes:
-        model: fitted to the presses that learn and choose.
-        material: the session, split.
-        glitches: rows of presses that were left out.
-        dead: taxels that do not answer.
-        jumps: of the level at rest, taken off.
-    """
-
-    model: Model
-    material: Material
-    glitches: IntArray
-    dead: tuple[Dead, ...]
-    jumps: tuple[Jump, ...]
 
 
 def diagnose(
@@ -101,8 +80,7 @@ def diagnose(
     audit = audit_dataset(dataset, calibration, audited)
     heard("base model")
     base = fit_base(ready)
-    kept = Kept(cache or Cache(), base.model, base.material, seed)
-    errors = _law_errors(base, heard, kept)
+    errors = law_errors(base, heard)
     base = with_law(base, errors)
     scene = scene_of(base.model, base.material)
     heard("sensitivities of the effects")
@@ -110,6 +88,7 @@ def diagnose(
     signs = signature_columns(base.model.refit.slopes, ready.session, dataset.layout())
     columns = {name: own for name, (_, own) in signs.items()}
     heard("null sessions: scores")
+    kept = Kept(cache or Cache(), base.model, base.material, seed)
     null = kept.null(scene, library, errors, options.null_draws, drawn, columns)
     start = dead_start(scene.bench, base.dead)
     extra: dict[str, Start] = {} if start is None else {DEAD_TAXEL: start}
@@ -151,7 +130,7 @@ def diagnose(
             base.dead,
             ready.reading.seen,
             ready.session.taxels,
-            _of_law(base),
+            of_law(base),
         ),
         ready.split,
         ready.session,
@@ -162,61 +141,6 @@ def diagnose(
     )
     heard("next presses")
     return with_next_presses(found, dataset, further)
-
-
-def fit_base(ready: Prepared) -> Base:
-    """Fits the base model, and again with the noise of the force, and without glitches and jumps."""
-    known = ready.is_part(TRAIN, SELECTION)
-    first = _first_look(ready, ready.reading)
-    wild = glitches(first.slopes.residual, ready.reading.seen, ready.session.press)
-    reading = without_presses(ready.reading, ready.session.press, wild)
-    if len(wild):
-        # They have drawn sensor and places after them: from the beginning, without them.
-        first = _first_look(ready, reading)
-    reading = reading.with_further(force_variance(first.hypothesis, ready.session, ready.force_noise_n))
-    values = first.slopes.values
-    dead = tuple(dead_taxels(values, reading, ready.session))
-    jumped = tuple(jumps(values, reading, ready.session, list(dead)))
-    reading = without_jumps(reading, ready.session, list(jumped))
-    options = replace(ready.options, settle=0, steps=4)
-    first = refit(first.hypothesis, ready.session, reading, options, learn=known, fixed=ready.known_effects)
-    learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
-    material = Material(ready.session, reading, learn, score, ready.options)
-    return Base(Model(first, (), ready.known_effects), material, wild, dead, jumped)
-
-
-def _first_look(ready: Prepared, reading: Reading) -> Refit:
-    """The base model's fit, with presses that it left in the wrong valley found again."""
-    known, session = ready.is_part(TRAIN, SELECTION), ready.session
-    first = refit(ready.start, session, reading, ready.options, learn=known, fixed=ready.known_effects)
-    placed = relocated(first.hypothesis, session, reading, ready.options)
-    if placed is first.hypothesis:
-        return first
-    options = replace(ready.options, settle=0, steps=2)
-    return refit(placed, session, reading, options, learn=known, fixed=ready.known_effects)
-
-
-def _law_errors(base: Base, heard: Heard, kept: Kept) -> dict[str, FloatArray]:
-    """What each contact law leaves of the base model (N, J), whitened; the fitted one nothing."""
-    hypothesis, material = base.model.hypothesis, base.material
-    errors = {"fitted": np.zeros_like(base.model.refit.slopes.values)}
-    for twin in twins_for(hypothesis, material.session):
-        heard(f"null sessions: {twin.name}")
-        errors[twin.name] = kept.law_error(twin)
-    return errors
-
-
-def with_law(base: Base, errors: Mapping[str, FloatArray]) -> Base:
-    """A base whose contact law may err as twins do."""
-    law = law_directions(scene_of(base.model, base.material), base.material.known, list(errors.values()))
-    return replace(base, material=replace(base.material, law=law))
-
-
-def _of_law(base: Base) -> float:
-    """Root mean square of what the law's own error explains, in units of the noise."""
-    without = excess_of(base.model, replace(base.material, law=None), 0.0)
-    values = int((base.material.reading.seen & base.material.known[:, None]).sum())
-    return float(np.sqrt(max(without - excess_of(base.model, base.material, 0.0), 0.0) / values))
 
 
 def judged(

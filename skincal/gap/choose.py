@@ -10,21 +10,15 @@ effects allowed. At the end each named effect is dropped in turn, and stays out 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from skincal.gap.candidates import Found, Scene, Start, best_of, search
-from skincal.gap.free import Coordinate
-from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.library import Library
-from skincal.gap.reading import Reading
-from skincal.gap.refit import Refit, RefitOptions, refit
-from skincal.gap.session import GapSession
-from skincal.model.arrays import BoolArray, FloatArray
+from skincal.gap.models import Material, Model, excess_of, extended, scene_of, without
 
 Heard = Callable[[str], None]
-_SHARES = (1.0, 0.3)
 
 
 @dataclass(frozen=True)
@@ -76,57 +70,6 @@ class ChoiceOptions:
     def later(self, share: float, first: float, values: int) -> float:
         """A share of the first round's excess, but no more than is clear."""
         return min(share * first, self.clear**2 * values)
-
-
-@dataclass(frozen=True, eq=False)
-class Material:
-    """What is to be explained, and how it is split.
-
-    Attributes:
-        session: what was pressed.
-        reading: what was read.
-        learn: (N,) observations that parameters are found on.
-        score: (N,) observations that choose.
-        options: priors of a refit.
-        law: (N, J, m) whitened directions in which the contact law may err; None: it does not.
-    """
-
-    session: GapSession
-    reading: Reading
-    learn: BoolArray
-    score: BoolArray
-    options: RefitOptions
-    law: FloatArray | None = None
-
-    @property
-    def known(self) -> BoolArray:
-        """(N,) what choice and fit see."""
-        return self.learn | self.score
-
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A refit with its effects.
-
-    Attributes:
-        refit: sensor, places and effects.
-        coords: their numbers.
-        held: parameters that were held.
-    """
-
-    refit: Refit
-    coords: tuple[Coordinate, ...] = ()
-    held: Mapping[str, Parameters] = field(default_factory=dict[str, Parameters])
-
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """What it takes to be true."""
-        return self.refit.hypothesis
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Its effects."""
-        return tuple(self.refit.hypothesis.effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,29 +140,6 @@ class Choice:
 
 PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""
-
-
-def excess_of(model: Model, material: Material, null_mean: float) -> float:
-    """What a model leaves beyond what a null session does, over all that choice and fit see.
-
-    It is the objective of the fit, squared residuals and what presses had to move against the prior of their places,
-    less what the contact law's own error explains of it. With the places integrated out, its mean is the number of
-    values that were read.
-
-    Args:
-        model: a fit.
-        material: the session.
-        null_mean: mean square of a null session's residual.
-    """
-    seen = material.reading.seen & material.known[:, None]
-    left = scene_of(model, material).part(material.known).residual
-    return float((left**2).sum()) - null_mean * float(seen.sum())
-
-
-def scene_of(model: Model, material: Material) -> Scene:
-    """A model's fit as candidates are tried on it."""
-    m, found = material, model.refit
-    return Scene.of(found.hypothesis, found.slopes, m.session, m.reading, m.options, m.law)
 
 
 def choose(
@@ -344,41 +264,3 @@ def _fitted(
     """Full fits of the best, with what was named before."""
     near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
     return [(f.effect, extended(model, f, material)) for f in near]
-
-
-def extended(model: Model, found: Found, material: Material) -> Model:
-    """A model with one more effect, all of it fitted again.
-
-    The search saw sensor and places to first order only. Where the fit from its end comes out worse than without the
-    effect, it is started again nearer to neutral.
-    """
-    coords = (*model.coords, *found.start.coords)
-    held = {**model.held, **found.start.held}
-    tried: list[Model] = []
-    for share in _SHARES:
-        x = np.concatenate([model.refit.x, share * found.x])
-        tried.append(fitted(model.hypothesis, coords, x, held, material))
-        if tried[-1].refit.objective < model.refit.objective:
-            break
-    return min(tried, key=lambda m: m.refit.objective)
-
-
-def fitted(
-    start: Hypothesis,
-    coords: tuple[Coordinate, ...],
-    x: FloatArray,
-    held: Mapping[str, Parameters],
-    material: Material,
-) -> Model:
-    """A model from a start, learned from all that choice and fit may see."""
-    options = replace(material.options, settle=0)
-    found = refit(start, material.session, material.reading, options, coords, x, material.known, held)
-    return Model(found, coords, held)
-
-
-def without(model: Model, name: str, material: Material) -> Model:
-    """A model with one effect dropped and the rest fitted again."""
-    keep = np.array([c.effect != name for c in model.coords], dtype=np.bool_)
-    coords = tuple(c for c in model.coords if c.effect != name)
-    held = {key: value for key, value in model.held.items() if key != name}
-    return fitted(model.hypothesis, coords, model.refit.x[keep], held, material)

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skincal.gap.candidates import Scene
-from skincal.gap.choose import Material
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
+from skincal.gap.models import Material
 from skincal.gap.signatures import signature_falls
 from skincal.gap.twin import Twin
 from skincal.model.arrays import FloatArray
@@ -28,7 +28,7 @@ from skincal.model.arrays import FloatArray
 _UNIT_QUANTILE = 0.95
 _LEAST_UNIT = 30.0
 """Less is nothing in any session: a noise that is found two percent too low, or a ramp that is averaged in a bin, makes
-scores of ten or twenty; the weakest effects worth naming make a thousand."""
+scores of ten or twenty."""
 
 
 @dataclass(frozen=True, eq=False)

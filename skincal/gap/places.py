@@ -21,9 +21,10 @@ from skincal.effects import EFFECTS
 from skincal.effects.base import InputEffect
 from skincal.effects.parameter import checked
 from skincal.gap.candidates import Bench, Found, Start
-from skincal.gap.choose import Choice, Material, Model, Named, excess_of, extended
+from skincal.gap.choose import Choice, Named
 from skincal.gap.free import clipped, parameters_at
 from skincal.gap.hypothesis import PLACE
+from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.model.arrays import BoolArray, FloatArray, as_floats
 
 NAME = "contact_offset"

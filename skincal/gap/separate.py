@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.gap.choose import Model
 from skincal.gap.free import priors
 from skincal.gap.hypothesis import PLACE
+from skincal.gap.models import Model
 from skincal.gap.reading import Reading
 from skincal.gap.refit import BASE_SIZE, Refit, RefitOptions, refit
 from skincal.gap.session import GapSession

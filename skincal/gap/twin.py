@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from math import ceil, exp, log, sqrt
 
 import numpy as np
@@ -177,7 +177,7 @@ def _table(indenter: Indenter, surface: Surface, layer: Layer, most_n: float) ->
     return _solved(_press(surface, indenter.radius_m), layer, exp(ceil(10 * log(most_n)) / 10))
 
 
-@cache
+@lru_cache(maxsize=32)
 def _solved(press: Press, layer: Layer, most_n: float) -> _Table:
     forces = np.geomspace(_LEAST_FORCE * most_n, most_n, _FORCES)
     while True:

@@ -13,7 +13,7 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from skincal.diagnose.diagnosis import Diagnosis
-    from skincal.gap.choose import Model
+    from skincal.gap.models import Model
     from skincal.gap.session import GapSession
     from skincal.model import TaxelLayout
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Tone = Literal["good", "found", "attention"]
 
-_LEAST_P = 1e-3
-
 
 @dataclass(frozen=True)
 class ParameterRow:

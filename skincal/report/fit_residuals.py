@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -16,18 +14,19 @@ from numpy.typing import NDArray
 from skincal.dataset import Dataset
 from skincal.dataset.summary import session_times_s
 from skincal.fit.result import FitResult
+from skincal.model.arrays import as_floats
 from skincal.report.style import (
     BLACK,
     BLUE,
     DIVERGING,
     GREY,
-    LIGHT,
     ORANGE,
     RED,
     equal_axes_mm,
     new_figure,
     style,
 )  # fmt: skip
+from skincal.report.taxel_map import taxel_boxes
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
@@ -36,7 +35,6 @@ TOUCHED_COUNTS = 1.0
 """A taxel takes part where it answered, or should have answered with so many counts."""
 
 MOST_DOTS = 4000
-MOST_LABELLED = 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,33 +171,7 @@ def _draw_taxels(
     title: str,
 ) -> None:
     layout = result.problem.rig.layout
-    centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
-    corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    boxes = PolyCollection(
-        list(corners),
-        norm=norm,
-        cmap=mpl.colormaps[colours].with_extremes(bad=LIGHT),
-        edgecolors=GREY,
-        linewidths=0.4,
-    )
-    boxes.set_array(np.ma.masked_invalid(values))
-    axes.add_collection(boxes)
-    if layout.taxels <= MOST_LABELLED:
-        for centre, value in zip(centres, values, strict=True):
-            if np.isfinite(value):
-                dark = abs(norm(value) - 0.5) > 0.3 if colours == DIVERGING else norm(value) > 0.6
-                # Adding zero makes of −0.00, a small value rounded, 0.00.
-                text = f"{round(float(value), 2) + 0.0:.2f}".replace("-", "−")
-                axes.text(
-                    centre[0],
-                    centre[1],
-                    text,
-                    ha="center",
-                    va="center",
-                    fontsize=7,
-                    color="white" if dark else BLACK,
-                )
-    axes.autoscale_view()
+    boxes = taxel_boxes(axes, layout, np.arange(layout.taxels), as_floats(values), norm, colours)
     equal_axes_mm(axes, "u", "v")
     axes.set_title(title)
     figure.colorbar(boxes, ax=axes, shrink=0.8, pad=0.02)

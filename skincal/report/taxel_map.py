@@ -19,7 +19,19 @@ MOST_LABELLED = 36
 def draw_taxels(
     axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draws a map.
+    """Draws a map without axes; see :func:`taxel_boxes`."""
+    boxes = taxel_boxes(axes, layout, taxels, values, norm, colours)
+    axes.set_aspect("equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_visible(False)
+    return boxes
+
+
+def taxel_boxes(
+    axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
+) -> PolyCollection:
+    """Draws taxels as coloured boxes [mm], with their values where there are not too many.
 
     Args:
         axes: where to.
@@ -46,17 +58,15 @@ def draw_taxels(
         for centre, value in zip(centres, shown, strict=True):
             if np.isfinite(value):
                 _label(axes, centre, value, float(norm(value)), colours)
-    axes.set_aspect("equal")
     axes.autoscale_view()
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.spines[:].set_visible(False)
     return boxes
 
 
 def _label(axes: Axes, centre: FloatArray, value: float, share: float, colours: str) -> None:
     dark = abs(share - 0.5) > 0.3 if colours == DIVERGING else share > 0.6
-    text = f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}" if abs(value) >= 10 else f"{value:.2f}"
+    digits = 2 if abs(value) < 10 else 1 if abs(value) < 100 else 0
+    # Adding zero makes of −0.00, a small value rounded, 0.00.
+    text = f"{round(float(value), digits) + 0.0:.{digits}f}"
     axes.text(
         centre[0],
         centre[1],

@@ -48,7 +48,7 @@ def looped(tmp_path: Path) -> Path:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Null sessions of the fitted law only: other laws take long."""
-    monkeypatch.setattr("skincal.diagnose.workflow.twins_for", lambda *_: ())
+    monkeypatch.setattr("skincal.diagnose.base_fit.twins_for", lambda *_: ())
 
 
 @pytest.mark.slow

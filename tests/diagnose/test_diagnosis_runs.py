@@ -167,7 +167,7 @@ def told(found: Diagnosis) -> str:
 @pytest.fixture
 def fitted_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """Null sessions of the fitted law only: other laws take long."""
-    monkeypatch.setattr("skincal.diagnose.workflow.twins_for", lambda *_: ())
+    monkeypatch.setattr("skincal.diagnose.base_fit.twins_for", lambda *_: ())
 
 
 def test_an_interrupted_diagnosis_goes_on_and_ends_the_same(tmp_path: Path, fitted_law: None):

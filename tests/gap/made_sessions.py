@@ -14,8 +14,8 @@ from skincal.effects.samples import HOLD
 from skincal.fit.observe import Readout
 from skincal.gap.base import BaseModel
 from skincal.gap.candidates import Scene
-from skincal.gap.choose import Material, Model
 from skincal.gap.hypothesis import PLACE, Hypothesis
+from skincal.gap.models import Material, Model
 from skincal.gap.reading import Reading
 from skincal.gap.refit import RefitOptions, refit
 from skincal.gap.relocate import relocated

@@ -9,20 +9,9 @@ import pytest
 from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, scene_of
 
 from skincal.gap.candidates import best_of
-from skincal.gap.choose import (
-    Choice,
-    ChoiceOptions,
-    Model,
-    Named,
-    Round,
-    choose,
-    dropped,
-    excess_of,
-    extended,
-    likeness,
-    without,
-)
+from skincal.gap.choose import Choice, ChoiceOptions, Named, Round, choose, dropped, likeness
 from skincal.gap.library import Library
+from skincal.gap.models import Model, excess_of, extended, without
 from skincal.gap.null import Null, simulate_null
 from skincal.gap.refit import refit
 

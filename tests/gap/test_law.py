@@ -9,9 +9,9 @@ import pytest
 from gap.made_sessions import Case, case
 
 from skincal.gap.candidates import Scene, best_of
-from skincal.gap.choose import excess_of, scene_of
 from skincal.gap.elastic_layer import Layer
 from skincal.gap.law import MOST, law_directions
+from skincal.gap.models import excess_of, scene_of
 from skincal.gap.null import law_error
 from skincal.gap.twin import Twin, alike_layer, layer_loads, twins_for
 from skincal.model import Cylinder

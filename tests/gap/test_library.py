@@ -10,9 +10,9 @@ from gap.made_sessions import OPTIONS, case, made, scene_of
 
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import search
-from skincal.gap.choose import Model
 from skincal.gap.free import priors, strengths
 from skincal.gap.library import Library, columns_of
+from skincal.gap.models import Model
 from skincal.gap.refit import refit
 
 

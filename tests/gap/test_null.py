@@ -7,8 +7,8 @@ import pytest
 from gap.made_sessions import OPTIONS, Case, based, case, made, scene_of
 
 from skincal.gap.candidates import Scene
-from skincal.gap.choose import Material
 from skincal.gap.library import Library
+from skincal.gap.models import Material
 from skincal.gap.null import Null, law_error, simulate_null
 from skincal.gap.signatures import signature_columns
 from skincal.gap.twin import Twin, twins_for

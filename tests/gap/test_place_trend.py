@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from gap.made_sessions import Case, case
 
-from skincal.gap.choose import Choice, Material, Model
+from skincal.gap.choose import Choice
+from skincal.gap.models import Material, Model
 from skincal.gap.places import NAME, SHARE, SIGNIFICANT, place_trend, with_places
 
 STRETCH = 0.15

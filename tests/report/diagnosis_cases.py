@@ -69,5 +69,5 @@ def diagnosed(kind: str) -> tuple[Diagnosis, Dataset]:
     data = session(LOOP if kind == "hysteresis" else None)
     data = without_frames(data) if kind == "static" else data
     options = DiagnoseOptions(null_draws=40, choice=ChoiceOptions(significant=0.03, contenders=1, searched=3))
-    with patch("skincal.diagnose.workflow.twins_for", lambda *_: ()):
+    with patch("skincal.diagnose.base_fit.twins_for", lambda *_: ()):
         return diagnose(data, calibration(), options, seed=1), data

@@ -1,0 +1,134 @@
+"""A session's material and the models that are fitted to it: the base model, and the base model with effects.
+
+A model is fitted to all that choice and fit may see. What it leaves is counted with sensor, places and the contact
+law's own error projected out, so that models are compared by what effects do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skincal.gap.candidates import Found, Scene
+from skincal.gap.free import Coordinate
+from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.reading import Reading
+from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.session import GapSession
+from skincal.model.arrays import BoolArray, FloatArray
+
+_SHARES = (1.0, 0.3)
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What is to be explained, and how it is split.
+
+    Attributes:
+        session: what was pressed.
+        reading: what was read.
+        learn: (N,) observations that parameters are found on.
+        score: (N,) observations that choose.
+        options: priors of a refit.
+        law: (N, J, m) whitened directions in which the contact law may err; None: it does not.
+    """
+
+    session: GapSession
+    reading: Reading
+    learn: BoolArray
+    score: BoolArray
+    options: RefitOptions
+    law: FloatArray | None = None
+
+    @property
+    def known(self) -> BoolArray:
+        """(N,) what choice and fit see."""
+        return self.learn | self.score
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A refit with its effects.
+
+    Attributes:
+        refit: sensor, places and effects.
+        coords: their numbers.
+        held: parameters that were held.
+    """
+
+    refit: Refit
+    coords: tuple[Coordinate, ...] = ()
+    held: Mapping[str, Parameters] = field(default_factory=dict[str, Parameters])
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What it takes to be true."""
+        return self.refit.hypothesis
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its effects."""
+        return tuple(self.refit.hypothesis.effects)
+
+
+def excess_of(model: Model, material: Material, null_mean: float) -> float:
+    """What a model leaves beyond what a null session does, over all that choice and fit see.
+
+    It is the objective of the fit, squared residuals and what presses had to move against the prior of their places,
+    less what the contact law's own error explains of it. With the places integrated out, its mean is the number of
+    values that were read.
+
+    Args:
+        model: a fit.
+        material: the session.
+        null_mean: mean square of a null session's residual.
+    """
+    seen = material.reading.seen & material.known[:, None]
+    left = scene_of(model, material).part(material.known).residual
+    return float((left**2).sum()) - null_mean * float(seen.sum())
+
+
+def scene_of(model: Model, material: Material) -> Scene:
+    """A model's fit as candidates are tried on it."""
+    m, found = material, model.refit
+    return Scene.of(found.hypothesis, found.slopes, m.session, m.reading, m.options, m.law)
+
+
+def extended(model: Model, found: Found, material: Material) -> Model:
+    """A model with one more effect, all of it fitted again.
+
+    The search saw sensor and places to first order only. Where the fit from its end comes out worse than without the
+    effect, it is started again nearer to neutral.
+    """
+    coords = (*model.coords, *found.start.coords)
+    held = {**model.held, **found.start.held}
+    tried: list[Model] = []
+    for share in _SHARES:
+        x = np.concatenate([model.refit.x, share * found.x])
+        tried.append(fitted(model.hypothesis, coords, x, held, material))
+        if tried[-1].refit.objective < model.refit.objective:
+            break
+    return min(tried, key=lambda m: m.refit.objective)
+
+
+def fitted(
+    start: Hypothesis,
+    coords: tuple[Coordinate, ...],
+    x: FloatArray,
+    held: Mapping[str, Parameters],
+    material: Material,
+) -> Model:
+    """A model from a start, learned from all that choice and fit may see."""
+    options = replace(material.options, settle=0)
+    found = refit(start, material.session, material.reading, options, coords, x, material.known, held)
+    return Model(found, coords, held)
+
+
+def without(model: Model, name: str, material: Material) -> Model:
+    """A model with one effect dropped and the rest fitted again."""
+    keep = np.array([c.effect != name for c in model.coords], dtype=np.bool_)
+    coords = tuple(c for c in model.coords if c.effect != name)
+    held = {key: value for key, value in model.held.items() if key != name}
+    return fitted(model.hypothesis, coords, model.refit.x[keep], held, material)
