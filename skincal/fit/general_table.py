@@ -145,9 +145,9 @@ class SkinTable:
             taps = flat[corner[:, None] + (side * np.arange(4)[:, None] + np.arange(4)).ravel()]
             spots = np.stack(
                 [
-                    _outer(row_weight, col_weight),
-                    _outer(row_slope, col_weight),
-                    _outer(row_weight, col_slope),
+                    _outer(row_weight.T, col_weight.T),
+                    _outer(row_slope.T, col_weight.T),
+                    _outer(row_weight.T, col_slope.T),
                 ],
                 axis=1,
             )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fit.kernel import KernelTable, build_table, taxel_sizes
-from skincal.fit.lookup import cubic
+from skincal.fit.lookup import cubic, cubic_mixed
 from skincal.fit.problem import FitProblem
 from skincal.fit.seen import Seen, offsets, to_patch, turned_slopes
 from skincal.fit.types import Floats, Ints
@@ -127,16 +127,16 @@ class KernelImages:
         r_low, r_part, r_step = _bracket(log_ratio, table.log_ratios)
         n, j, row, col = self._pairs(uv_m)
         base = ((indenter[n] * kinds + self._size_of[j]) * alphas + a_low[n]) * levels + r_low[n]
-        for da in (0, 1) if alphas > 1 else (0,):
-            wa = np.abs(1 - da - a_part[n])
-            for dr in (0, 1):
-                wr = np.abs(1 - dr - r_part[n])
-                got = cubic(planes, base + da * levels + dr, row, col)
-                out[0, n, j] += wa * wr * got.value
-                out[1, n, j] += wa * wr * got.by_row / table.step_m
-                out[2, n, j] += wa * wr * got.by_col / table.step_m
-                out[3, n, j] += (2 * da - 1) * wr * got.value / a_step
-                out[4, n, j] += (2 * dr - 1) * wa * got.value / r_step
+        turned = levels if alphas > 1 else 0
+        wa, wr = a_part[n].astype(np.float32), r_part[n].astype(np.float32)
+        share = np.stack([(1 - wa) * (1 - wr), (1 - wa) * wr, wa * (1 - wr), wa * wr])
+        at, got = cubic_mixed(planes, base + np.array([[0], [1], [turned], [turned + 1]]), share, row, col)
+        out[0, n, j] = got.value
+        out[1, n, j] = got.by_row / table.step_m
+        out[2, n, j] = got.by_col / table.step_m
+        if alphas > 1:
+            out[3, n, j] = ((1 - wr) * (at[2] - at[0]) + wr * (at[3] - at[1])) / a_step
+        out[4, n, j] = ((1 - wa) * (at[1] - at[0]) + wa * (at[3] - at[2])) / r_step
 
     def level(self, alpha: int, log_ratio: Floats, indenter: Ints) -> Level:
         """The kernels of K presses at the tabled turn number ``alpha`` and at log(F/E) ``log_ratio`` (K,)."""
