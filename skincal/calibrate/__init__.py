@@ -2,6 +2,18 @@
 
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.run import Outcome, calibrate
+from skincal.calibrate.uniform import UniformOutcome, calibrate_uniform
 from skincal.calibrate.way import METHODS, Method, Way, choose_way
 
-__all__ = ["METHODS", "Method", "Outcome", "Way", "calibrate", "choose_way", "fit_problem", "search_box"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "Outcome",
+    "UniformOutcome",
+    "Way",
+    "calibrate",
+    "calibrate_uniform",
+    "choose_way",
+    "fit_problem",
+    "search_box",
+]

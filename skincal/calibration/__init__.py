@@ -1,6 +1,6 @@
 """Calibrations: what a fit found, as a folder that loads into the simulator (``skincal-calibration/1``)."""
 
-from skincal.calibration.calibration import Calibration, Columns
+from skincal.calibration.calibration import MARGIN_M, Calibration, Columns
 from skincal.calibration.effects import EFFECT_NAMES
 from skincal.calibration.files import read_calibration, write_calibration
 from skincal.calibration.matching import check_same_sensor, sensor_differences
@@ -12,6 +12,7 @@ from skincal.calibration.toml_file import FORMAT
 __all__ = [
     "EFFECT_NAMES",
     "FORMAT",
+    "MARGIN_M",
     "SLACK_COLUMNS",
     "Calibration",
     "Columns",

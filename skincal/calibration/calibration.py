@@ -35,6 +35,9 @@ from skincal.model import (
 from skincal.units import rad
 
 FloatArray = NDArray[np.float64]
+MARGIN_M = 8e-3
+"""How far a calibrated skin goes on around its taxels [m]."""
+
 Columns = Mapping[str, NDArray[Any]]
 """A table: arrays of one length by name."""
 
@@ -165,7 +168,7 @@ class Calibration:
             scale_per_n=self.model.scale_per_n if scale is None else np.array(scale),
         )
 
-    def skin(self, resolution_m: float = 0.25e-3, margin_m: float = 8e-3) -> Skin:
+    def skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
         """The best skin, of a calibration without effects; :func:`skincal.calibration.skin_of` takes any.
 
         Args:
@@ -183,7 +186,7 @@ class Calibration:
             )
         return self.base_skin(resolution_m, margin_m)
 
-    def base_skin(self, resolution_m: float = 0.25e-3, margin_m: float = 8e-3) -> Skin:
+    def base_skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
         """The best skin without its effects.
 
         Args:

@@ -27,7 +27,7 @@ from skincal.cli.common import (
 from skincal.cli.fit_ranges import Pair, searched
 
 if TYPE_CHECKING:
-    from skincal.calibrate import Method, Outcome, Way
+    from skincal.calibrate import Method, Way
     from skincal.calibration import Calibration
     from skincal.dataset import Dataset
     from skincal.fit.options import FitOptions, GridSteps
@@ -115,14 +115,20 @@ def fit(
     press, and a report. An interrupted fit goes on where it was when the same command is given again.
     """
     from skincal.calibrate import calibrate, choose_way
+    from skincal.calibrate.run import why_dropped
     from skincal.calibration import write_calibration
     from skincal.dataset import read_dataset
+    from skincal.dataset.uniform import uniform_pressure
     from skincal.files import refuse_existing
 
     options = _options(active_counts, min_active, bound, level, draws, per_taxel)
     refuse_existing(out, force=force, marker="calibration.toml")
     data = read_dataset(dataset)
     warn(data.warnings)
+    if uniform_pressure(data):
+        say("skincal: uniform pressure: the scale of each taxel is found, pose and elasticity cannot be")
+        _fit_uniform(data, out, options, seed, report=report, as_json=as_json, force=force)
+        return
     known = None if effects is None else _with_effects(effects, data)
     way = choose_way(data, cast("Method", method))
     if way.method != "fast":
@@ -160,9 +166,41 @@ def fit(
         write_calibration(outcome.calibration, out, force=force, beside=beside)
         told("report", 1, 1)
     if as_json:
-        print_json(_as_json(outcome, out))
+        print_json(_as_json(outcome.calibration, out))
         return
-    _tell(outcome, out, report)
+    about = why_dropped(outcome.result.problem)
+    if outcome.resumed:
+        about += f"\n{outcome.resumed} turns of the grid were taken from an interrupted run."
+    _tell(outcome.calibration, f"{len(outcome.result.problem)} presses", about, out, report)
+
+
+def _fit_uniform(
+    data: Dataset, out: Path, options: FitOptions, seed: int, *, report: bool, as_json: bool, force: bool
+) -> None:
+    """The fit of a pressure chamber."""
+    from skincal.calibrate import calibrate_uniform
+    from skincal.calibration import write_calibration
+
+    outcome = calibrate_uniform(
+        data,
+        active_counts=options.active_counts,
+        level=options.level,
+        seed=seed,
+        command=" ".join(["skincal", *sys.argv[1:]]),
+    )
+
+    def beside(folder: Path) -> None:
+        if report:
+            from skincal.report.fit_uniform import write_uniform_report
+
+            write_uniform_report(outcome, data, folder)
+
+    write_calibration(outcome.calibration, out, force=force, beside=beside)
+    if as_json:
+        print_json(_as_json(outcome.calibration, out))
+        return
+    presses = outcome.calibration.loss.presses_used
+    _tell(outcome.calibration, f"{presses} presses of uniform pressure", "", out, report)
 
 
 def _with_effects(folder: Path, data: Dataset) -> Calibration:
@@ -259,8 +297,7 @@ def _resumable(checkpoint: Path) -> Generator[None]:
     kept.remove()
 
 
-def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:
-    calibration = outcome.calibration
+def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
     return {
         "loss_mse_counts2": calibration.loss.mse_counts2,
         "valley_mse_counts2": calibration.loss.valley_mse_counts2,
@@ -273,31 +310,27 @@ def _as_json(outcome: Outcome, out: Path) -> dict[str, object]:
     }
 
 
-def _tell(outcome: Outcome, out: Path, report: bool) -> None:
+def _tell(calibration: Calibration, presses: str, about: str, out: Path, report: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from skincal.calibrate.run import why_dropped
-
-    result = outcome.result
     console = Console()
-    table = Table(title=f"{len(result.problem)} presses, rmse {result.mse_counts2**0.5:.2f} counts per taxel")
+    table = Table(title=f"{presses}, rmse {calibration.loss.mse_counts2**0.5:.2f} counts per taxel")
     for column in ("parameter", "best", "low", "high"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
-    best = outcome.calibration.model.best()
-    for name, (low, high) in outcome.calibration.intervals.items():
+    best = calibration.model.best()
+    for name, (low, high) in calibration.intervals.items():
         ends = (f"{low:.5g}", f"{high:.5g}") if isfinite(high - low) else ("not", "told")
         table.add_row(name, f"{best[name]:.5g}", *ends)
-    for effect in outcome.calibration.effects:
+    for effect in calibration.effects:
         for name, (low, high) in effect.intervals.items():
             ends = [f"{end:.4g}" for end in (low, high) if isinstance(end, float | int)]
             value = effect.parameters[name]
             if len(ends) == 2 and isinstance(value, float | int):
                 table.add_row(f"{effect.name}: {name}", f"{value:.4g}", *ends)
     console.print(table)
-    say(why_dropped(result.problem))
-    if outcome.resumed:
-        say(f"{outcome.resumed} turns of the grid were taken from an interrupted run.")
-    for finding in result.findings:
+    if about:
+        say(about)
+    for finding in calibration.findings:
         say(f"{finding.severity}: {finding.text} {finding.advice}".rstrip())
     say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.calibration import Calibration
+from skincal.calibration import MARGIN_M, Calibration
 from skincal.dataset import Dataset
+from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
 from skincal.fit.observe import Readout, clipped_share, observe
 from skincal.gap.base import BaseModel, resolution_of
@@ -30,14 +31,19 @@ _LIT_COUNTS = 5.0
 def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
     """The base model of a calibration, read out by a dataset's converter."""
     parameters = calibration.parameters()
+    # A chamber shares its force out over the whole skin, so the skin must be as large as the calibration's; but every
+    # part of a taxel is loaded alike.
+    uniform = uniform_pressure(dataset)
+    layout = calibration.layout()
     return BaseModel(
         calibration.surface_model(),
-        calibration.layout(),
+        layout,
         calibration.pose(),
         parameters.elasticity_pa_per_m,
         parameters.scale_per_n,
         readout_of(dataset),
-        resolution_of(calibration.layout()),
+        float(layout.sizes_m.min()) / 2 if uniform else resolution_of(layout),
+        *((MARGIN_M,) if uniform else ()),
     )
 
 

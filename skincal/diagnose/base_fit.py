@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.diagnose.prepare import SELECTION, TRAIN, Prepared, force_variance
+from skincal.diagnose.prepare import OFFSET, SELECTION, TRAIN, Prepared, force_variance
+from skincal.gap.faults import Stuck, jumps_under_load, rests_rarely, stuck_taxels, without_stuck
+from skincal.gap.hypothesis import Parameters
 from skincal.gap.law import law_directions
 from skincal.gap.models import Material, Model, excess_of, scene_of
 from skincal.gap.null import law_error
@@ -28,7 +30,8 @@ class Base:
         material: the session, split.
         glitches: rows of presses that were left out.
         dead: taxels that do not answer.
-        jumps: of the level at rest, taken off.
+        jumps: of levels, taken off.
+        stuck: taxels that sit at a bound for a while; not believed then.
     """
 
     model: Model
@@ -36,38 +39,70 @@ class Base:
     glitches: IntArray
     dead: tuple[Dead, ...]
     jumps: tuple[Jump, ...]
+    stuck: tuple[Stuck, ...] = ()
 
 
 def fit_base(ready: Prepared) -> Base:
     """Fits the base model, and again with the noise of the force, and without glitches and jumps."""
-    known = ready.is_part(TRAIN, SELECTION)
-    first = _first_look(ready, ready.reading)
-    wild = glitches(first.slopes.residual, ready.reading.seen, ready.session.press)
-    reading = without_presses(ready.reading, ready.session.press, wild)
+    known, beside, session = ready.is_part(TRAIN, SELECTION), _beside(ready), ready.session
+    reading, stuck, shifted = _of_staircase(ready, beside)
+    first = _first_look(ready, reading, beside)
+    wild = glitches(first.slopes.residual, reading.seen, session.press)
+    reading = without_presses(reading, session.press, wild)
     if len(wild):
         # They have drawn sensor and places after them: from the beginning, without them.
-        first = _first_look(ready, reading)
-    reading = reading.with_further(force_variance(first.hypothesis, ready.session, ready.force_noise_n))
+        first = _first_look(ready, reading, beside)
+    reading = reading.with_further(force_variance(first.hypothesis, session, ready.force_noise_n))
     values = first.slopes.values
-    dead = tuple(dead_taxels(values, reading, ready.session))
-    jumped = tuple(jumps(values, reading, ready.session, list(dead)))
-    reading = without_jumps(reading, ready.session, list(jumped))
+    if not rests_rarely(session):
+        stuck = stuck_taxels(values, reading, session)
+        reading = without_stuck(reading, session, stuck)
+    dead = dead_taxels(values, reading, session)
+    jumped = [*shifted, *jumps(values, reading, session, dead)]
+    reading = without_jumps(reading, session, jumped[len(shifted) :])
     options = replace(ready.options, settle=0, steps=4)
-    first = refit(first.hypothesis, ready.session, reading, options, learn=known, fixed=ready.known_effects)
+    first = refit(first.hypothesis, session, reading, options, learn=known, fixed=beside)
+    if beside is not ready.known_effects:
+        still = replace(options, steps=0)
+        first = refit(first.hypothesis, session, reading, still, learn=known, fixed=ready.known_effects)
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
-    material = Material(ready.session, reading, learn, score, ready.options)
-    return Base(Model(first, (), ready.known_effects), material, wild, dead, jumped)
+    material = Material(session, reading, learn, score, ready.options)
+    model = Model(first, (), ready.known_effects)
+    return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck))
 
 
-def _first_look(ready: Prepared, reading: Reading) -> Refit:
+def _of_staircase(ready: Prepared, beside: dict[str, Parameters]) -> tuple[Reading, list[Stuck], list[Jump]]:
+    """The reading without what fails on a staircase, found at the calibration: a fit would bend the forces to it."""
+    session, reading = ready.session, ready.reading
+    if not rests_rarely(session):
+        return reading, [], []
+    values = ready.start.with_effects(beside).values(session)
+    stuck = stuck_taxels(values, reading, session)
+    reading = without_stuck(reading, session, stuck)
+    shifted = jumps_under_load(values, reading, session)
+    return without_jumps(reading, session, shifted), stuck, shifted
+
+
+def _beside(ready: Prepared) -> dict[str, Parameters]:
+    """Effects that the base model is fitted beside: those of the calibration, and a level at rest that is high.
+
+    Such a level is not the base model's and is named like any other effect; but left out of the fit, it would move
+    sensor, places and forces as far as they go.
+    """
+    if ready.rest_counts is None:
+        return ready.known_effects
+    return {**ready.known_effects, OFFSET: {"offset_counts": ready.rest_counts}}
+
+
+def _first_look(ready: Prepared, reading: Reading, beside: dict[str, Parameters]) -> Refit:
     """The base model's fit, with presses that it left in the wrong valley found again."""
     known, session = ready.is_part(TRAIN, SELECTION), ready.session
-    first = refit(ready.start, session, reading, ready.options, learn=known, fixed=ready.known_effects)
+    first = refit(ready.start, session, reading, ready.options, learn=known, fixed=beside)
     placed = relocated(first.hypothesis, session, reading, ready.options)
     if placed is first.hypothesis:
         return first
     options = replace(ready.options, settle=0, steps=2)
-    return refit(placed, session, reading, options, learn=known, fixed=ready.known_effects)
+    return refit(placed, session, reading, options, learn=known, fixed=beside)
 
 
 def law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArray]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from skincal.calibration import Finding
+from skincal.gap.faults import Stuck
 from skincal.gap.robust import Dead, Jump
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
@@ -29,6 +30,8 @@ def findings_of(
     seen: BoolArray,
     taxels: IntArray | None = None,
     of_law: float = 0.0,
+    stuck: Sequence[Stuck] = (),
+    all_taxels: int | None = None,
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -40,6 +43,8 @@ def findings_of(
         dead: taxels that do not answer.
         seen: (N, J) where something was read.
         taxels: (J,) which of the layout's taxels were looked at; None for all of them.
+        stuck: taxels that sit at a bound for a while.
+        all_taxels: how many taxels the sensor has; None: as many as were looked at.
         of_law: root mean square of what another contact law would explain, in units of the noise.
     """
     looked: list[int] = list(range(seen.shape[1])) if taxels is None else taxels.tolist()
@@ -50,9 +55,18 @@ def findings_of(
         found.append(Finding("glitch", "warning", text, "Look at its frames; press there again."))
     for jump in jumps:
         names = ", ".join(taxel_name(layout, looked[t]) for t in jump.taxels)
-        text = f"{names}: the level at rest jumps at {jump.at_s:.1f} s by {_heights(jump)} counts; taken off"
+        back = f" and back at {jump.until_s:.1f} s" if np.isfinite(jump.until_s) else ""
+        text = f"{names}: the level at rest jumps at {jump.at_s:.1f} s by {_heights(jump)} counts{back}; taken off"
         found.append(
             Finding("jump", "warning", text, "Look for a loose connector or a restart of the electronics.")
+        )
+    for (since, until, level), taxels_then in _together(stuck).items():
+        names = ", ".join(taxel_name(layout, looked[t]) for t in taxels_then)
+        text = f"{names}: stuck at {level:g} counts from {since:.1f} s to {until:.1f} s; not looked at then"
+        found.append(
+            Finding(
+                "stuck_taxel", "warning", text, "Check wiring and electronics; leave it out where it is used."
+            )
         )
     for one in dead:
         since = "throughout" if one.from_s <= 0 else f"from {one.from_s:.1f} s on"
@@ -67,11 +81,25 @@ def findings_of(
             f"{of_law:.2f} times the noise; it is not counted as an effect, and the calibration keeps the law it has"
         )
         found.append(Finding("contact_law", "info", text, "E and S make up for it as far as they can."))
+    if all_taxels is not None and all_taxels > len(looked):
+        text = (
+            f"{len(looked)} of {all_taxels} taxels were looked at, even ones of those that the presses reach; what is "
+            "said of single taxels is said of these"
+        )
+        found.append(Finding("some_taxels", "info", text, ""))
     never = np.flatnonzero(~seen.any(axis=0))
     if len(never):
         names = ", ".join(taxel_name(layout, looked[t]) for t in never)
         found.append(Finding("never_read", "warning", f"{names}: never read (NaN throughout); left out", ""))
     return tuple(found)
+
+
+def _together(stuck: Sequence[Stuck]) -> dict[tuple[float, float, float], list[int]]:
+    """Taxels by when, and where, they stick."""
+    groups: dict[tuple[float, float, float], list[int]] = {}
+    for one in stuck:
+        groups.setdefault((one.from_s, one.until_s, one.counts), []).append(one.taxel)
+    return groups
 
 
 def _heights(jump: Jump) -> str:

@@ -8,13 +8,15 @@ import numpy as np
 
 from skincal.calibration import Calibration
 from skincal.calibration.skin import effects_of
-from skincal.dataset import Dataset
+from skincal.dataset import Dataset, idle_means
+from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, thinned
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.session import gap_session, hold_groups, pose_names, sites
+from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means, sites
 from skincal.errors import InputError, Problem, WorkError
+from skincal.fit.observe import Readout, expected_counts
 from skincal.gap.base import BaseModel
-from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters
 from skincal.gap.noise import NoiseFloor, force_scatter, rounding
 from skincal.gap.reading import Reading
 from skincal.gap.refit import RefitOptions
@@ -26,6 +28,13 @@ from skincal.model.arrays import FloatArray, IntArray
 
 FORCE_SIGMA = 0.004
 """By how much the force of a whole press may be off, relative, before that is an effect of its own."""
+
+EXACT_M = 1e-4
+"""What the place of uniform pressure is worth: it does not matter."""
+
+OFFSET = "taxel_offset"
+_HIGH_COUNTS, _HIGH_SIGMA = 5.0, 5.0
+"""Beyond both a level at rest is so high that places and forces would make up for it, were it left out."""
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
@@ -48,6 +57,8 @@ class Prepared:
         full: observations at the frame rate; the same as ``session`` where there are no frames.
         full_reading: what was read of them.
         force_noise_n: of the measured force of a frame [N].
+        rest_counts: (J,) level at rest of all taxels of the layout, where it is so high that no model without it can
+            be fitted; None where it is not.
     """
 
     session: GapSession
@@ -62,6 +73,7 @@ class Prepared:
     full: GapSession
     full_reading: Reading
     force_noise_n: float
+    rest_counts: FloatArray | None = None
 
     def is_part(self, *parts: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """(N,) observations of some parts."""
@@ -77,9 +89,10 @@ def prepare(
         WorkError: too few presses have a known place and a force.
         InputError: there is no position at all.
     """
-    if not np.isfinite(dataset.meta.position.sigma_m):
+    uniform = uniform_pressure(dataset)
+    if not uniform and not np.isfinite(dataset.meta.position.sigma_m):
         place = "dataset.toml" if dataset.folder is None else str(dataset.folder / "dataset.toml")
-        fix = "A pressure chamber cannot be diagnosed press by press; press single places."
+        fix = "Only of uniform pressure, a flat punch larger than the patch, need no place be known."
         raise InputError([Problem(f"{place}: [position] sigma_m", "places that were measured", "inf", fix)])
     whole = gap_session(dataset)
     presses = len(np.unique(whole.press[whole.press >= 0]))
@@ -94,15 +107,22 @@ def prepare(
     session, sigma = _weighted(session, floor, model, calibration)
     reading = Reading.of(session, sigma, model.readout)
     extra = calibration.loss.extra
-    sigma_m = _positive(extra.get("position_sigma_m"), dataset.meta.position.sigma_m)
+    # Where every place looks the same, any will do.
+    measured_m = EXACT_M if uniform else dataset.meta.position.sigma_m
+    sigma_m = _positive(extra.get("position_sigma_m"), measured_m)
     # What a fit found of the positions counts where it is sharper than what the data say. What it found of the forces
     # does not: a gain that drifts looks like forces that are off, and would then be explained away.
-    refit = RefitOptions(min(sigma_m, dataset.meta.position.sigma_m), FORCE_SIGMA)
+    refit = RefitOptions(min(sigma_m, measured_m), FORCE_SIGMA)
     reach = dataset.meta.position.slack_m
     reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
     names = pose_names(dataset)
     known: dict[str, Parameters] = dict(effects_of(calibration, names))
-    places = start_places(model, session, reading, sigma_m, min(reach, 3 * options.reach_m))
+    rest = None if OFFSET in known else _high_rest(dataset, floor, model.readout)
+    places = np.zeros((session.presses, PLACE))
+    if not uniform:
+        above = session if rest is None else _lowered(session, rest)
+        seen = reading if above is session else Reading.of(above, sigma, model.readout)
+        places = start_places(model, above, seen, sigma_m, min(reach, 3 * options.reach_m))
     split = _split(dataset, session, rng)
     full = session if not session.has_frames else _full(dataset, session)
     return Prepared(
@@ -118,6 +138,23 @@ def prepare(
         full,
         Reading.of(full, sigma, model.readout),
         0.0 if dataset.frames is None else force_scatter(dataset.frames.force_n, hold_groups(dataset)),
+        rest,
+    )
+
+
+def _high_rest(dataset: Dataset, floor: NoiseFloor, readout: Readout) -> FloatArray | None:
+    """The level at rest (J,) beyond what clipped noise makes of zero, if most taxels are far above it."""
+    means = idle_means(dataset) if uniform_pressure(dataset) else rest_means(dataset)
+    if means is None or readout.rest_subtracted:
+        return None
+    level = np.nan_to_num(means - expected_counts(np.zeros(1), floor.frame_counts, readout))
+    return level if np.median(np.abs(level)) > max(_HIGH_COUNTS, _HIGH_SIGMA * floor.frame_counts) else None
+
+
+def _lowered(session: GapSession, rest: FloatArray) -> GapSession:
+    assert session.counts is not None
+    return replace(
+        session, counts=session.counts - (rest if session.taxels is None else rest[session.taxels])
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import HOLD, IDLE, Dataset, idle_means
+from skincal.dataset.uniform import at_centre, uniform_pressure
 from skincal.diagnose.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.effects.samples import UNKNOWN
@@ -35,8 +36,10 @@ def readout_of(dataset: Dataset) -> Readout:
 def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
     """The session of a dataset: its frames in bins, or the hold means of its presses where it has no frames.
 
-    Presses without a known place, or without force, are left out of the observations.
+    Presses without a known place, or without force, are left out of the observations. Uniform pressure needs no place.
     """
+    if uniform_pressure(dataset):
+        dataset = at_centre(dataset)
     return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset, binning)
 
 

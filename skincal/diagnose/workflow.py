@@ -24,11 +24,12 @@ from skincal.diagnose.kept import Kept
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.prepare import FINAL, Prepared, force_variance, prepare
+from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.dying import dead_start
+from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
@@ -101,6 +102,7 @@ def diagnose(
         options.choice,
         extra,
         heard,
+        () if ready.rest_counts is None else (OFFSET,),
     )
     heard("places")
     choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
@@ -131,6 +133,8 @@ def diagnose(
             ready.reading.seen,
             ready.session.taxels,
             of_law(base),
+            base.stuck,
+            dataset.presses.counts.shape[1],
         ),
         ready.split,
         ready.session,
@@ -169,6 +173,7 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
     rows = (ready.split.part[np.maximum(ready.full.press, 0)] == FINAL) & (ready.full.press >= 0)
     rows &= ~np.isin(ready.full.press, base.glitches)
     reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
+    reading = without_stuck(reading, ready.full, list(base.stuck))
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
     ends = [_settled(model.hypothesis, ready, base) for model in (choice.before, choice.after)]
     return gap_closed(ends[0], ends[1], ready.full, reading, rows, rng)
@@ -231,6 +236,10 @@ def _refitted(
     """The calibration with what was named, fitted to all presses."""
     start: Hypothesis = choice.after.hypothesis
     options = replace(ready.options, settle=0)
+    held = dict(choice.after.held)
+    if ready.rest_counts is not None and any(one.name == OFFSET for one in choice.named):
+        # Of a large sensor only some taxels were looked at; what the others read at rest is known all the same.
+        held[OFFSET] = {"offset_counts": ready.rest_counts}
     last = refit(
         start,
         ready.session,
@@ -238,10 +247,8 @@ def _refitted(
         options,
         choice.after.coords,
         choice.after.refit.x,
-        fixed=choice.after.held,
+        fixed=held,
     )
     seen = base.material.reading.seen
     mean_square = float((last.slopes.residual[seen] ** 2).mean())
-    return new_calibration(
-        calibration, last, choice.after.coords, choice.after.held, mean_square, dataset, ready.poses
-    )
+    return new_calibration(calibration, last, choice.after.coords, held, mean_square, dataset, ready.poses)

@@ -59,13 +59,15 @@ def cubic_mixed(
     row_low, row_weight, row_slope = keys_weights(row, side)
     col_low, col_weight, col_slope = keys_weights(col, side)
     corner = (plane * side + (row_low - 1)) * side + (col_low - 1)
-    value = np.zeros(plane.shape, dtype=np.float32)
-    by_row, by_col = np.zeros((2, len(row)), dtype=np.float32)
+    value: NDArray[np.float32] = np.zeros(plane.shape, dtype=np.float32)
+    by_row: NDArray[np.float32] = np.zeros(len(row), dtype=np.float32)
+    by_col: NDArray[np.float32] = np.zeros(len(row), dtype=np.float32)
     # Tap by tap, each for all points: four times as fast as point by point, each with all taps.
     for r in _TAPS:
-        along, slope = np.zeros((2, *plane.shape), dtype=np.float32)
+        along: NDArray[np.float32] = np.zeros(plane.shape, dtype=np.float32)
+        slope: NDArray[np.float32] = np.zeros(plane.shape, dtype=np.float32)
         for c in _TAPS:
-            tap = flat.take(corner + (r * side + c))
+            tap = np.asarray(flat[corner + (r * side + c)], dtype=np.float32)
             along += tap * col_weight[c]
             slope += tap * col_slope[c]
         value += row_weight[r] * along

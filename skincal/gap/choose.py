@@ -9,7 +9,7 @@ effects allowed. At the end each named effect is dropped in turn, and stays out 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -151,6 +151,7 @@ def choose(
     options: ChoiceOptions | None = None,
     extra: Mapping[str, Start] | None = None,
     heard: Heard = lambda _: None,
+    plain: Collection[str] = (),
 ) -> Choice:
     """Names effects one by one.
 
@@ -163,9 +164,11 @@ def choose(
         options: when an effect is named.
         extra: starts of effects that are not in the library.
         heard: told what is being done.
+        plain: effects that can be read off without a model, such as a high level at rest. What comes after them is
+            measured against what they leave.
     """
     options = options or ChoiceOptions()
-    model, named, rounds = before, list[Named](), list[Round]()
+    model, named, rounds, told = before, list[Named](), list[Round](), 0
     seen = int((material.reading.seen & material.known[:, None]).sum())
     least = options.least(seen)
     first = excess_of(before, material, null_mean)
@@ -185,19 +188,23 @@ def choose(
         rounds[-1] = Round(tuple(found), left, falls, dict(fits))
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left
-        wanted = options.share_later if named else options.share_first
+        wanted = options.share_later if len(named) > told else options.share_first
         if share < wanted or falls[name] < max(least, options.later(options.of_all, first, seen)):
             break
-        if named and falls[name] < options.of_related * first:
-            known = [one.name for one in named]
+        if len(named) > told and falls[name] < options.of_related * first:
+            known = [one.name for one in named[told:]]
             if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
                 break
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
         model, left = best, left - falls[name]
+        if name in plain and len(named) == told + 1:
+            first, told = left, told + 1
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
-    return Choice(before, model, tuple(named), tuple(rounds), (first, left), seen)
+    return Choice(
+        before, model, tuple(named), tuple(rounds), (excess_of(before, material, null_mean), left), seen
+    )
 
 
 def likeness(scene: Scene, material: Material, first: Round, name: str, known: Sequence[str]) -> float:

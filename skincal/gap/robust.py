@@ -53,11 +53,13 @@ class Jump:
         taxels: their columns.
         at_s: when, after the session began [s].
         counts: by how much each jumps.
+        until_s: when they jump back [s].
     """
 
     taxels: tuple[int, ...]
     at_s: float
     counts: tuple[float, ...]
+    until_s: float = float("inf")
 
 
 def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
@@ -86,7 +88,7 @@ def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> li
         session: gives times and presses.
     """
     expected, spread = reading.expected(values), reading.deviation(values)
-    time = _time(session)
+    time = times(session)
     starts = _press_starts(session)
     found: list[Dead] = []
     for taxel in range(values.shape[1]):
@@ -95,7 +97,8 @@ def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> li
         best = (_SURE, None)
         for begin in [0, *starts[1 :: max(1, len(starts) // 30)]]:
             rows = np.flatnonzero(ok & (np.arange(len(y)) >= begin))
-            if len(np.unique(session.press[rows][x[rows] > _LIT_COUNTS])) < 3:
+            lit = x[rows] > _LIT_COUNTS + min(0.0 if not len(rows) else float(x[rows].min()), _LIT_COUNTS)
+            if len(np.unique(session.press[rows][lit])) < 3:
                 continue
             weight = 1 / spread[rows, taxel] ** 2
             answer, level = _line(x[rows], y[rows], weight)
@@ -183,7 +186,7 @@ def _jump(row: int, taxels: list[int], values: FloatArray, reading: Reading, ses
     ends = (reading.residual(values + shift)[between][:, taxels] for shift in (np.zeros(1), height))
     stay, moved = ((end**2).sum(axis=1) for end in ends)
     first = np.argmin([stay[:k].sum() + moved[k:].sum() for k in range(len(between))])
-    return Jump(tuple(taxels), float(_time(session)[between[first]]), tuple(height[taxels].tolist()))
+    return Jump(tuple(taxels), float(times(session)[between[first]]), tuple(height[taxels].tolist()))
 
 
 def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> float:
@@ -209,9 +212,9 @@ def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> 
 
 def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> Reading:
     """The reading with jumps taken off, clipped as it would have been."""
-    counts, time = reading.counts.copy(), _time(session)
+    counts, time = reading.counts.copy(), times(session)
     for jump in jumped:
-        later = time >= jump.at_s
+        later = (time >= jump.at_s) & (time < jump.until_s)
         for taxel, height in zip(jump.taxels, jump.counts, strict=True):
             counts[later, taxel] = reading.expected(counts[later, taxel] - height)
     return reading.with_counts(counts)
@@ -222,7 +225,7 @@ def without_presses(reading: Reading, press: IntArray, rows: IntArray) -> Readin
     return reading.trusting(np.where(np.isin(press, rows), 0.0, 1.0)[:, None])
 
 
-def _time(session: GapSession) -> FloatArray:
+def times(session: GapSession) -> FloatArray:
     """(N,) time of each observation after the session began [s]; its number where there is no clock."""
     samples = session.samples
     if samples.time_s is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chambers import Chamber
 from report.diagnosis_cases import LOOP, calibration, session, without_frames
 
 from skincal.calibration import read_calibration, write_calibration
@@ -152,3 +153,24 @@ def test_other_sensor_and_too_few_presses(
     assert run("diagnose", tmp_path / "few", tmp_path / "good", "--out", tmp_path / "new") == 1
     assert "record more presses" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+
+
+def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]):
+    chamber = Chamber.plain(memory=0.04, group=(0, 1, 2), stuck=(5,))
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    data = chamber.write(tmp_path / "chamber")
+    assert run("fit", data, "--out", tmp_path / "cal") == 0
+    told = capsys.readouterr()
+    assert "uniform pressure" in told.err and "scale_per_n" in told.out
+    command = ["diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report"]
+    assert run(*command) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] == "effects"
+    names = [effect["name"] for effect in found["effects"]]
+    assert names[0] == "taxel_offset"
+    assert {"hysteresis", "creep"} & {n for effect in found["effects"] for n in effect["consistent_with"]}
+    assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel"}
+    assert found["gap"]["closed"] > 0.7
+    new = read_calibration(tmp_path / "new")
+    offsets = next(effect for effect in new.effects if effect.name == "taxel_offset").parameters["offset_counts"]
+    assert offsets == pytest.approx(chamber.rest, abs=1.5)

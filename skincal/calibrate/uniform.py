@@ -1,0 +1,186 @@
+"""A calibration from uniform pressure: what a chamber tells, and infinite intervals for what it does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from skincal import __version__
+from skincal.calibrate.problem import search_box
+from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.dataset import Dataset, idle_means
+from skincal.dataset.uniform import at_centre
+from skincal.errors import WorkError
+from skincal.fit.observe import Readout, observe
+from skincal.fit.types import Bools, Floats
+from skincal.fit.uniform import Scales, common_draws, fit_scales
+from skincal.model import Contacts
+from skincal.units import deg
+
+DRAWS = 200
+ZERO_COUNTS = 1.0
+MOST_NAMED = 12
+"""So many taxels are named in a finding."""
+
+
+@dataclass(frozen=True, eq=False)
+class UniformOutcome:
+    """A calibration from uniform pressure, and what it was made of.
+
+    Attributes:
+        calibration: S of each taxel; pose and E as they were given.
+        scales: of all taxels.
+        loads_n: (K, J) load of each taxel in each press [N].
+        values: (K, J) values above the level at rest [counts].
+        use: (K, J) values that were used: read, and not saturated.
+    """
+
+    calibration: Calibration
+    scales: Scales
+    loads_n: Floats
+    values: Floats
+    use: Bools
+
+
+def calibrate_uniform(
+    dataset: Dataset, *, active_counts: float = 5.0, level: float = 0.98, seed: int = 0, command: str = ""
+) -> UniformOutcome:
+    """Finds the scale of every taxel from presses that load all of them alike.
+
+    Args:
+        dataset: for which :func:`skincal.dataset.uniform.uniform_pressure` holds.
+        active_counts: counts above rest that a taxel must reach in two presses.
+        level: probability content of the interval of S.
+        seed: of the resampling behind that interval.
+        command: command line, for the provenance.
+
+    Raises:
+        WorkError: no press has a force, or no taxel answers.
+    """
+    meta, presses = dataset.meta, dataset.presses
+    sensor = meta.sensor
+    pressed = np.isfinite(presses.force_n) & (presses.force_n > 0)
+    if not pressed.any():
+        raise WorkError("no press has a force above 0: expected the pressure times the area of the punch")
+    readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
+    rest = idle_means(dataset)
+    if rest is None:
+        # Without frames at rest the lowest pressure has to do: a line need not meet the origin.
+        rest = np.min(np.where(np.isfinite(presses.counts), presses.counts, np.inf), axis=0)
+        rest = np.where(np.isfinite(rest), rest, np.nan)
+    seen = observe(presses.counts, readout, rest)
+    use = np.isfinite(presses.counts) & ~seen.saturated & pressed[:, None]
+    one = _calibration(dataset, 1.0, None, {}, Loss(0.0, 0.0, 0), Provenance(""), ())
+    loads = _loads(one, dataset)
+    scales = fit_scales(loads, seen.values, use, active_counts)
+    if not scales.told.any():
+        raise WorkError(
+            f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated; "
+            "press harder, or lower --active-counts"
+        )
+    draws = common_draws(loads, seen.values, use, active_counts, DRAWS, np.random.default_rng(seed))
+    low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2])
+    mean_square = float(np.nanmean(scales.residual**2))
+    noise = {"noise_sigma_counts": seen.frame_sigma_counts} if np.isfinite(seen.frame_sigma_counts) else {}
+    loss = Loss(mean_square, mean_square, int(pressed.sum()), extra=noise)
+    provenance = Provenance(
+        dataset_sha256=dataset.sha256 or "",
+        dataset="" if dataset.folder is None else dataset.folder.name,
+        version=__version__,
+        command=command,
+        seed=seed,
+        time=datetime.now(UTC).replace(microsecond=0),
+        options={"method": "uniform pressure", "active_counts": active_counts, "level": level},
+    )
+    each = tuple(scales.scale_per_n.tolist())
+    interval = (float(low), float(high))
+    calibration = _calibration(
+        dataset,
+        scales.common_per_n,
+        each,
+        {"scale_per_n": interval},
+        loss,
+        provenance,
+        _findings(scales, dataset),
+    )
+    return UniformOutcome(calibration, scales, loads, seen.values, use)
+
+
+def _calibration(
+    dataset: Dataset,
+    scale: float,
+    each: tuple[float, ...] | None,
+    known: dict[str, Interval],
+    loss: Loss,
+    provenance: Provenance,
+    findings: tuple[Finding, ...],
+) -> Calibration:
+    pose = dataset.nominal_pose()
+    plane = dataset.meta.surface.kind == "plane"
+    low, high = search_box(dataset).elasticity_pa_per_m
+    model = ModelParameters(
+        pose.y_m,
+        deg(pose.alpha_rad),
+        float(np.sqrt(low * high)),
+        scale,
+        beta_deg=None if plane else deg(pose.beta_rad),
+        x_m=pose.x_m if plane else None,
+        scale_per_taxel_per_n=each,
+    )
+    nothing = (float("-inf"), float("inf"))
+    intervals = {name: known.get(name, nothing) for name in model.best()}
+    return Calibration.of_dataset(
+        dataset, model=model, intervals=intervals, loss=loss, provenance=provenance, findings=findings
+    )
+
+
+def _loads(one: Calibration, dataset: Dataset) -> Floats:
+    """Loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
+    placed = at_centre(dataset)
+    skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
+    points = one.surface_model().project(placed.presses.position_m)
+    contacts = Contacts(points, one.surface_model().normal_at(points), placed.presses.force_n)
+    return skin.loads(dataset.indenter(), contacts)
+
+
+def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
+    found = [
+        Finding(
+            "uniform_pressure",
+            "warning",
+            "Every press is a flat punch larger than the patch. Such uniform pressure looks the same for every pose "
+            "and every elasticity: neither can be found from it, and both stand as they were assumed. The scale of "
+            "each taxel was found.",
+            "Press with an indenter smaller than the patch (a sphere of about one pitch in radius) at several places "
+            "to find pose and elasticity.",
+        )
+    ]
+    mute = np.flatnonzero(~scales.told)
+    if len(mute):
+        cols = dataset.layout().cols
+        names = ["({}, {})".format(*divmod(j, cols)) for j in mute[:MOST_NAMED].tolist()]
+        more = f" and {len(mute) - MOST_NAMED} more" if len(mute) > MOST_NAMED else ""
+        found.append(
+            Finding(
+                "no_answer",
+                "warning",
+                f"{len(mute)} of {len(scales.told)} taxels do not answer: {', '.join(names)}{more}. "
+                "They are dead, stuck, or at the end of their range; their scale is set to 0.",
+                "Look at them with `skincal dataset show`.",
+            )
+        )
+    zero = float(np.median(scales.offset_counts[scales.told]))
+    if idle_means(dataset) is not None and abs(zero) > ZERO_COUNTS:
+        newtons = -zero / scales.common_per_n
+        found.append(
+            Finding(
+                "zero_of_force",
+                "info",
+                f"The lines of the taxels meet no load at {zero:+.1f} counts (median): as if the load of each were "
+                f"{abs(newtons):.3g} N {'less' if newtons > 0 else 'more'} than was measured.",
+                "Look at the zero of the pressure gauge, and at whether the skin answers to small pressures at all.",
+            )
+        )
+    return tuple(found)

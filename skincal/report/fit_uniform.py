@@ -1,0 +1,129 @@
+"""The report of a fit to uniform pressure: the scale of each taxel, and how straight its answer is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from skincal.calibrate import UniformOutcome
+from skincal.dataset import Dataset
+from skincal.model.arrays import as_floats
+from skincal.report.fit_quantities import with_digits
+from skincal.report.fit_story import provenance_rows
+from skincal.report.page import picture, rendered
+from skincal.report.style import BLACK, BLUE, GREY, ORANGE, equal_axes_mm, new_figure, style
+from skincal.report.taxel_map import taxel_boxes
+
+PAGE = "report.html"
+_MOST_LINES = 60
+
+
+def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str | Path) -> None:
+    """Writes ``report.html`` and its pictures (``scales.png``, ``answers.png``) into a folder.
+
+    Args:
+        outcome: the fit.
+        dataset: that was fitted.
+        folder: an existing folder; files of the same names are replaced.
+    """
+    folder, calibration = Path(folder), outcome.calibration
+    figures = [
+        picture(
+            scales_figure(outcome),
+            "scales",
+            "The scale of each taxel",
+            "Left: on the patch; grey taxels do not answer. Right: how the scales are distributed, against the common "
+            "one.",
+            folder,
+        ),
+        picture(
+            answers_figure(outcome, dataset),
+            "answers",
+            "Answers of the taxels",
+            "Left: values above rest against the load of a taxel, and the straight line of the median scale. Right: "
+            "what each taxel's own line leaves. One curve that all follow is a law that is not linear, a difference "
+            "between rising and falling pressure is memory or a clock, a step is a taxel that fails.",
+            folder,
+        ),
+    ]
+    low, high = calibration.intervals["scale_per_n"]
+    told = outcome.scales.told
+    page = rendered(
+        "fit_uniform.html",
+        name=calibration.provenance.dataset or "dataset",
+        source=dataset.meta.source,
+        tone="",
+        headline="The scale of each taxel was found; pose and elasticity cannot be from uniform pressure.",
+        verdict=[
+            f"{int(told.sum())} of {len(told)} taxels answer. Their median scale is "
+            f"{with_digits(outcome.scales.common_per_n, 3)} counts/N, {with_digits(low, 3)} to {with_digits(high, 3)}; "
+            f"the straight lines leave {calibration.loss.mse_counts2**0.5:.2f} counts.",
+        ],
+        findings=calibration.findings,
+        figures=figures,
+        provenance=provenance_rows(calibration),
+    )
+    (folder / PAGE).write_text(page, encoding="utf-8")
+
+
+def scales_figure(outcome: UniformOutcome) -> Figure:
+    """Draws the scales on the patch, and their distribution."""
+    scales, layout = outcome.scales, outcome.calibration.layout()
+    own = scales.scale_per_n[scales.told]
+    with style():
+        figure = new_figure(11, 5.2, "Scale of each taxel [counts/N]")
+        grid = figure.add_gridspec(1, 2)
+        axes = figure.add_subplot(grid[0])
+        low, high = np.quantile(own, [0.02, 0.98])
+        norm = Normalize(float(low), max(float(high), float(low) + 1e-9))
+        boxes = taxel_boxes(axes, layout, np.flatnonzero(scales.told), as_floats(own), norm, "YlGnBu")
+        equal_axes_mm(axes, "u", "v")
+        figure.colorbar(boxes, ax=axes, extend="both")
+        axes = figure.add_subplot(grid[1])
+        axes.hist(own, bins=min(40, max(5, len(own) // 4)), color=BLUE)
+        axes.axvline(scales.common_per_n, color=BLACK, linewidth=1.0, label="common scale (median)")
+        axes.set(xlabel="scale [counts/N]", ylabel="taxels")
+        axes.legend()
+    return figure
+
+
+def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
+    """Draws values and residuals of the taxels against their load."""
+    scales = outcome.scales
+    taxels = np.flatnonzero(scales.told)
+    taxels = taxels[np.unique(np.linspace(0, len(taxels) - 1, _MOST_LINES).round().astype(int))]
+    branch = dataset.presses.column("branch")
+    down = np.zeros(len(outcome.values), dtype=np.bool_) if branch is None else branch.astype(str) == "down"
+    with style():
+        figure = new_figure(11, 5.2, "Answers to uniform pressure")
+        grid = figure.add_gridspec(1, 2)
+        values = np.where(outcome.use, outcome.values, np.nan)
+        left, right = (figure.add_subplot(grid[k]) for k in (0, 1))
+        _lines(left, outcome.loads_n, values, taxels, down)
+        load = np.linspace(0.0, float(np.nanmax(outcome.loads_n)), 2)
+        left.plot(load, scales.common_per_n * load, color=BLACK, linewidth=1.2, label="median scale")
+        left.set(xlabel="load of a taxel [N]", ylabel="value above rest [counts]")
+        _lines(right, outcome.loads_n, scales.residual, taxels, down)
+        right.axhline(0.0, color=GREY, linewidth=0.8)
+        spread = np.nanquantile(scales.residual, [0.01, 0.99])
+        right.set_ylim(2 * min(float(spread[0]), -0.5), 2 * max(float(spread[1]), 0.5))
+        right.set(xlabel="load of a taxel [N]", ylabel="measured − line [counts]")
+        for axes in (left, right):
+            axes.legend(loc="upper left")
+    return figure
+
+
+def _lines(axes: Axes, load: np.ndarray, value: np.ndarray, taxels: np.ndarray, down: np.ndarray) -> None:
+    """Thin lines of taxels, rising and falling apart, and the median of each."""
+    for rows, colour, name in ((~down, BLUE, "rising"), (down, ORANGE, "falling")):
+        if not rows.any():
+            continue
+        order = np.flatnonzero(rows)[np.argsort(load[rows][:, taxels[0]])]
+        axes.plot(load[order][:, taxels], value[order][:, taxels], color=colour, alpha=0.15, linewidth=0.7)
+        name = name if down.any() else "taxels"
+        middle = np.nanmedian(value[order][:, taxels], axis=1)
+        axes.plot(load[order][:, taxels[0]], middle, color=colour, linewidth=2.0, label=f"{name}, median")

@@ -1,0 +1,79 @@
+"""A calibration from a pressure chamber: scales, infinite intervals, and what can be done with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chambers import Chamber
+
+from skincal.calibrate import calibrate, calibrate_uniform
+from skincal.calibration import read_calibration, write_calibration
+from skincal.dataset import read_dataset
+from skincal.errors import WorkError
+from skincal.predict import predict_dataset
+from skincal.ranges import from_calibration
+from skincal.report.fit_uniform import write_uniform_report
+
+
+@pytest.mark.parametrize("frames", [True, False])
+def test_scales_of_a_chamber(tmp_path: Path, frames: bool):
+    chamber = Chamber.plain(stuck=(5,))
+    chamber.gain[9] = 0.0
+    data = read_dataset(chamber.write(tmp_path / "chamber", frames=frames))
+    outcome = calibrate_uniform(data)
+    model = outcome.calibration.model
+    assert model.scale_per_taxel_per_n is not None
+    own = np.array(model.scale_per_taxel_per_n)
+    lit = chamber.gain > 0
+    ratio = own[lit] / chamber.gain[lit]
+    assert ratio == pytest.approx(np.median(ratio), rel=0.04)
+    assert own[9] == 0.0
+    for name in ("y_m", "x_m", "alpha_deg", "elasticity_pa_per_m"):
+        assert outcome.calibration.intervals[name] == (-np.inf, np.inf)
+        assert not outcome.calibration.identified(name)
+    low, high = outcome.calibration.intervals["scale_per_n"]
+    assert low < model.scale_per_n < high < 1.2 * low
+    codes = [finding.code for finding in outcome.calibration.findings]
+    assert codes == ["uniform_pressure", "no_answer"]
+    assert "(2, 1)" in outcome.calibration.findings[1].text
+
+
+def test_the_calibration_predicts_what_it_was_made_of(tmp_path: Path):
+    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
+    outcome = calibrate_uniform(data)
+    write_calibration(outcome.calibration, tmp_path / "cal")
+    again = read_calibration(tmp_path / "cal")
+    predicted = predict_dataset(again, data).dataset.presses.counts
+    assert np.abs(predicted - data.presses.counts).max() < 2.5
+
+
+def test_its_ranges_say_what_is_assumed(tmp_path: Path):
+    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
+    found = from_calibration(calibrate_uniform(data).calibration)
+    assert found["skin.scale_per_n"].source == "calibrated"
+    assert found["skin.elasticity_pa_per_m"].source == "assumed"
+
+
+def test_the_common_fit_refuses_and_says_where_to_go(tmp_path: Path):
+    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
+    with pytest.raises(WorkError, match="calibrate_uniform"):
+        calibrate(data)
+
+
+def test_a_chamber_in_which_nothing_answers(tmp_path: Path):
+    chamber = Chamber.plain()
+    chamber.gain[:] = 0.0
+    data = read_dataset(chamber.write(tmp_path / "chamber"))
+    with pytest.raises(WorkError, match="nothing can be calibrated"):
+        calibrate_uniform(data)
+
+
+def test_the_report_holds_everything(tmp_path: Path):
+    data = read_dataset(Chamber.plain(group=(0, 1, 2)).write(tmp_path / "chamber"))
+    write_uniform_report(calibrate_uniform(data), data, tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "16 of 16 taxels answer" in page
+    assert page.count("data:image/png") == 2
+    assert (tmp_path / "scales.png").is_file() and (tmp_path / "answers.png").is_file()
