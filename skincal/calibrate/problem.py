@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
 from skincal.dataset import Dataset, active_taxels, idle_means
+from skincal.dataset.uniform import UNIFORM, is_uniform
 from skincal.errors import InputError, Problem, WorkError
 from skincal.fit.general_contacts import MARGIN_M, ContactMap
 from skincal.fit.observe import Readout
 from skincal.fit.options import FitOptions, SearchBox
 from skincal.fit.problem import FitProblem, PressTable, Rig, pose_problem
-from skincal.model import Cylinder, FlatPunch, Indenter, MeshSurface, Surface, TaxelLayout
+from skincal.model import Cylinder, Indenter, MeshSurface, Surface
 from skincal.units import rad
 
 Floats = NDArray[np.float64]
@@ -59,9 +60,10 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
 
 
 def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
+    if is_uniform(dataset):
+        raise WorkError(f"{UNIFORM}: `skincal dataset show`")
     meta, layout, surface = dataset.meta, dataset.layout(), dataset.surface()
     indenters, kinds = _indenters(dataset)
-    _refuse_uniform(indenters, layout)
     sensor = meta.sensor
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     position, radius = meta.position, _mesh_radius(dataset, surface)
@@ -86,17 +88,6 @@ def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], NDArray[np.intp]
         return (dataset.indenter(),), np.zeros(len(radii), dtype=np.intp)
     different, kinds = np.unique(radii, return_inverse=True)
     return tuple(dataset.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
-
-
-def _refuse_uniform(indenters: tuple[Indenter, ...], layout: TaxelLayout) -> None:
-    half = float(np.hypot(*np.abs(layout.bounds_m).max(axis=0)))
-    if all(isinstance(i, FlatPunch) and i.radius_m > half for i in indenters):
-        raise WorkError(
-            "every press is a flat punch larger than the patch: such uniform pressure looks the same for every "
-            "pose and every elasticity, so neither can be found from it. Press with an indenter smaller than the "
-            "patch (a sphere of about one pitch in radius) at several places. Per-taxel gains and everything that "
-            "changes over time can still be seen in these data: `skincal dataset show`"
-        )
 
 
 def unroll(arc_radius_m: float | None, points_m: Floats) -> tuple[Floats, Floats]:

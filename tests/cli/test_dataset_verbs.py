@@ -70,6 +70,23 @@ def test_check_as_json(run: Run, folder: Path) -> None:
     ]
 
 
+def test_uniform_pressure_is_good_but_no_fit_is_possible(run: Run, folder: Path, tmp_path: Path) -> None:
+    status, out, _ = run("dataset", "check", folder, "--json")
+    assert json.loads(out)["notes"] == []
+    path = folder / "dataset.toml"
+    sphere = 'kind = "sphere"\nradius_m = 0.006'
+    assert sphere in path.read_text()
+    path.write_text(path.read_text().replace(sphere, 'kind = "flat"\nradius_m = 0.05'))
+    status, out, err = run("dataset", "check", folder)
+    assert status == 0
+    assert "good" in out
+    assert "skincal: note: no fit is possible: every press is a flat punch larger than the patch" in err
+    for verb in (("check", folder), ("show", folder, "--out", tmp_path / "picture.png")):
+        status, out, _ = run("dataset", *verb, "--json")
+        assert status == 0
+        assert "uniform pressure" in json.loads(out)["notes"][0]
+
+
 def test_check_of_no_folder(run: Run, tmp_path: Path) -> None:
     status, out, err = run("dataset", "check", tmp_path / "nothing")
     assert (status, out) == (2, "")
