@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from skincal.dataset.summary import Summary
     from skincal.errors import Problem
 
-app = typer.Typer(no_args_is_help=True, help="Check a dataset, or show what is in it.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Check a dataset, or show what is in it.",
+    epilog=example("skincal dataset check data/paper-like"),
+)
 
 
 @app.command(

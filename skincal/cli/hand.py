@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from skincal.hand.registry import DriverOption
     from skincal.robot import HandDescription
 
-app = typer.Typer(no_args_is_help=True, help="Drivers of hands: list them, test one, show a hand, make keys.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Drivers of hands: list them, test one, show a hand, make keys.",
+    epilog=example("skincal hand list"),
+)
 
 DriverOptionsOption = Annotated[
     list[str] | None,

@@ -12,6 +12,7 @@ import typer
 
 from skincal import __version__
 from skincal.cli import verbs
+from skincal.cli.common import example
 from skincal.cli.interrupt import after_imports
 from skincal.errors import SkincalError
 
@@ -22,6 +23,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
+    epilog=example("skincal fit data/paper-like --out cal"),
 )
 
 
