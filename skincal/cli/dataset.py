@@ -87,8 +87,12 @@ def show(
         print_json({"dataset": dataset, **_as_json(data, summary), "notes": notes, "picture": picture})
         return
     from rich.console import Console
+    from rich.text import Text
 
-    Console().print(_table(dataset, data, summary))
+    console = Console()
+    # As a title it would be broken at the width of the table.
+    console.print(Text(str(dataset), "italic"), soft_wrap=True)
+    console.print(_table(data, summary))
     say(f"picture: {picture}")
 
 
@@ -130,15 +134,16 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
     }
 
 
-def _table(path: Path, data: Dataset, summary: Summary) -> Table:
+def _table(data: Dataset, summary: Summary) -> Table:
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=str(path), title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    # Text from the file is not markup.
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for name, text in _lines(data, summary):
-        # Text from the file is not markup.
-        table.add_row(name, text.replace("[", r"\["))
+        table.add_row(name, Text(text))
     return table
 
 

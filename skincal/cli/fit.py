@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -138,7 +139,7 @@ def fit(
             seed=seed,
             workers=workers,
             checkpoint=checkpoint,
-            command=" ".join(["skincal", *sys.argv[1:]]),
+            command=shlex.join(["skincal", *sys.argv[1:]]),
             method=way.method,
             progress=told,
         )

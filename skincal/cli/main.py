@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -56,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     debug = "--debug" in arguments
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
+    _write_any_text()
     try:
         with after_imports():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
@@ -70,6 +72,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if debug:
             raise
         status = _report(error)
+    except UnicodeEncodeError as error:  # names of files are all that may hold bytes that are no text
+        if debug:
+            raise
+        typer.echo(
+            f"skincal: error: {error.object}: expected names of files and folders in UTF-8; got other bytes. "
+            "Rename it.",
+            err=True,
+        )
+        status = 2
     except KeyboardInterrupt:
         if debug:
             raise
@@ -88,6 +99,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         status = 1
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _write_any_text() -> None:
+    """A letter that the terminal cannot show is written as its number; it is no reason to fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _report(error: SkincalError | OSError) -> int:
