@@ -298,7 +298,10 @@ def _tell(outcome: Outcome, out: Path, report: bool) -> None:
     console.print(table)
     say(why_dropped(result.problem))
     if outcome.resumed:
-        say(f"{outcome.resumed} turns of the grid were taken from an interrupted run.")
+        turns = (
+            "1 turn of the grid was" if outcome.resumed == 1 else f"{outcome.resumed} turns of the grid were"
+        )
+        say(f"{turns} taken from an interrupted run.")
     for finding in result.findings:
         say(f"{finding.severity}: {finding.text} {finding.advice}".rstrip())
     say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))

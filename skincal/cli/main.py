@@ -108,6 +108,13 @@ def _write_any_text() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+_NO_ROOM = {
+    errno.ENOSPC: " Free some space and run again; nothing was left half-written.",
+    errno.EDQUOT: " Free some space and run again; nothing was left half-written.",
+    errno.EFBIG: " Raise the limit on the size of files (ulimit -f); nothing was left half-written.",
+}
+
+
 def _report(error: SkincalError | OSError) -> int:
     if isinstance(error, SkincalError):
         typer.echo(f"skincal: error: {error}", err=True)
@@ -118,11 +125,7 @@ def _report(error: SkincalError | OSError) -> int:
         return 1
     place = error.filename or "a file"
     reason = error.strerror or str(error)
-    hint = (
-        " Free some space and run again; nothing was left half-written."
-        if error.errno == errno.ENOSPC
-        else ""
-    )
+    hint = "" if error.errno is None else _NO_ROOM.get(error.errno, "")
     typer.echo(f"skincal: error: {place}: {reason}.{hint}", err=True)
     return 1
 
