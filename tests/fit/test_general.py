@@ -308,7 +308,8 @@ def test_the_whole_general_fit_agrees_with_the_fast_one(truth: Truth) -> None:
     for name, (low, high) in fast.intervals.items():
         assert low <= general.best[name] <= high, name
         own = general.intervals[name]
-        assert own[1] - own[0] == pytest.approx(high - low, rel=0.5), name
+        # Ends of intervals come from a few hundred independent draws here; up to 15 % were measured.
+        assert own[1] - own[0] == pytest.approx(high - low, rel=0.3), name
         assert own[0] <= getattr(truth, name) <= own[1], name
     assert general.mse_counts2 == pytest.approx(fast.mse_counts2, abs=0.1)
 
