@@ -26,8 +26,12 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
             that holds it (or is empty), so that a mistyped path cannot delete somebody's work.
 
     Raises:
-        InputError: it exists and may not be replaced, or its parent folder does not exist.
+        InputError: it exists and may not be replaced, its parent folder does not exist, or it has no name.
     """
+    if path.name in ("", ".."):
+        raise InputError(
+            [Problem(str(path), "a name for the output", "no name, but a place", "Add a name to it.")]
+        )
     if not path.parent.is_dir():
         file = next((above for above in path.parents if above.exists() and not above.is_dir()), None)
         got = "no such folder" if file is None else f"{file}, which is a file"

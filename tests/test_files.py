@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from skincal.errors import InputError
-from skincal.files import whole_file, whole_folder
+from skincal.files import refuse_existing, whole_file, whole_folder
 
 
 def test_a_file_appears_at_the_end(tmp_path: Path) -> None:
@@ -104,3 +104,13 @@ def test_an_output_is_as_readable_as_any_file(tmp_path: Path) -> None:
         (temporary / "m").write_text("x")
     (tmp_path / "usual").mkdir()
     assert (tmp_path / "out").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+@pytest.mark.parametrize("place", ["", ".", "..", "/"])
+def test_a_place_without_a_name_is_refused_even_by_force(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    # An empty folder could be replaced, but not the one that somebody stands in.
+    with pytest.raises(InputError, match="a name for the output"):
+        refuse_existing(Path(place), force=True, marker="calibration.toml")

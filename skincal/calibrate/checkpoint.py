@@ -57,12 +57,22 @@ class Checkpoint:
         return slabs
 
     def keep(self, turn: int, slab: GridSlab) -> None:
-        """Keeps one turn, whole or not at all."""
+        """Keeps one turn, whole or not at all.
+
+        Raises:
+            OSError: the disk is full, or not writable; it names the file.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
         temporary = self.folder / f"turn-{turn:03d}.tmp"
-        with temporary.open("wb") as stream:
-            np.savez(stream, key=self.key, turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
-        temporary.replace(self.folder / f"turn-{turn:03d}.npz")
+        try:
+            with temporary.open("wb") as stream:
+                np.savez(stream, key=self.key, turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
+            temporary.replace(self.folder / f"turn-{turn:03d}.npz")
+        except OSError as error:
+            if error.errno is not None and error.filename is None:
+                error.filename = str(self.folder / f"turn-{turn:03d}.npz")
+            temporary.unlink(missing_ok=True)
+            raise
 
     def remove(self) -> None:
         """Removes the folder; the fit is done."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
 from skincal.dataset import Dataset, active_taxels, idle_means
-from skincal.dataset.uniform import uniform_pressure
+from skincal.dataset.uniform import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem, WorkError
 from skincal.fit.general_contacts import MARGIN_M, ContactMap
 from skincal.fit.observe import Readout
@@ -60,9 +60,10 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
 
 
 def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
+    if uniform_pressure(dataset):
+        raise WorkError(f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform")
     meta, layout, surface = dataset.meta, dataset.layout(), dataset.surface()
     indenters, kinds = _indenters(dataset)
-    _refuse_uniform(dataset)
     sensor = meta.sensor
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     position, radius = meta.position, _mesh_radius(dataset, surface)
@@ -87,16 +88,6 @@ def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], NDArray[np.intp]
         return (dataset.indenter(),), np.zeros(len(radii), dtype=np.intp)
     different, kinds = np.unique(radii, return_inverse=True)
     return tuple(dataset.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
-
-
-def _refuse_uniform(dataset: Dataset) -> None:
-    if uniform_pressure(dataset):
-        raise WorkError(
-            "every press is a flat punch larger than the patch: such uniform pressure looks the same for every "
-            "pose and every elasticity, so neither can be found from it. Press with an indenter smaller than the "
-            "patch (a sphere of about one pitch in radius) at several places. The scale of each taxel can be found: "
-            "`skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
-        )
 
 
 def unroll(arc_radius_m: float | None, points_m: Floats) -> tuple[Floats, Floats]:

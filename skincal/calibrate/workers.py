@@ -39,7 +39,7 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
     # Workers are started afresh: a fork would copy the locks of threads that draw the progress.
     context = multiprocessing.get_context("spawn")
     with _one_thread_each():
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
         try:
             _start(pool, count)
             yield pool.map
@@ -49,9 +49,18 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
         pool.shutdown()
 
 
-def _ignore_interrupt() -> None:
-    """Ctrl-C goes to every process of the terminal; only the first one shall act on it."""
+def _begin() -> None:
+    """Ctrl-C goes to every process of the terminal; only the first one shall act on it. A worker ends with that one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_first, daemon=True).start()
+
+
+def _end_with_first() -> None:
+    """A first process that is killed ends no worker: they would wait for its work for ever, in memory."""
+    first = multiprocessing.parent_process()
+    if first is not None:
+        first.join()
+        os._exit(1)
 
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from skincal.dataset.summary import Summary
     from skincal.errors import Problem
 
-app = typer.Typer(no_args_is_help=True, help="Check a dataset, or show what is in it.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Check a dataset, or show what is in it.",
+    epilog=example("skincal dataset check data/paper-like"),
+)
 
 
 @app.command(
@@ -25,16 +29,19 @@ app = typer.Typer(no_args_is_help=True, help="Check a dataset, or show what is i
 def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     """Check every file of a dataset, and name everything that is wrong, with file, column and row.
 
-    Exit status 0: it can be used, perhaps with warnings; 2: it cannot.
+    A note says what good data cannot be used for. Exit status 0: it can be used, perhaps with warnings; 2: it cannot.
     """
     from skincal.dataset import check_dataset
+    from skincal.dataset.uniform import notes_on
     from skincal.errors import InputError
 
     found = check_dataset(dataset)
     warn(found.warnings)
+    notes = () if found.dataset is None else notes_on(found.dataset)
+    _note(notes)
     if as_json:
-        errors, warnings = _problems(found.errors), _problems(found.warnings)
-        print_json({"dataset": dataset, "ok": not found.errors, "errors": errors, "warnings": warnings})
+        found_out = {"errors": _problems(found.errors), "warnings": _problems(found.warnings), "notes": notes}
+        print_json({"dataset": dataset, "ok": not found.errors, **found_out})
     if found.errors:
         raise InputError(found.errors)
     if not as_json and found.dataset is not None:
@@ -62,6 +69,7 @@ def show(
     """Show what is in a dataset: a summary, and a picture of the presses, forces and answers."""
     from skincal.dataset import read_dataset
     from skincal.dataset.summary import summarise
+    from skincal.dataset.uniform import notes_on
     from skincal.files import refuse_existing, whole_file
     from skincal.report.dataset import dataset_figure
     from skincal.report.style import checked_suffix, save
@@ -73,13 +81,24 @@ def show(
     with whole_file(picture, force=force) as temporary:
         save(dataset_figure(data, threshold), temporary)
     warn(data.warnings)
+    notes = notes_on(data)
+    _note(notes)
     if as_json:
-        print_json({"dataset": dataset, **_as_json(data, summary), "picture": picture})
+        print_json({"dataset": dataset, **_as_json(data, summary), "notes": notes, "picture": picture})
         return
     from rich.console import Console
+    from rich.text import Text
 
-    Console().print(_table(dataset, data, summary))
+    console = Console()
+    # As a title it would be broken at the width of the table.
+    console.print(Text(str(dataset), "italic"), soft_wrap=True)
+    console.print(_table(data, summary))
     say(f"picture: {picture}")
+
+
+def _note(notes: tuple[str, ...]) -> None:
+    for note in notes:
+        say(f"skincal: note: {note}")
 
 
 def _problems(problems: tuple[Problem, ...]) -> list[dict[str, str]]:
@@ -115,15 +134,16 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
     }
 
 
-def _table(path: Path, data: Dataset, summary: Summary) -> Table:
+def _table(data: Dataset, summary: Summary) -> Table:
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=str(path), title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    # Text from the file is not markup.
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for name, text in _lines(data, summary):
-        # Text from the file is not markup.
-        table.add_row(name, text.replace("[", r"\["))
+        table.add_row(name, Text(text))
     return table
 
 

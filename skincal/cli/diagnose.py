@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -76,7 +77,7 @@ def diagnose(
     with _stages() as heard:
         found = diagnosed(data, cal, options, seed, heard, Cache(default_folder() if cache else None))
         heard("report")
-        command = " ".join(["skincal", *sys.argv[1:]])
+        command = shlex.join(["skincal", *sys.argv[1:]])
         provenance = replace(found.calibration.provenance, command=command, seed=seed)
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         plan = None if found.next_plan is None else str(out / PLAN_FILE)

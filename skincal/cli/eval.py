@@ -271,7 +271,7 @@ def _table(found: list[Evaluated], trial: Trial) -> Table:
         score = one.score
         low, high = (1e3 * end for end in score.error_settled_interval_m)
         row = [
-            one.name,
+            escape(one.name),
             str(one.policy.description.policy),
             f"{score.episodes - score.drops} of {score.episodes}",
             f"{1e3 * score.error_settled_m:.2f} ({low:.2f} … {high:.2f})",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -144,7 +145,7 @@ def fit(
             seed=seed,
             workers=workers,
             checkpoint=checkpoint,
-            command=" ".join(["skincal", *sys.argv[1:]]),
+            command=shlex.join(["skincal", *sys.argv[1:]]),
             method=way.method,
             progress=told,
         )
@@ -170,7 +171,10 @@ def fit(
         return
     about = why_dropped(outcome.result.problem)
     if outcome.resumed:
-        about += f"\n{outcome.resumed} turns of the grid were taken from an interrupted run."
+        turns = (
+            "1 turn of the grid was" if outcome.resumed == 1 else f"{outcome.resumed} turns of the grid were"
+        )
+        about += f"\n{turns} taken from an interrupted run."
     _tell(outcome.calibration, f"{len(outcome.result.problem)} presses", about, out, report)
 
 

@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from skincal.hand.registry import DriverOption
     from skincal.robot import HandDescription
 
-app = typer.Typer(no_args_is_help=True, help="Drivers of hands: list them, test one, show a hand, make keys.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Drivers of hands: list them, test one, show a hand, make keys.",
+    epilog=example("skincal hand list"),
+)
 
 DriverOptionsOption = Annotated[
     list[str] | None,
@@ -212,9 +216,10 @@ def _joints_table(description: HandDescription) -> Table:
     import math
 
     from rich.table import Table
+    from rich.text import Text
 
     limits, gains = description.limits, description.gains
-    table = Table(title=description.name, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(title=Text(description.name), title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name in ("joint", "from deg", "to deg", "home deg", "deg/s", "N m", "N m/rad", "N m s/rad"):
         table.add_column(name, justify="left" if name == "joint" else "right")
     for j, name in enumerate(description.joints):

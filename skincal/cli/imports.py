@@ -13,7 +13,11 @@ from skincal.cli.common import ForceOption, JsonOption, OutOption, example, prin
 if TYPE_CHECKING:
     from skincal.imports import Imported
 
-app = typer.Typer(no_args_is_help=True, help="Make a dataset of recordings that lie in other files.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Make a dataset of recordings that lie in other files.",
+    epilog=example("skincal import csv --template > mapping.toml"),
+)
 
 
 def _printer(kind: str) -> Callable[[bool], None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ import typer
 
 from skincal import __version__
 from skincal.cli import verbs
+from skincal.cli.common import example
 from skincal.cli.interrupt import after_imports
 from skincal.errors import SkincalError
 
@@ -22,6 +24,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
+    epilog=example("skincal fit data/paper-like --out cal"),
 )
 
 
@@ -54,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     debug = "--debug" in arguments
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
+    _write_any_text()
     try:
         with after_imports():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
@@ -68,6 +72,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if debug:
             raise
         status = _report(error)
+    except UnicodeEncodeError as error:  # names of files are all that may hold bytes that are no text
+        if debug:
+            raise
+        typer.echo(
+            f"skincal: error: {error.object}: expected names of files and folders in UTF-8; got other bytes. "
+            "Rename it.",
+            err=True,
+        )
+        status = 2
     except KeyboardInterrupt:
         if debug:
             raise
@@ -88,6 +101,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
+def _write_any_text() -> None:
+    """A letter that the terminal cannot show is written as its number; it is no reason to fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+_NO_ROOM = {
+    errno.ENOSPC: " Free some space and run again; nothing was left half-written.",
+    errno.EDQUOT: " Free some space and run again; nothing was left half-written.",
+    errno.EFBIG: " Raise the limit on the size of files (ulimit -f); nothing was left half-written.",
+}
+
+
 def _report(error: SkincalError | OSError) -> int:
     if isinstance(error, SkincalError):
         typer.echo(f"skincal: error: {error}", err=True)
@@ -98,11 +125,7 @@ def _report(error: SkincalError | OSError) -> int:
         return 1
     place = error.filename or "a file"
     reason = error.strerror or str(error)
-    hint = (
-        " Free some space and run again; nothing was left half-written."
-        if error.errno == errno.ENOSPC
-        else ""
-    )
+    hint = "" if error.errno is None else _NO_ROOM.get(error.errno, "")
     typer.echo(f"skincal: error: {place}: {reason}.{hint}", err=True)
     return 1
 

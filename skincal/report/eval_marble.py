@@ -19,6 +19,7 @@ from skincal.report.style import (
     ORANGE,
     PURPLE,
     RED,
+    as_it_is,
     new_figure,
     style,
 )
@@ -42,7 +43,7 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
         for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
             _draw_taxels(axes, layout)
             _draw_runs(axes, some)
-            axes.set_title(name)
+            axes.set_title(as_it_is(name))
             axes.set_aspect("equal", adjustable="box")
             axes.set_xlabel("u [mm]")
         all_axes[0].set_ylabel("v [mm]")
@@ -74,7 +75,7 @@ def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
 
 
 def _label(name: str, score: Score) -> str:
-    return f"{name} ({score.episodes - score.drops} of {score.episodes} held)"
+    return f"{as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
 
 
 def _draw_taxels(axes: Axes, layout: TaxelLayout) -> None:

@@ -121,9 +121,9 @@ def _draw_slack(axes: Axes, result: FitResult, view: PressView) -> None:
     if np.isfinite(rig.position_sigma_m):
         declared = 1e3 * rig.position_sigma_m
         axes.add_patch(Circle((0, 0), 2 * declared, fill=False, edgecolor=GREY))
-        handles.append(Line2D([], [], color=GREY, label=f"2 sigma declared ({declared:.2g} mm)"))
+        handles.append(Line2D([], [], color=GREY, label=f"declared: 2 sigma, 2 × {declared:.2g} mm"))
     axes.add_patch(Circle((0, 0), 2 * found, fill=False, edgecolor=ORANGE))
-    handles.append(Line2D([], [], color=ORANGE, label=f"2 sigma found ({found:.2g} mm)"))
+    handles.append(Line2D([], [], color=ORANGE, label=f"found: 2 sigma, 2 × {found:.2g} mm"))
     axes.plot(*slack[good].T, "o", color=RED, markersize=4)
     look: Any = {"markerfacecolor": "white", "markeredgecolor": RED, "markeredgewidth": 1.3}
     axes.plot(*slack[~good].T, "D", markersize=6, **look)

@@ -18,6 +18,7 @@ from skincal.report.style import (
     LIGHT,
     ORANGE,
     RED,
+    as_it_is,
     equal_axes_mm,
     new_figure,
     style,
@@ -92,5 +93,5 @@ def _draw_poses(axes: Axes, plan: Plan) -> None:
         if names.index(press.pose) % 2:
             axes.axvspan(i - 0.5, i + 0.5, color=LIGHT, linewidth=0, zorder=0)
     if len(names) > 1:
-        text = f"white: pose {', '.join(names[::2])}; grey: pose {', '.join(names[1::2])}"
+        text = as_it_is(f"white: pose {', '.join(names[::2])}; grey: pose {', '.join(names[1::2])}")
         axes.annotate(text, (1, 1), (0, 4), "axes fraction", "offset points", ha="right", fontsize=8)

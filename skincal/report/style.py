@@ -70,7 +70,7 @@ _RC: Any = {
 @contextmanager
 def style() -> Generator[None]:
     """Figures and axes made within have skincal's look."""
-    with mpl.rc_context(_RC):
+    with mpl.rc_context({**_RC, "font.family": _families()}):
         yield
 
 
@@ -78,9 +78,7 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     """An empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     if title:
-        # A title may hold a folder's name: its dollar signs are no formula.
-        look: Any = {"fontsize": 12, "fontweight": "bold", "fontfamily": _families(), "parse_math": False}
-        figure.suptitle(_drawable(title), x=0.01, ha="left", **look)
+        figure.suptitle(as_it_is(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
     return figure
 
 
@@ -98,9 +96,10 @@ def _letters() -> frozenset[int]:
     return frozenset[int]().union(*(font.get_charmap() for font in fonts))
 
 
-def _drawable(text: str) -> str:
-    """A text with a box for every letter that no font here has."""
-    return "".join(letter if ord(letter) in _letters() else _UNKNOWN for letter in text)
+def as_it_is(text: str) -> str:
+    """A name that people gave, for a figure: a box for every letter that no font here has; dollars are no formula."""
+    letters = (letter if ord(letter) in _letters() else _UNKNOWN for letter in text)
+    return "".join(letters).replace("$", r"\$")
 
 
 def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:

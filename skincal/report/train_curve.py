@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, new_figure, style
+from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, as_it_is, new_figure, style
 
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
 SMOOTH_STEPS = 10_000
@@ -35,7 +35,7 @@ def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
         for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
             for (name, curve), colour in zip(curves.items(), COLOURS * len(curves), strict=False):
                 steps, values = smoothed(curve["steps"], curve[column])
-                axes.plot(1e-3 * steps, factor * values, color=colour, label=name)
+                axes.plot(1e-3 * steps, factor * values, color=colour, label=as_it_is(name))
             axes.set_xlabel("environment steps [thousands]")
             axes.set_title(label)
             axes.grid(axis="y")

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +52,28 @@ def test_an_interrupt_of_the_terminal_reaches_no_worker_and_ends_them_all_at_onc
         worker.join(5)
     assert workers
     assert not any(worker.is_alive() for worker in workers)
+
+
+KILLED = """
+import multiprocessing, os, signal, time
+from skincal.calibrate.workers import mapper
+
+if __name__ == "__main__":
+    with mapper(2) as spread:
+        list(spread(abs, range(4)))
+        spread(time.sleep, [60.0] * 3)  # one is at work on each worker, one waits
+        print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_fit_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    # The workers share the output: it ends when the last of them does.
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=50)
+    assert done.returncode == -signal.SIGKILL
+    assert len(done.stdout.split()) == 2
 
 
 def test_an_interrupt_while_workers_start_comes_afterwards() -> None:
@@ -156,6 +181,18 @@ def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(session: Datas
 
 def _square(value: int) -> int:
     return value * value
+
+
+def test_a_checkpoint_on_a_full_disk_names_its_file_and_leaves_no_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("numpy.savez", full)
+    with pytest.raises(OSError, match=r"cal\.fit/turn-003\.npz"):
+        Checkpoint(tmp_path / ".cal.fit", "key").keep(3, GridSlab(*np.zeros((3, 1, 1, 1))))
+    assert not list((tmp_path / ".cal.fit").iterdir())
 
 
 @pytest.mark.parametrize("workers", [1, 2])

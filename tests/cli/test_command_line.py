@@ -21,11 +21,9 @@ SLOW = ("numpy", "pandas", "pyarrow", "matplotlib", "scipy", "trimesh", "nlopt",
 
 
 def verbs(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    children = getattr(command, "commands", None)
-    if children is None:
-        yield path, command
-        return
-    for name, child in children.items():
+    """Every verb, and every group of verbs: a person who asks a group for help is shown an example too."""
+    yield path, command
+    for name, child in getattr(command, "commands", {}).items():
         yield from verbs(child, (*path, name))
 
 

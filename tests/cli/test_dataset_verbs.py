@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -68,6 +70,23 @@ def test_check_as_json(run: Run, folder: Path) -> None:
             "fix": "",
         }
     ]
+
+
+def test_uniform_pressure_is_good_but_no_fit_is_possible(run: Run, folder: Path, tmp_path: Path) -> None:
+    status, out, _ = run("dataset", "check", folder, "--json")
+    assert json.loads(out)["notes"] == []
+    path = folder / "dataset.toml"
+    sphere = 'kind = "sphere"\nradius_m = 0.006'
+    assert sphere in path.read_text()
+    path.write_text(path.read_text().replace(sphere, 'kind = "flat"\nradius_m = 0.05'))
+    status, out, err = run("dataset", "check", folder)
+    assert status == 0
+    assert "good" in out
+    assert "skincal: note: every press is a flat punch larger than the patch" in err
+    for verb in (("check", folder), ("show", folder, "--out", tmp_path / "picture.png")):
+        status, out, _ = run("dataset", *verb, "--json")
+        assert status == 0
+        assert "uniform pressure" in json.loads(out)["notes"][0]
 
 
 def test_check_of_no_folder(run: Run, tmp_path: Path) -> None:
@@ -150,3 +169,33 @@ def test_brackets_in_a_text_are_no_markup(run: Run, folder: Path, tmp_path: Path
     status, out, _ = run("dataset", "show", folder, "--out", tmp_path / "p.png")
     assert status == 0
     assert "rig [bold] 2 [/nothing]" in out
+
+
+def test_a_name_of_any_letters_is_shown_as_it_is(
+    run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    named = folder.rename(tmp_path / "指尖 [b] [red] 'x' $a$")
+    status, out, err = run("dataset", "show", named, "--out", tmp_path / "p.png")
+    assert status == 0
+    assert named.name in out
+    assert "missing" not in err
+
+
+def test_letters_that_a_terminal_lacks_are_no_fault(
+    run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    shown = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(shown, encoding="ascii", write_through=True))
+    status, _, _ = run("dataset", "show", folder.rename(tmp_path / "指尖"), "--out", tmp_path / "p.png")
+    assert status == 0
+    assert rb"\u6307\u5c16" in shown.getvalue()
+
+
+def test_a_name_that_is_no_text_is_refused(run: Run, folder: Path, tmp_path: Path) -> None:
+    named = folder.rename(tmp_path / os.fsdecode(b"a\xff\xfe"))
+    status, out, err = run("dataset", "check", named)
+    assert (status, out) == (2, "")
+    assert "UTF-8" in err
+    assert "Rename" in err

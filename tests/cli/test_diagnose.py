@@ -155,7 +155,9 @@ def test_other_sensor_and_too_few_presses(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_pressure_chamber_goes_the_whole_way(
+    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
+):
     chamber = Chamber.plain(memory=0.04, group=(0, 1, 2), stuck=(5,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
@@ -172,5 +174,7 @@ def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, own_cache: Path, 
     assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel"}
     assert found["gap"]["closed"] > 0.7
     new = read_calibration(tmp_path / "new")
-    offsets = next(effect for effect in new.effects if effect.name == "taxel_offset").parameters["offset_counts"]
+    offsets = next(effect for effect in new.effects if effect.name == "taxel_offset").parameters[
+        "offset_counts"
+    ]
     assert offsets == pytest.approx(chamber.rest, abs=1.5)

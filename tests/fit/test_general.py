@@ -271,9 +271,15 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     general = run_climb(ClimbTask(problem, _bounds(BOX), start, table=tabled))
     fast = run_climb(ClimbTask(pose_problem(rig(), table), _bounds(BOX), start))
     sigma = np.sqrt(np.diag(fast.covariance))
-    assert (np.abs(general.macro - fast.macro) < 0.7 * sigma).all()
     assert abs(general.log_density - fast.log_density) < 2.0
-    assert np.sqrt(np.diag(general.covariance)) == pytest.approx(sigma, rel=0.5)
+    off, width = np.abs(general.macro - fast.macro) / sigma, np.sqrt(np.diag(general.covariance)) / sigma
+    # What is left is the test's table, not the way: of the few presses here, cells of 0.5 mm tabled every 0.3 mm put E
+    # and S 0.6 sigma off and make them seem up to 23 % sharper. Cells of 0.25 mm every 0.15 mm take eight times as long
+    # and leave 0.1 sigma and 8 %; sessions with half as many presses again are within 2 % on this table too.
+    assert (off[:3] < 0.2).all()
+    assert width[:3] == pytest.approx(np.ones(3), rel=0.1)
+    assert (off[3:] < 0.7).all()
+    assert width[3:] == pytest.approx(np.ones(2), rel=0.3)
     assert reach_of(general).centre_m < ROUGH.centre_m
 
 
@@ -302,7 +308,8 @@ def test_the_whole_general_fit_agrees_with_the_fast_one(truth: Truth) -> None:
     for name, (low, high) in fast.intervals.items():
         assert low <= general.best[name] <= high, name
         own = general.intervals[name]
-        assert own[1] - own[0] == pytest.approx(high - low, rel=0.5), name
+        # Ends of intervals come from a few hundred independent draws here; up to 15 % were measured.
+        assert own[1] - own[0] == pytest.approx(high - low, rel=0.3), name
         assert own[0] <= getattr(truth, name) <= own[1], name
     assert general.mse_counts2 == pytest.approx(fast.mse_counts2, abs=0.1)
 
