@@ -113,7 +113,7 @@ def collect(
     if truth is not None and not journal_folder(out).exists():
         refuse_existing(truth, force=force)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
-    with _progress(len(chosen)) as told, _resumable(out):
+    with _progress(len(chosen), description) as told, _resumable(out):
         found = run(
             chosen,
             description,
@@ -221,10 +221,10 @@ def _source(
 
 
 @contextmanager
-def _progress(total: int) -> Generator[Any]:
+def _progress(total: int, hand: HandDescription) -> Generator[Any]:
     from skincal.cli.collect_progress import Told
 
-    told = Told(total)
+    told = Told(total, hand.meta.sensor)
     try:
         with told:
             yield told
