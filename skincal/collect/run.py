@@ -119,7 +119,7 @@ def collect(
         plan = _resolved(plan, journal, fingers, options)
         session = Session(plan, journal, fingers, make_driver, options, guard, watch)
         if session.todo:
-            session.run()
+            _begun_or_gone(session)
         dataset = dataset_of(journal, hand.meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
             write_dataset(dataset, out, force=force)
@@ -128,6 +128,16 @@ def collect(
         cuts = sum(bool(connection["resumed"]) for connection in journal.connections())
         journal.remove()
     return Collected(dataset, resumed, float(times[-1] - times[0]), cuts)
+
+
+def _begun_or_gone(session: Session) -> None:
+    """Makes the presses that are missing; of a session that never reached its hand nothing is left."""
+    try:
+        session.run()
+    except BaseException:
+        if not session.journal.connections():
+            session.journal.remove()
+        raise
 
 
 def _named(plan: Plan) -> str:

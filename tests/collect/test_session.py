@@ -205,6 +205,12 @@ def test_a_driver_that_fails_is_stopped_and_nothing_finished_is_lost(rig: Rig, f
     assert [p.name for p in rig.out.parent.iterdir()] == ["run"]
 
 
+def test_of_a_session_that_never_reached_its_hand_nothing_is_left(rig: Rig):
+    with pytest.raises(HandError, match="cable"):
+        rig.run(spoil=lambda number, state: raise_error(state))
+    assert list(rig.out.parent.iterdir()) == []
+
+
 def test_finished_presses_are_kept_bit_for_bit_and_the_clock_goes_on(rig: Rig):
     with pytest.raises(HandError):
         rig.run(spoil=failing(400, raise_error))
