@@ -272,7 +272,7 @@ CHECKS: tuple[Callable[[Trial], str | None], ...] = (
 
 
 def _follows(trial: Trial) -> bool:
-    return bool(getattr(trial.driver, "follows_commands", True))
+    return trial.driver.follows_commands
 
 
 def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandState:

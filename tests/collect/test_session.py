@@ -211,6 +211,13 @@ def test_of_a_session_that_never_reached_its_hand_nothing_is_left(rig: Rig):
     assert list(rig.out.parent.iterdir()) == []
 
 
+def test_a_recorded_hand_presses_nothing(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(FakeHand, "follows_commands", False)
+    with pytest.raises(InputError, match="a hand that moves; got a recorded one"):
+        rig.run()
+    assert list(rig.out.parent.iterdir()) == [] and rig.hands[0].forces == []
+
+
 def test_finished_presses_are_kept_bit_for_bit_and_the_clock_goes_on(rig: Rig):
     with pytest.raises(HandError):
         rig.run(spoil=failing(400, raise_error))
