@@ -9,6 +9,8 @@ from __future__ import annotations
 # ruff: noqa: D102 - methods of the driver interface
 import argparse
 import json
+import signal
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -74,6 +76,15 @@ def hanging(state: HandState) -> HandState:
     return state
 
 
+def interrupted(state: HandState) -> HandState:
+    """Ctrl-C while the program waits for the hand."""
+    main = threading.main_thread().ident
+    assert main is not None
+    signal.pthread_kill(main, signal.SIGINT)
+    time.sleep(0.1)
+    return state
+
+
 class Stale:
     """The same state again and again."""
 
@@ -96,6 +107,7 @@ FAULTS: dict[str, Callable[[], Callable[[HandState], HandState]]] = {
     "torque above the limit": lambda: lambda s: replace(s, tau_nm=np.full(6, 1.6)),
     "stale states": Stale,
     "hangs": lambda: hanging,
+    "Ctrl-C": lambda: interrupted,
 }
 
 
@@ -112,6 +124,8 @@ def stop_times_ms(
                     hand.act(HandCommand(hand.observe().q_desired_rad))
         except HandError as error:
             kind = error.kind
+        except KeyboardInterrupt:
+            kind = "interrupt"
         assert kind, "the fault was not seen"
         times.append(1e3 * (driver.stopped_at - driver.failed_at))
     return times, kind

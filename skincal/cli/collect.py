@@ -23,6 +23,9 @@ EPILOG = example(
     "skincal collect --driver sim --effect hysteresis=1 --truth truth.json --out run --json",
 )
 
+MEMORY = "skin.memory"
+"""In the folder of a session that is not whole: what the simulated skin remembers."""
+
 
 def collect(
     out: OutOption,
@@ -103,21 +106,20 @@ def collect(
 
     find_modules_here()
     options = _driver_options(driver, seed, effect, truth, hand, driver_option)
-    made = _create(driver, options, None)
+    made = _create(driver, options, {})
     description = made.description
     chosen = plan_of(plan, protocol, seed, description, second_indenter_mm)
     if plan_only:
         show_plan(chosen, description, out, force, as_json)
         return
-    _check_indenters(driver, chosen)
     if truth is not None and not journal_folder(out).exists():
         refuse_existing(truth, force=force)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
-    with _progress(len(chosen)) as told, _resumable(out):
+    with _progress(len(chosen), description) as told, _resumable(out):
         found = run(
             chosen,
             description,
-            _maker(driver, options, told.pause),
+            _maker(driver, options, out, told.pause),
             out,
             key=key,
             source=_source(driver, seed, chosen, effect, description),
@@ -173,43 +175,45 @@ def _effects(given: list[str] | None) -> dict[str, float]:
     return effects
 
 
-def _create(driver: str, options: dict[str, Any], need: Need | None) -> HandDriver:
-    """Makes the driver; one that has a clock to set goes on where the session is."""
-    from skincal.collect.connection import GAP_S
-    from skincal.hand.registry import create_driver, driver_options
+def _create(driver: str, options: dict[str, Any], later: dict[str, Any]) -> HandDriver:
+    from skincal.hand.registry import create_driver
 
-    later: dict[str, Any] = {}
-    if need is not None and need.session_s > 0 and "start_s" in {o.name for o in driver_options(driver)}:
-        later = {"start_s": need.session_s + GAP_S}
     return create_driver(driver, **{**options, **later})
 
 
-def _maker(driver: str, options: dict[str, Any], pause: Callable[[], None]) -> Callable[[Need], HandDriver]:
-    """Makes drivers, and asks for another cap where the plan needs one."""
+def _maker(
+    driver: str, options: dict[str, Any], out: Path, pause: Callable[[], None]
+) -> Callable[[Need], HandDriver]:
+    """Makes drivers for where the session is, and asks for another cap where the plan needs one."""
+    from skincal.hand.registry import driver_options
+
+    known = {option.name for option in driver_options(driver)}
     mounted: list[float | None] = [None]
 
     def make(need: Need) -> HandDriver:
-        if need.indenter_radius_m != mounted[0]:
+        if need.indenter_radius_m != mounted[0] and "indenter_radius_m" not in known:
             pause()
             size = (
                 "the hand's own" if need.indenter_radius_m is None else f"{1e3 * need.indenter_radius_m:g} mm"
             )
             typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
             mounted[0] = need.indenter_radius_m
-        return _create(driver, options, need)
+        return _create(driver, options, _later(known - set(options), need, out))
 
     return make
 
 
-def _check_indenters(driver: str, plan: Plan) -> None:
-    """The simulated hand has one cap."""
-    from skincal.errors import InputError, Problem
+def _later(known: set[str], need: Need, out: Path) -> dict[str, Any]:
+    """What a simulated hand is told of its session: where its clock is, its cap, and what has touched its skin."""
+    from skincal.collect import journal_folder
+    from skincal.collect.connection import GAP_S
 
-    if driver == "sim" and any(press.indenter_radius_m is not None for press in plan.presses):
-        fix = "Its radius is that of [indenter] in hand.toml."
-        raise InputError(
-            [Problem("--driver sim", "a plan with the hand's own indenter", "one with another", fix)]
-        )
+    told: dict[str, Any] = {
+        "start_s": need.session_s + GAP_S if need.session_s > 0 else None,
+        "indenter_radius_m": need.indenter_radius_m,
+        "memory_path": journal_folder(out) / MEMORY,
+    }
+    return {name: value for name, value in told.items() if name in known and value is not None}
 
 
 def _source(
@@ -221,10 +225,10 @@ def _source(
 
 
 @contextmanager
-def _progress(total: int) -> Generator[Any]:
+def _progress(total: int, hand: HandDescription) -> Generator[Any]:
     from skincal.cli.collect_progress import Told
 
-    told = Told(total)
+    told = Told(total, hand.meta.sensor)
     try:
         with told:
             yield told

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from skincal.collect import Progress
+    from skincal.dataset import SensorSpec
 
 EVERY_S = 0.1
 """The picture in the terminal is drawn anew after this time [s]."""
@@ -24,6 +25,7 @@ LINE_EVERY = 10
 """Without a terminal there is a line after so many presses."""
 
 FULL_COUNTS = 255.0
+"""Where a sensor does not say where its values end, they are brightest at so many above their beginning."""
 
 
 class Told:
@@ -31,11 +33,13 @@ class Told:
 
     Args:
         total: presses of the plan.
+        sensor: its layout and range.
     """
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, sensor: SensorSpec) -> None:
         from rich.console import Console
 
+        self._sensor = sensor
         self._console = Console(stderr=True)
         self._live: Live | None = None
         self._total = total
@@ -107,26 +111,27 @@ class Told:
             "" if np.isnan(left) else f"{left:.0f} s left",
         )
         force = Text(f"{progress.doing:9s} {sample.force_n:6.2f} N of {planned.force_n:.2f} N")
-        return Group(head, force, taxel_image(sample.state.taxels))
+        return Group(head, force, taxel_image(sample.state.taxels, self._sensor))
 
 
-def taxel_image(taxels: np.ndarray, columns: int | None = None) -> Text:
+def taxel_image(taxels: np.ndarray, sensor: SensorSpec) -> Text:
     """Taxel values (J,) [counts] as small blocks of colour, row 0 at the bottom; a dead taxel shows a cross.
 
     Args:
         taxels: values, flat index r * columns + c.
-        columns: number of columns; None: a square.
+        sensor: its layout, and where its values end.
     """
     from rich.text import Text
 
-    columns = columns or max(1, round(len(taxels) ** 0.5))
+    low = sensor.value_min or 0.0
+    full = FULL_COUNTS if sensor.value_max is None else sensor.value_max - low
     text = Text()
-    for row in np.flipud(taxels.reshape(-1, columns)):
+    for row in np.flipud(taxels.reshape(sensor.rows, sensor.cols)):
         for value in row:
             if np.isnan(value):
                 text.append("x ", style="red")
             else:
-                level = int(np.clip(value / FULL_COUNTS, 0, 1) ** 0.5 * 255)
+                level = int(np.clip((value - low) / full, 0, 1) ** 0.5 * 255)
                 text.append("  ", style=f"on rgb({level},{level // 2 + 40},{120 - level // 3})")
         text.append("\n")
     return text

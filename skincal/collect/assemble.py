@@ -93,7 +93,9 @@ def _given(table: Arrays) -> Arrays:
 
 
 def _ordered(table: Arrays) -> Arrays:
-    last = {name: table[name] for name in table if name in LAST or name.startswith("tau_rest_")}
+    last = {
+        name: table[name] for name in table if name in LAST or name.startswith(("tau_rest_", "q_desired_"))
+    }
     return {name: column for name, column in table.items() if name not in last} | last
 
 

@@ -31,7 +31,7 @@ class Series:
 
     Attributes:
         time_s: session clock (T,) [s].
-        values: force, shears, point, angles and torques, each (T,) by the name of its column.
+        values: force, shears, point, angles, torques and commanded angles, each (T,) by the name of its column.
     """
 
     time_s: FloatArray
@@ -43,13 +43,13 @@ class Series:
         table = np.array(
             [
                 [s.time_s, s.force_n, s.shear_u_n, s.shear_v_n, *s.point_m, s.state.temperature_c,
-                 *s.state.q_rad, *s.state.tau_nm]
+                 *s.state.q_rad, *s.state.tau_nm, *s.state.q_desired_rad]
                 for s in samples
             ]
         )  # fmt: skip
         joints = len(samples[0].state.q_rad)
         names = ["force_n", "shear_u_n", "shear_v_n", "x_m", "y_m", "z_m", "temperature_c"]
-        names += [f"q_{j}" for j in range(joints)] + [f"tau_{j}" for j in range(joints)]
+        names += [f"{name}_{j}" for name in ("q", "tau", "q_desired") for j in range(joints)]
         return cls(table[:, 0], dict(zip(names, table[:, 1:].T, strict=True)))
 
     def at(self, times_s: FloatArray) -> dict[str, FloatArray]:

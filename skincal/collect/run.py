@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import fcntl
+import glob
 import os
+import shutil
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -112,6 +114,7 @@ def collect(
     if not _written(folder, out):
         refuse_existing(out, force=force, marker=MARKER)
     with _alone(folder):
+        _sweep(out)
         same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
                 "options": digest_of(repr(asdict(options)))}  # fmt: skip
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
@@ -119,7 +122,7 @@ def collect(
         plan = _resolved(plan, journal, fingers, options)
         session = Session(plan, journal, fingers, make_driver, options, guard, watch)
         if session.todo:
-            session.run()
+            _begun_or_gone(session)
         dataset = dataset_of(journal, hand.meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
             write_dataset(dataset, out, force=force)
@@ -128,6 +131,16 @@ def collect(
         cuts = sum(bool(connection["resumed"]) for connection in journal.connections())
         journal.remove()
     return Collected(dataset, resumed, float(times[-1] - times[0]), cuts)
+
+
+def _begun_or_gone(session: Session) -> None:
+    """Makes the presses that are missing; of a session that never reached its hand nothing is left."""
+    try:
+        session.run()
+    except BaseException:
+        if not session.journal.connections():
+            session.journal.remove()
+        raise
 
 
 def _named(plan: Plan) -> str:
@@ -142,6 +155,12 @@ def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOp
     plan = with_poses(plan, fingers, options)
     journal.keep_text(PLAN, plan_as_toml(plan))
     return plan
+
+
+def _sweep(out: Path) -> None:
+    """Removes what a process left that was killed while it wrote the dataset."""
+    for part in out.parent.glob(f".{glob.escape(out.name)}.*.part"):
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def _written(folder: Path, out: Path) -> bool:

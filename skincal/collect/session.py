@@ -17,6 +17,7 @@ from skincal.collect.poses import radius_of
 from skincal.collect.posture import Fingers
 from skincal.collect.record import Arrays
 from skincal.collect.samples import Sample, Senses
+from skincal.errors import InputError, Problem
 from skincal.hand import GuardedHand, GuardOptions, HandDriver
 
 
@@ -98,6 +99,7 @@ class Session:
         """Makes the presses that are missing.
 
         Raises:
+            InputError: the hand is one that follows no commands.
             HandError: the hand failed; what is finished is in the journal.
             WorkError: a press cannot be made.
         """
@@ -106,6 +108,11 @@ class Session:
             numbers = list(group)
             before = len(self.journal.connections())
             driver = self._make_driver(Need(max(self.last_frame_s, 0.0), radius, before))
+            if not driver.follows_commands:
+                fix = "The recording itself can be fitted: `skincal fit`."
+                raise InputError(
+                    [Problem(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)]
+                )
             senses = Senses(self.fingers.kinematics, radius or radius_of(self.fingers))
             with GuardedHand(driver, self._guard, senses.contact_force) as hand:
                 loop = Loop(hand, senses, self._tell)

@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from skincal.hand.contract_checks import CHECKS, FailedCheckError, SkippedCheckError, Trial
+from skincal.hand.contract_checks import CHECKS
 from skincal.hand.driver import HandDriver
+from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
 from skincal.hand.worker import CallTimeoutError
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"

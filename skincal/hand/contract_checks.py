@@ -5,88 +5,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skincal.errors import SkincalError
 from skincal.hand.checks import StateCheck
-from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.options import GuardOptions
-from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
-
-if TYPE_CHECKING:
-    from skincal.hand.contract import ContractOptions
-
-CONNECT_S = 30.0
-"""Connecting and closing may take so long [s]."""
+from skincal.hand.trial import CONNECT_S, FailedCheckError, SkippedCheckError, Trial, expect
+from skincal.hand.worker import CallTimeoutError
 
 ARRAYS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_time_s")
-
-
-class FailedCheckError(Exception):
-    """A check failed; the text says what came."""
-
-
-class SkippedCheckError(Exception):
-    """A check does not apply; the text says why."""
-
-
-class Trial:
-    """A driver on trial: calls that may hang can be left.
-
-    Args:
-        driver: a fresh driver.
-        options: how it is tried.
-        make: makes another one.
-    """
-
-    def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
-        self.driver, self.options, self.make = driver, options, make
-        self._worker = Worker(f"trial {type(driver).__name__}")
-        self._close_s = CONNECT_S
-
-    def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
-        """Makes a call in the trial's thread."""
-        try:
-            return self._worker.call(work, *arguments, timeout_s=timeout_s or self.options.call_s)
-        except CallTimeoutError:
-            self._close_s = self.options.stop_s
-            raise
-
-    def connect(self) -> None:
-        """Connects the driver."""
-        self.call(self.driver.connect, timeout_s=CONNECT_S)
-
-    def observe(self) -> HandState:
-        """The next state."""
-        return self.call(self.driver.observe)
-
-    def states(self, count: int) -> list[HandState]:
-        """That many states in a row."""
-        return [self.observe() for _ in range(count)]
-
-    def stop(self) -> float:
-        """Stops the hand from another thread; returns how long that took [s]."""
-        start = time.monotonic()
-        try:
-            call_and_leave(self.driver.stop, self.options.stop_s, "trial stop")
-        except CallTimeoutError:
-            raise FailedCheckError(f"stop() did not return within {self.options.stop_s:g} s") from None
-        return time.monotonic() - start
-
-    def end(self) -> None:
-        """Stops the hand and gives it back, whatever state it is in."""
-        with suppress(Exception):
-            self.stop()
-        with suppress(Exception):
-            # Behind a call that hangs there is no closing, and nothing to wait for.
-            self.call(self.driver.close, timeout_s=self._close_s)
-        self._worker.end()
 
 
 def description_is_sound(trial: Trial) -> str:
@@ -106,7 +39,7 @@ def description_is_sound(trial: Trial) -> str:
         wrong.append("a home outside the joint limits")
     if not ((limits.velocity_rad_per_s > 0).all() and (limits.torque_nm > 0).all() and d.max_force_n > 0):
         wrong.append("a limit of velocity, torque or force that is not above zero")
-    _expect(not wrong, "; ".join(wrong))
+    expect(not wrong, "; ".join(wrong))
     return f"{n} joints, {d.meta.sensor.taxels} taxels"
 
 
@@ -134,7 +67,7 @@ def states_are_sound(trial: Trial) -> str:
     check = StateCheck(trial.driver.description, GuardOptions())
     for k in range(trial.options.periods):
         violation = check(trial.observe(), time.monotonic())
-        _expect(violation is None, f"state {k}: {violation.text if violation else ''}")
+        expect(violation is None, f"state {k}: {violation.text if violation else ''}")
     return f"{trial.options.periods} states"
 
 
@@ -142,15 +75,15 @@ def clock_keeps_the_period(trial: Trial) -> str:
     """period_s is above zero, the hand's clock advances with every state, by one period within a half."""
     trial.connect()
     period = trial.driver.period_s
-    _expect(math.isfinite(period) and period > 0, f"a period of {period!r} s")
+    expect(math.isfinite(period) and period > 0, f"a period of {period!r} s")
     start = time.monotonic()
     times = np.array([state.time_s for state in trial.states(trial.options.periods)])
     real_s = (time.monotonic() - start) / len(times)
     steps = np.diff(times)
-    _expect(bool((steps > 0).all()), f"a step of {steps.min():.4g} s")
+    expect(bool((steps > 0).all()), f"a step of {steps.min():.4g} s")
     kept = float((np.abs(steps - period) <= 0.5 * period).mean())
     text = f"{kept:.0%} of the steps within {period:g} s +- 50 % (median {np.median(steps):.4g} s)"
-    _expect(kept >= 0.95, text)
+    expect(kept >= 0.95, text)
     return f"{text}; {real_s * 1e3:.2g} ms of our time each"
 
 
@@ -161,7 +94,7 @@ def states_are_not_overwritten(trial: Trial) -> None:
     kept = {name: getattr(first, name).copy() for name in ARRAYS}
     trial.states(5)
     for name, values in kept.items():
-        _expect(np.array_equal(getattr(first, name), values, equal_nan=True), f"{name} changed")
+        expect(np.array_equal(getattr(first, name), values, equal_nan=True), f"{name} changed")
 
 
 def connecting_does_not_move(trial: Trial) -> str:
@@ -172,7 +105,7 @@ def connecting_does_not_move(trial: Trial) -> str:
     moved = float(np.abs(np.median(q[half:], axis=0) - np.median(q[:half], axis=0)).max())
     if not _follows(trial):
         raise SkippedCheckError("the driver says that it follows no commands: what it plays may move")
-    _expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
+    expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
     return f"at most {moved:.2g} rad"
 
 
@@ -194,10 +127,10 @@ def commands_are_followed(trial: Trial) -> str:
             before = _go(hand, start, 10).q_rad[j]
             after = _go(hand, goal, trial.options.periods)
             missing = abs(float(after.q_desired_rad[j] - goal[j]))
-            _expect(missing <= 0.1 * step, f"joint {name}: desired angle {missing:.3g} rad from the command")
+            expect(missing <= 0.1 * step, f"joint {name}: desired angle {missing:.3g} rad from the command")
             share = float((after.q_rad[j] - before) / (goal[j] - start[j]))
             # Friction and noise may hide a small step; the wrong way, or much too far, is something else.
-            _expect(-0.5 <= share <= 2.0, f"joint {name}: moved by {share:.2f} of the step")
+            expect(-0.5 <= share <= 2.0, f"joint {name}: moved by {share:.2f} of the step")
             moved.append(share)
             _go(hand, start, 10)
     return f"moved by {min(moved):.2f} to {max(moved):.2f} of {step:g} rad"
@@ -212,7 +145,7 @@ def acting_does_not_wait(trial: Trial) -> str:
         start = time.monotonic()
         trial.call(trial.driver.act, HandCommand(state.q_desired_rad.copy()))
         longest = max(longest, time.monotonic() - start)
-    _expect(longest <= 0.1, f"a call of {longest:.2g} s")
+    expect(longest <= 0.1, f"a call of {longest:.2g} s")
     return f"at most {longest * 1e3:.2g} ms"
 
 
@@ -237,10 +170,10 @@ def a_stopped_hand_stays(trial: Trial) -> str:
         raise SkippedCheckError(f"a stopped hand gives no states: {error}") from None
     q, tau = np.array([s.q_rad for s in states]), np.array([s.tau_nm for s in states])
     moved = float(np.abs(np.median(q[10:], axis=0) - np.median(q[:10], axis=0)).max())
-    _expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
+    expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
     noise = 4.0 * before.std(axis=0).max() + 0.01
     grown = float((np.abs(np.median(tau[10:], axis=0)) - np.abs(np.median(before, axis=0))).max())
-    _expect(grown <= noise, f"a torque that grew by {grown:.3g} N m")
+    expect(grown <= noise, f"a torque that grew by {grown:.3g} N m")
     return f"moved by at most {moved:.2g} rad"
 
 
@@ -264,8 +197,8 @@ def stop_comes_from_another_thread(trial: Trial) -> str:
     thread.start()
     took_s = trial.stop()
     thread.join(10 * trial.options.call_s)
-    _expect(not thread.is_alive(), "an observe() that hangs since")
-    _expect(not errors, f"{errors[0]!r} in observe()" if errors else "")
+    expect(not thread.is_alive(), "an observe() that hangs since")
+    expect(not errors, f"{errors[0]!r} in observe()" if errors else "")
     return f"{took_s * 1e3:.2g} ms"
 
 
@@ -301,7 +234,7 @@ def a_with_block_stops_on_an_error(trial: Trial) -> None:
     try:
         trial.call(block, timeout_s=2 * CONNECT_S)
     except KeyError:
-        _expect(calls[-2:] == ["stop", "close"], f"calls: {', '.join(calls) or 'none'}")
+        expect(calls[-2:] == ["stop", "close"], f"calls: {', '.join(calls) or 'none'}")
         return
     finally:
         driver.stop, driver.close = stop, close
@@ -338,13 +271,8 @@ CHECKS: tuple[Callable[[Trial], str | None], ...] = (
 """In this order: the hand is not moved before everything else is known to work."""
 
 
-def _expect(good: bool, got: str) -> None:
-    if not good:
-        raise FailedCheckError(got)
-
-
 def _follows(trial: Trial) -> bool:
-    return bool(getattr(trial.driver, "follows_commands", True))
+    return trial.driver.follows_commands
 
 
 def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandState:

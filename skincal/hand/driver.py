@@ -68,6 +68,9 @@ class HandDriver(ABC):
     name: str
     """The name under which the driver is registered."""
 
+    follows_commands: bool = True
+    """Whether the hand does what it is told; one that plays a recording does not."""
+
     @property
     @abstractmethod
     def description(self) -> HandDescription:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-from skincal.errors import WorkError
+from skincal.errors import SkincalError, WorkError
 
 HandErrorKind = Literal[
     "state",
@@ -36,6 +36,26 @@ hand has been stopped before. ``end``: a recorded session is over.
 
 KINDS: tuple[str, ...] = get_args(HandErrorKind)
 
+ADVICE: dict[HandErrorKind, str] = {
+    "state": "See what the driver hands out: `skincal hand test`.",
+    "clock": "See that the hand is still running, and which clock the driver hands out.",
+    "taxels": "See that the sensor is connected, and which clock stamps its values.",
+    "joint_limit": "See where the finger is before connecting again, and the limits in hand.toml.",
+    "velocity": "See what moves the finger, and the limits in hand.toml.",
+    "torque": "See what the finger pushes against, and the limits in hand.toml.",
+    "force": "See what the fingers press on, and max_force_n in hand.toml.",
+    "command": "The command was not sent.",
+    "timeout": "See that the hand is still running and can be reached.",
+    "driver": "The fault lies in the driver or in the hand.",
+    "lost": "See that the hand is still running and can be reached, and connect again.",
+    "refused": "",
+    "idle": "Whoever moves a hand calls it in every period; connect again.",
+    "order": "",
+    "stopped": "",
+    "end": "",
+}
+"""What to do about it, by kind."""
+
 
 class HandError(WorkError):
     """A hand cannot go on.
@@ -64,3 +84,21 @@ class HandError(WorkError):
         self.limit = limit
         self.stopped = stopped
         super().__init__(text)
+
+
+def again(failure: HandError) -> HandError:
+    """The same error anew: one that is raised twice would grow by a traceback each time."""
+    joint, value, limit = failure.joint, failure.value, failure.limit
+    return HandError(
+        str(failure), failure.kind, joint=joint, value=value, limit=limit, stopped=failure.stopped
+    )
+
+
+def described(what: str, error: BaseException) -> tuple[HandErrorKind, str]:
+    """Kind and text of what a driver raised in a call."""
+    if isinstance(error, HandError):
+        return error.kind, str(error).rstrip(".")
+    if isinstance(error, SkincalError):
+        return "driver", str(error).rstrip(".")
+    text = f"{what}() raised {type(error).__name__}: {error}".rstrip(".")
+    return ("lost" if isinstance(error, ConnectionError | EOFError) else "driver"), text

@@ -22,10 +22,9 @@ from typing import Any, NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import SkincalError
 from skincal.hand.checks import CommandCheck, StateCheck, Violation
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import HandError, HandErrorKind
+from skincal.hand.errors import ADVICE, HandError, HandErrorKind, again, described
 from skincal.hand.options import GuardOptions
 from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
 from skincal.robot.description import HandDescription
@@ -183,7 +182,7 @@ class GuardedHand:
     def _ready(self, what: str) -> Worker:
         """The worker, where the hand is connected and nothing has gone wrong."""
         if self._failure is not None:
-            raise _again(self._failure)
+            raise again(self._failure)
         if self._worker is None or self._closed:
             raise HandError(f"{self.name}: {what}() of a hand that is not connected", "order")
         return self._worker
@@ -204,8 +203,8 @@ class GuardedHand:
             self._fail("timeout", text, value=timeout_s, limit=timeout_s)
         except (Exception, SystemExit) as error:
             if self._failure is not None:
-                raise _again(self._failure) from None
-            kind, text = _described(what, error)
+                raise again(self._failure) from None
+            kind, text = described(what, error)
             own = error if isinstance(error, HandError) else HandError(text, kind)
             self._fail(kind, text, own.joint, own.value, own.limit, cause=error)
         except BaseException:
@@ -298,45 +297,7 @@ class GuardedHand:
         except CallTimeoutError:
             return HandError(f"{self.name}: close() did not return within {timeout_s:g} s", "timeout")
         except (Exception, SystemExit) as error:
-            return HandError(f"{self.name}: {_described('close', error)[1]}", "driver")
+            return HandError(f"{self.name}: {described('close', error)[1]}", "driver")
         finally:
             self._worker.end()
         return None
-
-
-ADVICE: dict[HandErrorKind, str] = {
-    "state": "See what the driver hands out: `skincal hand test`.",
-    "clock": "See that the hand is still running, and which clock the driver hands out.",
-    "taxels": "See that the sensor is connected, and which clock stamps its values.",
-    "joint_limit": "See where the finger is before connecting again, and the limits in hand.toml.",
-    "velocity": "See what moves the finger, and the limits in hand.toml.",
-    "torque": "See what the finger pushes against, and the limits in hand.toml.",
-    "force": "See what the fingers press on, and max_force_n in hand.toml.",
-    "command": "The command was not sent.",
-    "timeout": "See that the hand is still running and can be reached.",
-    "driver": "The fault lies in the driver or in the hand.",
-    "lost": "See that the hand is still running and can be reached, and connect again.",
-    "refused": "",
-    "idle": "Whoever moves a hand calls it in every period; connect again.",
-    "order": "",
-    "stopped": "",
-    "end": "",
-}
-
-
-def _again(failure: HandError) -> HandError:
-    """The same error anew: one that is raised twice would grow by a traceback each time."""
-    joint, value, limit = failure.joint, failure.value, failure.limit
-    return HandError(
-        str(failure), failure.kind, joint=joint, value=value, limit=limit, stopped=failure.stopped
-    )
-
-
-def _described(what: str, error: BaseException) -> tuple[HandErrorKind, str]:
-    """Kind and text of what a driver raised."""
-    if isinstance(error, HandError):
-        return error.kind, str(error).rstrip(".")
-    if isinstance(error, SkincalError):
-        return "driver", str(error).rstrip(".")
-    text = f"{what}() raised {type(error).__name__}: {error}".rstrip(".")
-    return ("lost" if isinstance(error, ConnectionError | EOFError) else "driver"), text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -17,13 +18,16 @@ from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.hands import hand_named
 from skincal.robot.description import HandDescription
-from skincal.sim import SimOptions, SimulatedHand, Truth, TruthOptions
+from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
 
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1
 
 LATEST_S = 1e6
 """The hand's clock begins before this [s]."""
+
+BREAK_S = 1.0
+"""A hand whose skin remembers goes on this long after the last that it remembers [s]."""
 
 
 class SimDriver(HandDriver):
@@ -41,12 +45,15 @@ class SimDriver(HandDriver):
         truth_path: file for the truth (JSON), written when the hand is connected, and again at the end of the session.
         rate_hz: states and commands [Hz].
         start_s: where the hand's clock begins [s], for a session that goes on: its noise is new, and it drifts on.
+        indenter_radius_m: radius of the sphere on the cap [m]; None: the hand's own. The description stays as it is.
+        memory_path: file in which what touches the skin is kept. Where it is there, the skin remembers that, and the
+            clock goes on after it.
         options: physics.
         truth_options: ranges of the truth.
 
     Raises:
-        InputError: a rate that does not fit the physics, a hand or a calibration that cannot be read or do not fit each
-            other, or an effect that is not known.
+        InputError: a rate that does not fit the physics, a sphere without a size, a hand or a calibration that cannot
+            be read or do not fit each other, or an effect that is not known.
     """
 
     name = "sim"
@@ -61,6 +68,8 @@ class SimDriver(HandDriver):
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
         start_s: Annotated[float, "where the hand's clock begins [s]"] = 0.0,
+        indenter_radius_m: Annotated[float | None, "radius of another sphere on the cap [m]"] = None,
+        memory_path: Annotated[Path | None, "file that lets a session which goes on remember"] = None,
         options: SimOptions | None = None,
         truth_options: TruthOptions | None = None,
     ) -> None:
@@ -72,7 +81,11 @@ class SimDriver(HandDriver):
         if not 0 <= start_s < LATEST_S:
             expected = f"a time from 0 to {LATEST_S:g} s"
             raise InputError([Problem('driver "sim", option start_s', expected, str(start_s))])
+        if indenter_radius_m is not None and not 0 < indenter_radius_m < np.inf:
+            expected, got = "a radius above 0 m", str(indenter_radius_m)
+            raise InputError([Problem('driver "sim", option indenter_radius_m', expected, got)])
         self._seed, self._start_s = seed, start_s
+        self._indenter_radius_m, self._memory_path = indenter_radius_m, memory_path
         self._description = hand_named(hand)
         self._truth_path = truth_path
         self.truth = Truth.draw(
@@ -109,9 +122,13 @@ class SimDriver(HandDriver):
         """Begins a session: the hand stands at its home angles, at time 0 but for a first image."""
         self._halted.clear()
         if self._hand is None:
-            later = [round(1e3 * self._start_s)] if self._start_s > 0 else []
+            description = self._capped()
+            path = self._memory_path
+            memory = None if path is None else SkinMemory(path, len(description.joints))
+            start_s = self._start_s if memory is None else max(self._start_s, memory.end_s + BREAK_S)
+            later = [round(1e3 * start_s)] if start_s > 0 else []
             rng = np.random.default_rng([self._seed, _NOISE_STREAM, *later])
-            self._hand = SimulatedHand(self._description, self.truth, rng, self._options, self._start_s)
+            self._hand = SimulatedHand(description, self.truth, rng, self._options, start_s, memory)
             if self._truth_path is not None:
                 self._write_truth(self._truth_path, self._hand)
 
@@ -156,6 +173,13 @@ class SimDriver(HandDriver):
         if self._truth_path is not None:
             self._write_truth(self._truth_path, hand)
         hand.close()
+
+    def _capped(self) -> HandDescription:
+        """The hand with the cap that it wears."""
+        hand, radius_m = self._description, self._indenter_radius_m
+        if radius_m is None:
+            return hand
+        return replace(hand, meta=replace(hand.meta, indenter=replace(hand.meta.indenter, radius_m=radius_m)))
 
     def truth_dict(self) -> dict[str, object]:
         """What is hidden from the fit, as plain numbers, lists and texts."""

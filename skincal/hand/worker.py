@@ -8,6 +8,9 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 
+SLICE_S = 0.02
+"""A Ctrl-C that comes just before a wait begins does not end it; waits of this length do [s]."""
+
 
 class CallTimeoutError(Exception):
     """A call did not come back in time; it may still be going on."""
@@ -46,16 +49,17 @@ class Worker:
         ticket = self._ticket
         self._jobs.put((ticket, work, arguments))
         deadline = time.monotonic() + timeout_s
-        left = timeout_s
         while True:
+            left = deadline - time.monotonic()
             try:
-                done, value, error = self._results.get(timeout=max(left, 0.0))
+                done, value, error = self._results.get(timeout=min(max(left, 0.0), SLICE_S))
             except Empty:
-                raise CallTimeoutError from None
+                if left <= SLICE_S:
+                    raise CallTimeoutError from None
+                continue
             if done == ticket:
                 break
             # The answer of an earlier call, which was left.
-            left = deadline - time.monotonic()
         if error is not None:
             raise error
         return value

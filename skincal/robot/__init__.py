@@ -12,6 +12,7 @@ from skincal.robot.description import (
 from skincal.robot.hand_file import FORMAT, read_hand
 from skincal.robot.inverse import place_indenter
 from skincal.robot.kinematics import Kinematics
+from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [
     "DEFAULT_HAND",
@@ -28,4 +29,5 @@ __all__ = [
     "contact_from_joints",
     "place_indenter",
     "read_hand",
+    "urdf_with_sphere",
 ]

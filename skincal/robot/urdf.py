@@ -100,6 +100,28 @@ def read_urdf(path: Path, findings: Findings) -> Urdf | None:
     return Urdf(root, links, joints) if len(findings.errors) == before else None
 
 
+def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
+    """A URDF whose link collides as a sphere about its origin, to be written to any folder.
+
+    Args:
+        path: the URDF, one that has been read before.
+        link: the link.
+        radius_m: radius of the sphere [m].
+    """
+    robot = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    for element in robot.findall("link"):
+        if element.get("name") == link:
+            for shape in element.findall("collision"):
+                element.remove(shape)
+            geometry = ElementTree.SubElement(ElementTree.SubElement(element, "collision"), "geometry")
+            ElementTree.SubElement(geometry, "sphere", radius=repr(radius_m))
+    for mesh in robot.iter("mesh"):
+        name = mesh.get("filename", "")
+        if "://" not in name:
+            mesh.set("filename", str(path.parent / name))
+    return ElementTree.tostring(robot, encoding="utf-8")
+
+
 def _root(file: str, links: tuple[str, ...], joints: dict[str, UrdfJoint], findings: Findings) -> str:
     """The link without a parent, checked that all others hang on it."""
     for joint in joints.values():

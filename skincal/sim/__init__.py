@@ -1,5 +1,6 @@
 """One PyBullet client: the fingers, their drives, contact and a reference skin with a hidden truth."""
 
+from skincal.sim.memory import SkinMemory
 from skincal.sim.options import SimOptions, TruthOptions
 from skincal.sim.position_error import PositionError, position_error
 from skincal.sim.reference_skin import ReferenceSkin
@@ -14,6 +15,7 @@ __all__ = [
     "SimOptions",
     "SimReading",
     "SimulatedHand",
+    "SkinMemory",
     "TrueContact",
     "Truth",
     "TruthOptions",

@@ -9,13 +9,15 @@ import os
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.errors import WorkError
-from skincal.robot import HandDescription
+from skincal.robot import HandDescription, urdf_with_sphere
 from skincal.sim.options import SimOptions
 
 FloatArray = NDArray[np.float64]
@@ -51,10 +53,15 @@ class Fingers:
     def _load(self, description: HandDescription) -> int:
         engine, client = self._engine, self._client
         flags = engine.URDF_USE_INERTIA_FROM_FILE | engine.URDF_USE_SELF_COLLISION
+        radius_m = description.meta.indenter.radius_m
+        assert radius_m is not None
         try:
-            return engine.loadURDF(
-                str(description.urdf), useFixedBase=True, flags=flags, physicsClientId=client
-            )
+            with TemporaryDirectory(prefix="skincal-") as folder:
+                file = Path(folder) / "hand.urdf"
+                file.write_bytes(
+                    urdf_with_sphere(description.urdf, description.indenter_finger.tip_link, radius_m)
+                )
+                return engine.loadURDF(str(file), useFixedBase=True, flags=flags, physicsClientId=client)
         except engine.error as error:
             self.close()
             raise WorkError(

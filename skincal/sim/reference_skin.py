@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
 from skincal.effects import EffectSkin, Samples, SkinStream
-from skincal.model import Patch, Skin, SkinParameters
+from skincal.model import Contacts, Patch, Skin, SkinParameters
 from skincal.robot import Kinematics
 from skincal.sim.presses import PressTracker
 from skincal.sim.touch import TrueContact
 from skincal.sim.truth import Truth
 
 FloatArray = NDArray[np.float64]
+
+_AT_ONCE = 256
 
 
 class ReferenceSkin:
@@ -58,22 +62,35 @@ class ReferenceSkin:
             return np.full(self.taxels, self._truth.rest_counts)
         return self._truth.rest_counts + self._skin.values(self._indenter, contact.contacts())[0]
 
+    def remember(self, contacts: Sequence[TrueContact]) -> None:
+        """Lets the skin feel what touched it before: its effects are then as if it had gone on without a break."""
+        if self._truth.effects:
+            for first in range(0, len(contacts), _AT_ONCE):
+                self._stream.step(self._samples(contacts[first : first + _AT_ONCE]))
+
     def _values(self, contact: TrueContact) -> FloatArray:
         if not self._truth.effects:
             return self.base_values(contact)
-        known = self._tracker.next(contact)
-        samples = Samples.of(
-            contact.contacts(),
+        return self._truth.rest_counts + self._stream.step(self._samples([contact]))[0]
+
+    def _samples(self, contacts: Sequence[TrueContact]) -> Samples:
+        """Contacts that follow those before, with what the effects need to know of them."""
+        known = [self._tracker.next(contact) for contact in contacts]
+        return Samples.of(
+            Contacts(
+                np.array([contact.point_m for contact in contacts]),
+                np.array([contact.normal for contact in contacts]),
+                np.array([contact.force_n for contact in contacts]),
+            ),
             self._indenter,
-            touching=[contact.touching],
-            press=[known.press],
-            time_s=[contact.time_s],
-            phase=[known.phase],
-            speed_m_per_s=[known.speed_m_per_s],
-            cycle=[known.cycle],
-            pose=[known.pose],
-            temperature_c=[np.nan],
-            shear_u_n=[contact.shear_u_n],
-            shear_v_n=[contact.shear_v_n],
+            touching=[contact.touching for contact in contacts],
+            press=[covariates.press for covariates in known],
+            time_s=[contact.time_s for contact in contacts],
+            phase=[covariates.phase for covariates in known],
+            speed_m_per_s=[covariates.speed_m_per_s for covariates in known],
+            cycle=[covariates.cycle for covariates in known],
+            pose=[covariates.pose for covariates in known],
+            temperature_c=np.nan,
+            shear_u_n=[contact.shear_u_n for contact in contacts],
+            shear_v_n=[contact.shear_v_n for contact in contacts],
         )
-        return self._truth.rest_counts + self._stream.step(samples)[0]

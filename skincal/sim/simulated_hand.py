@@ -13,6 +13,7 @@ from skincal.errors import WorkError
 from skincal.robot import HandDescription, Kinematics, contact_from_joints
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
+from skincal.sim.memory import Look, SkinMemory
 from skincal.sim.options import SimOptions
 from skincal.sim.position_error import position_error, surface_error
 from skincal.sim.reference_skin import ReferenceSkin
@@ -57,6 +58,7 @@ class SimulatedHand:
         rng: all noise.
         options: physics.
         start_s: where the hand's clock begins [s]: a session that goes on drifts on.
+        memory: what has touched the skin before, and where what touches it is kept; None: nothing.
     """
 
     def __init__(
@@ -66,16 +68,19 @@ class SimulatedHand:
         rng: np.random.Generator,
         options: SimOptions | None = None,
         start_s: float = 0.0,
+        memory: SkinMemory | None = None,
     ) -> None:
         options = options or SimOptions()
         self.description = description
         self.truth = truth
         self.truth_log: list[TrueContact] = []
-        self._touches: list[tuple[FloatArray, FloatArray, TrueContact]] = []
+        self._memory, past = memory, memory.past if memory is not None else []
+        self._touches = [look for look in past if look.contact.force_n > _TOUCH_N]
         self._options = options
         self._kinematics = Kinematics(description)
         self._rng, skin_rng = rng.spawn(2)
         self._skin = ReferenceSkin(self._kinematics, truth, skin_rng)
+        self._skin.remember([look.contact for look in past])
         stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
         self._drives = Drives(
             _drive_parameters(description, truth, options),
@@ -171,9 +176,10 @@ class SimulatedHand:
         """How far the measured places of the contacts so far are off on average, and the pose with that error in it."""
         if not self._touches:
             return {"contacts": 0}
-        angles, torques, contacts = zip(*self._touches, strict=True)
-        found = contact_from_joints(self._kinematics, np.array(angles), np.array(torques))
-        true = np.array([contact.point_m for contact in contacts])
+        looks = self._touches
+        angles, torques = np.array([look.q_rad for look in looks]), np.array([look.tau_nm for look in looks])
+        found = contact_from_joints(self._kinematics, angles, torques)
+        true = np.array([look.contact.point_m for look in looks])
         radius = self.description.meta.surface.radius_m
         across, along = surface_error(radius, found.points_m, true).mean(axis=0)
         model = self.truth.model_dict(plane=radius is None)
@@ -183,20 +189,25 @@ class SimulatedHand:
         else:
             told["beta_deg"] = model["beta_deg"] + math.degrees(float(across) / radius)
         return {
-            "contacts": len(contacts),
+            "contacts": len(looks),
             "constant_position_error_m": {"across": float(across), "along": float(along)},
             "truth_as_the_positions_tell_it": told,
         }
 
     def close(self) -> None:
-        """Ends the client; may be called twice."""
+        """Ends the client, and what is remembered; may be called twice."""
         self._fingers.close()
+        if self._memory is not None:
+            self._memory.close()
 
     def _look(self, q: list[float]) -> None:
         contact = self._contact(q)
         self.truth_log.append(contact)
+        look = Look(contact, self._measured_angles(), np.array(self._drives.torque_nm))
         if contact.force_n > _TOUCH_N:
-            self._touches.append((self._measured_angles(), np.array(self._drives.torque_nm), contact))
+            self._touches.append(look)
+        if self._memory is not None:
+            self._memory.keep(look)
         self._image, self._image_time_s = self._skin.image(contact), contact.time_s
 
     def _contact(self, q: list[float]) -> TrueContact:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from skincal.cli.main import main
@@ -49,6 +50,17 @@ def test_json_is_what_the_contract_says(here: Path, capsys: pytest.CaptureFixtur
     assert sorted(p.name for p in here.iterdir()) == ["plan.csv", "run", "truth.json"]
 
 
+def test_the_simulated_hand_changes_its_cap_without_being_asked(
+    here: Path, capsys: pytest.CaptureFixture[str]
+):
+    head, press, *_ = PLAN.splitlines()
+    (here / "two.csv").write_text(f"{head},indenter_radius_m\n{press},\n{press},0.004\n")
+    status, _, err = run(capsys, "collect", "--seed", "7", "--plan", "two.csv", "--out", "run", "--json")
+    assert status == 0, err
+    radii = read_dataset(Path("run")).presses.column("indenter_radius_m")
+    assert radii is not None and np.isnan(radii[0]) and radii[1] == 0.004
+
+
 def test_same_seed_same_dataset(here: Path, capsys: pytest.CaptureFixture[str]):
     for name in ("one", "two"):
         assert run(capsys, "collect", "--seed", "3", "--plan", "plan.csv", "--out", name)[0] == 0
@@ -82,7 +94,6 @@ def test_plan_only_moves_nothing(here: Path, capsys: pytest.CaptureFixture[str])
         (["--plan", "none.toml"], "none.toml"),
         (["--second-indenter-mm", "4", "--protocol", "paper"], "--second-indenter-mm"),
         (["--plan", "none.toml", "--protocol", "full"], "a protocol or a plan"),
-        (["--second-indenter-mm", "4"], "own indenter"),
     ],
 )
 def test_a_wrong_command_line_is_status_2_and_leaves_nothing(
@@ -115,12 +126,16 @@ def test_a_driver_that_goes_away_is_told_and_the_session_goes_on(
         return observe(self)
 
     monkeypatch.setattr(SimDriver, "observe", cut)
-    command = ["collect", "--seed", "2", "--plan", "plan.csv", "--out", "run"]
+    command = ["collect", "--seed", "2", "--plan", "plan.csv", "--truth", "truth.json", "--out", "run"]
     status, _, err = run(capsys, *command)
     assert status == 1
+    before = json.loads(Path("truth.json").read_text())["session"]["contacts"]
     assert "the network is gone" in err and "finished presses are kept" in err and "same command" in err
     status, _, err = run(capsys, *command[:2], "9", *command[3:])
     assert status == 2 and "--restart" in err and "seed" in err
     status, out, err = run(capsys, *command)
     assert status == 0 and "were taken from an interrupted session" in err and "3 presses" in out
+    # The skin remembers what touched it before.
+    after = json.loads(Path("truth.json").read_text())["session"]["contacts"]
+    assert after > before > 0
     assert check_dataset(Path("run")).errors == ()

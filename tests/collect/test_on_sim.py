@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +49,10 @@ def run(plan: Plan, folder: Path, seed: int = 3, hand: str = "dlr_hand_2") -> Ru
     seen: list[tuple[float, ...]] = []
 
     def make(need: Need) -> SimDriver:
-        drivers.append(SimDriver(seed=seed, hand=hand))
+        start_s = need.session_s + 1.0 if need.session_s > 0 else 0.0
+        drivers.append(
+            SimDriver(seed=seed, hand=hand, start_s=start_s, indenter_radius_m=need.indenter_radius_m)
+        )
         return drivers[-1]
 
     def watch(progress: Progress) -> None:
@@ -123,6 +126,23 @@ def test_another_hand_presses_its_skin_too(tmp_path: Path, plane: bool):
     presses = tuple(PlannedPress(u, v, 1.5, 0.02, 0.3) for u, v in ((0.0, 0.0), (0.001, -0.001)))
     found = run(Plan("other", presses), tmp_path, hand=str(hand)).collected
     np.testing.assert_allclose(found.dataset.presses.force_n, 1.5, atol=0.12)
+    assert check_dataset(tmp_path / "run").errors == ()
+
+
+def test_a_second_indenter_presses_as_hard_and_at_the_same_places(tmp_path: Path):
+    sites = ((0.0, 0.0, 2.0), (-0.004, 0.003, 4.0))
+    own = [PlannedPress(u, v, force, 0.04, 0.4, "A") for u, v, force in sites]
+    other = [replace(press, indenter_radius_m=0.0035) for press in own]
+    done = run(Plan("two", (*own, *other)), tmp_path)
+    presses = done.collected.dataset.presses
+    assert done.collected.statuses == {"ok": 4}
+    np.testing.assert_allclose(presses.force_n, [2, 4, 2, 4], atol=0.12)
+    np.testing.assert_allclose(presses.position_m[:2], presses.position_m[2:], atol=5e-4)
+    for k in range(4):
+        # As deep as the skin gives way, not as deep as one sphere is larger than the other.
+        assert -1.3e-3 < done.held(k)[:, 3].mean() < -2e-4
+    # A smaller sphere presses harder on what it touches.
+    assert presses.counts[2].max() > presses.counts[0].max() + 2
     assert check_dataset(tmp_path / "run").errors == ()
 
 

@@ -32,7 +32,7 @@ PLAN = Plan(
     ),
     {"A": (0.0, 0.25, 0.83), "B": (0.0, -0.07, 1.53)},
 )
-GUARD = GuardOptions(timeout_s=0.3, stop_timeout_s=0.3)
+GUARD = GuardOptions(timeout_s=0.6, stop_timeout_s=0.6)
 
 
 class Rig:
@@ -92,7 +92,11 @@ def test_forces_and_places_are_those_planned(whole: Rig):
     assert column(whole, "status").tolist() == ["ok"] * 4 and not column(whole, "missed_target").any()
     assert column(whole, "cycle").tolist() == [0, 0, 0, 1]
     assert column(whole, "pose").tolist() == ["A", "A", "B", "A"]
-    assert {f"q_{j}" for j in range(6)} | {f"tau_{j}" for j in range(6)} <= set(presses.columns)
+    joints = {f"{name}_{j}" for name in ("q", "tau", "q_desired", "tau_rest") for j in range(6)}
+    assert joints <= set(presses.columns)
+    # The commanded angles lead the measured ones into the skin.
+    assert abs(presses.columns["q_desired_1"][2] - presses.columns["q_1"][2]) > 0.01
+    assert dataset.frames is not None and "q_desired_5" in dataset.frames.columns
 
 
 def test_frames_cover_the_session_from_rest_to_rest(whole: Rig):
@@ -173,7 +177,7 @@ def failing(at: int, how: Callable[[HandState], HandState]) -> Callable[[int, Ha
 
 
 def hang(state: HandState) -> HandState:
-    time.sleep(1.0)
+    time.sleep(1.5)
     return state
 
 
@@ -203,6 +207,19 @@ def test_a_driver_that_fails_is_stopped_and_nothing_finished_is_lost(rig: Rig, f
     assert found.resumed == len(kept) and len(found.dataset.presses) == len(PLAN)
     assert check_dataset(rig.out).errors == ()
     assert [p.name for p in rig.out.parent.iterdir()] == ["run"]
+
+
+def test_of_a_session_that_never_reached_its_hand_nothing_is_left(rig: Rig):
+    with pytest.raises(HandError, match="cable"):
+        rig.run(spoil=lambda number, state: raise_error(state))
+    assert list(rig.out.parent.iterdir()) == []
+
+
+def test_a_recorded_hand_presses_nothing(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(FakeHand, "follows_commands", False)
+    with pytest.raises(InputError, match="a hand that moves; got a recorded one"):
+        rig.run()
+    assert list(rig.out.parent.iterdir()) == [] and rig.hands[0].forces == []
 
 
 def test_finished_presses_are_kept_bit_for_bit_and_the_clock_goes_on(rig: Rig):
@@ -274,6 +291,7 @@ def test_cut_off_after_the_dataset_was_written_it_is_not_written_again(
         with pytest.raises(WorkError):
             rig.run()
     written = (rig.out / "presses.csv").stat().st_mtime_ns
+    (rig.out.parent / ".run.x.part").mkdir()  # of another process that was killed while it wrote
     assert len(rig.run().dataset.presses) == len(PLAN)
     assert (rig.out / "presses.csv").stat().st_mtime_ns == written
     assert [p.name for p in rig.out.parent.iterdir()] == ["run"] and len(rig.hands) == 1

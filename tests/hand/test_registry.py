@@ -38,7 +38,7 @@ NAME = f"{__name__}:OptionHand"
 
 
 def test_the_shipped_drivers_are_registered() -> None:
-    assert {"replay", "remote"} <= set(driver_names())
+    assert {"sim", "replay", "remote"} <= set(driver_names())
 
 
 def test_text_becomes_what_the_annotations_say() -> None:
@@ -116,6 +116,21 @@ def test_a_package_makes_its_driver_known(monkeypatch: pytest.MonkeyPatch) -> No
     points.append(EntryPoint("mine", "other:Hand", registry.GROUP))
     with pytest.raises(InputError, match="expected one entry point; got other:Hand and"):
         driver_class("mine")
+
+
+def test_an_installed_package_adds_its_hand_without_touching_skincal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What pip leaves of a package that names a driver in its pyproject.toml.
+    (tmp_path / "lab_hand.py").write_text("from hand_fakes import FakeHand\n\nclass LabHand(FakeHand): ...\n")
+    info = tmp_path / "lab_hand-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lab-hand\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[skincal.drivers]\nlab = lab_hand:LabHand\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert {"lab", "sim"} <= set(driver_names())
+    hand = create_driver("lab")
+    assert isinstance(hand, FakeHand) and type(hand).__module__ == "lab_hand"
 
 
 def test_options_of_the_command_line() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hands import other_hand
 
 from skincal.errors import InputError
-from skincal.robot import bundled_hand, read_hand
+from skincal.robot import bundled_hand, read_hand, urdf_with_sphere
 
 
 def test_the_bundled_hand() -> None:
@@ -23,6 +24,17 @@ def test_the_bundled_hand() -> None:
     assert hand.urdf.is_absolute()
     np.testing.assert_array_equal(hand.gains.stiffness_nm_per_rad, 5.0)
     assert hand.compliance_rad_per_nm is not None
+
+
+def test_a_urdf_with_another_sphere_works_in_any_folder(tmp_path: Path) -> None:
+    path = other_hand(tmp_path / "hand").parent / "other.urdf"
+    mesh = '<visual><geometry><mesh filename="ball.stl"/></geometry></visual>'
+    path.write_text(path.read_text().replace('<link name="ball">', f'<link name="ball">{mesh}'))
+    robot = ElementTree.fromstring(urdf_with_sphere(path, "ball", 0.0025))
+    (ball,) = (link for link in robot.findall("link") if link.get("name") == "ball")
+    assert [sphere.get("radius") for sphere in ball.findall("collision/geometry/sphere")] == ["0.0025"]
+    assert [m.get("filename") for m in robot.iter("mesh")] == [str(path.parent / "ball.stl")]
+    assert len(robot.findall("link/collision")) == 2
 
 
 def test_an_unknown_bundled_hand_lists_those_there_are() -> None:

@@ -20,6 +20,7 @@ ROBOT = {
     "contact_from_joints",
     "place_indenter",
     "read_hand",
+    "urdf_with_sphere",
 }
 SIM = {
     "JointTruth",
@@ -28,6 +29,7 @@ SIM = {
     "SimOptions",
     "SimReading",
     "SimulatedHand",
+    "SkinMemory",
     "TrueContact",
     "Truth",
     "TruthOptions",

@@ -1,0 +1,84 @@
+"""A driver on trial: calls that may hang can be left, and what a check finds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from skincal.hand.driver import HandDriver, HandState
+from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
+
+if TYPE_CHECKING:
+    from skincal.hand.contract import ContractOptions
+
+CONNECT_S = 30.0
+"""Connecting and closing may take so long [s]."""
+
+
+class FailedCheckError(Exception):
+    """A check failed; the text says what came."""
+
+
+class SkippedCheckError(Exception):
+    """A check does not apply; the text says why."""
+
+
+class Trial:
+    """A driver on trial: calls that may hang can be left.
+
+    Args:
+        driver: a fresh driver.
+        options: how it is tried.
+        make: makes another one.
+    """
+
+    def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
+        self.driver, self.options, self.make = driver, options, make
+        self._worker = Worker(f"trial {type(driver).__name__}")
+        self._close_s = CONNECT_S
+
+    def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
+        """Makes a call in the trial's thread."""
+        try:
+            return self._worker.call(work, *arguments, timeout_s=timeout_s or self.options.call_s)
+        except CallTimeoutError:
+            self._close_s = self.options.stop_s
+            raise
+
+    def connect(self) -> None:
+        """Connects the driver."""
+        self.call(self.driver.connect, timeout_s=CONNECT_S)
+
+    def observe(self) -> HandState:
+        """The next state."""
+        return self.call(self.driver.observe)
+
+    def states(self, count: int) -> list[HandState]:
+        """That many states in a row."""
+        return [self.observe() for _ in range(count)]
+
+    def stop(self) -> float:
+        """Stops the hand from another thread; returns how long that took [s]."""
+        start = time.monotonic()
+        try:
+            call_and_leave(self.driver.stop, self.options.stop_s, "trial stop")
+        except CallTimeoutError:
+            raise FailedCheckError(f"stop() did not return within {self.options.stop_s:g} s") from None
+        return time.monotonic() - start
+
+    def end(self) -> None:
+        """Stops the hand and gives it back, whatever state it is in."""
+        with suppress(Exception):
+            self.stop()
+        with suppress(Exception):
+            # Behind a call that hangs there is no closing, and nothing to wait for.
+            self.call(self.driver.close, timeout_s=self._close_s)
+        self._worker.end()
+
+
+def expect(good: bool, got: str) -> None:
+    """Fails the check, saying what came, where it is not as it should be."""
+    if not good:
+        raise FailedCheckError(got)
