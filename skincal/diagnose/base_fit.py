@@ -118,7 +118,20 @@ def law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArray
 def with_law(base: Base, errors: Mapping[str, FloatArray]) -> Base:
     """A base whose contact law may err as twins do."""
     law = law_directions(scene_of(base.model, base.material), base.material.known, list(errors.values()))
+    if not base.material.options.base:
+        law = np.concatenate([law, _own_scales(base.model.refit.slopes.base[..., -1])], axis=-1)
     return replace(base, material=replace(base.material, law=law))
+
+
+def _own_scales(slopes: FloatArray) -> FloatArray:
+    """Directions (N, J, J) of the scale of each taxel, from whitened slopes (N, J) by the logarithm of S.
+
+    Uniform pressure has told them, as a fit tells pose and S otherwise: their errors are not effects.
+    """
+    taxels: IntArray = np.arange(slopes.shape[1])
+    found = np.zeros((*slopes.shape, slopes.shape[1]))
+    found[:, taxels, taxels] = slopes
+    return found
 
 
 def of_law(base: Base) -> float:

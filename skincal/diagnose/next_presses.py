@@ -10,6 +10,7 @@ import numpy as np
 from skincal.collect import Plan
 from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
+from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.diagnosis import Diagnosis
 from skincal.diagnose.ladder import WORDS, factors_of, ladder_plan
 from skincal.diagnose.pool import imagined, pool_plan
@@ -69,6 +70,11 @@ class NextPresses:
     gains: tuple[Gain, ...] = ()
 
 
+_SINGLE = (
+    "uniform pressure shows what each taxel does by itself: press single places with a small indenter, too"
+)
+
+
 def with_next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generator) -> Diagnosis:
     """A diagnosis with the presses that would tell what is still open.
 
@@ -84,6 +90,8 @@ def with_next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generat
 def next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generator) -> NextPresses:
     """What to press next; arguments as of :func:`with_next_presses`."""
     words = tuple(_unseen(found))
+    if uniform_pressure(dataset):
+        return NextPresses((_SINGLE, *words))
     if found.verdict == "unknown":
         return _shape(found, Rig.of(dataset), words, rng)
     pairs = pairs_of(found.choice) if found.verdict == "effects" else ()

@@ -18,6 +18,7 @@ class DiagnoseOptions:
         structure: something is missing where a residual depends on something by so many times the most of any null
             session, whether an effect explains it or not.
         unexplained: part of the excess that may be left before a diagnosis says that something is.
+        much: root mean square, in units of the noise, that is said to be left however much was explained.
         negligible: root mean square in units of the noise that may always be left.
         reach_m: how far a press is looked for from its measured place where the dataset does not bound it [m].
     """
@@ -27,6 +28,7 @@ class DiagnoseOptions:
     explained: float = 0.75
     structure: float = 5.0
     unexplained: float = 0.12
+    much: float = 0.5
     negligible: float = 0.15
     reach_m: float = 2e-3
 

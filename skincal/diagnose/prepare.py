@@ -112,7 +112,8 @@ def prepare(
     sigma_m = _positive(extra.get("position_sigma_m"), measured_m)
     # What a fit found of the positions counts where it is sharper than what the data say. What it found of the forces
     # does not: a gain that drifts looks like forces that are off, and would then be explained away.
-    refit = RefitOptions(min(sigma_m, measured_m), FORCE_SIGMA)
+    # Uniform pressure tells nothing of pose and E, and S cannot be told from the forces.
+    refit = RefitOptions(min(sigma_m, measured_m), FORCE_SIGMA, base=not uniform)
     reach = dataset.meta.position.slack_m
     reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
     names = pose_names(dataset)

@@ -159,7 +159,8 @@ def judged(
     strongest = max((s.times_null for s in signatures), default=0.0)
     in_images = [one for one in choice.named if one.name != PLACES]
     if in_images and (little or choice.explained >= options.explained):
-        return "effects", not little and 1 - choice.explained > options.unexplained
+        much = 1 - choice.explained > options.unexplained or choice.left > options.much
+        return "effects", not little and much
     if choice.named and not in_images and strongest < options.structure:
         # What lives in the places is taken up by them: the images say nothing for it or against it.
         return "effects", False

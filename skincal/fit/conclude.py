@@ -21,6 +21,7 @@ from skincal.fit.sampling import Draws
 from skincal.fit.seen import Images
 from skincal.fit.types import Bools, Floats
 from skincal.fit.valley import OPEN, choose, interval, valley_loss
+from skincal.fit.warp import turn_sigma
 
 SCALE_WIDENING = 1.4
 """How much wider than the posterior the draws of log S are kept.
@@ -80,7 +81,8 @@ def conclude(
     bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
     losses = _grid_result(grid, slabs, bound)
     if fixed is None:
-        clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, rng)
+        turn = turn_sigma(problem.across_m, problem.along_m, presses.slack_m)
+        clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, turn, rng)
     else:
         clouds = [choose(losses, options.draws, rng)]
     level = options.level if fixed is None else 1.0
@@ -119,11 +121,12 @@ def _grid_result(grid: MacroGrid, slabs: Sequence[GridSlab], bound_counts2: floa
 
 
 def _clouds(
-    draws: Floats, law: LawSpread, force_scale_sigma: float, rng: np.random.Generator
+    draws: Floats, law: LawSpread, force_scale_sigma: float, turn: float, rng: np.random.Generator
 ) -> list[Floats]:
     """Values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure.
 
-    Were all forces 1 + e times what was measured, the same images would come from E (1 + e) and S / (1 + e).
+    Were all forces 1 + e times what was measured, the same images would come from E (1 + e) and S / (1 + e); were all
+    positions turned by an angle, from an alpha that much larger.
     """
     half = len(draws) // 2
     laws = [draws[:half, :5].copy(), law.shifted(draws[half:, :5], rng)]
@@ -133,6 +136,8 @@ def _clouds(
         if force_scale_sigma > 0:
             error = force_scale_sigma * rng.standard_normal(len(cloud))
             cloud += error[:, None] * np.array([0.0, 0.0, 0.0, 1.0, -1.0])
+        if turn > 0:
+            cloud[:, 2] += turn * rng.standard_normal(len(cloud))
     return [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
 
 

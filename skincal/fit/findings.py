@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.fit.problem import FEW_PRESSES
 from skincal.fit.result import FEWEST_DRAWS, FitFinding, FitResult
+from skincal.fit.warp import turn_sigma
 
 _NAMES = {
     "across_m": "position across (beta)",
@@ -114,6 +115,15 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             "warning",
             f"Contact positions scatter by {1e3 * found:.2f} mm, more than the {1e3 * declared:.2f} mm declared.",
             "Check the kinematic calibration; raise [position] sigma_m and slack_m.",
+        )
+    turn = turn_sigma(result.problem.across_m, result.problem.along_m, result.presses.slack_m)
+    if turn > 0 and result.bound == "noise":
+        yield FitFinding(
+            "positions_bent",
+            "info",
+            "The error of the measured positions changes steadily over the patch. They may be turned by as much, about "
+            f"{np.degrees(turn):.1f}°, which nothing shows; the interval of alpha is widened for it.",
+            "Calibrate the kinematics (joint offsets) for a sharper alpha.",
         )
     slack, at_bound = result.problem.rig.slack_m, 0
     if slack > 0:

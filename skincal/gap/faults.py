@@ -73,7 +73,9 @@ def stuck_taxels(values: FloatArray, reading: Reading, session: GapSession) -> l
             again = (astray & ~at)[rows[-1] + 1 :, taxel].any()
             if len(presses) < _LEAST or not whole or not again:
                 continue
-            found.append(Stuck(taxel, float(time[rows[0]]), float(time[rows[-1]]), float(bound)))
+            # The observations before and after may have seen a part of it.
+            ends = time[[max(0, rows[0] - 1), min(rows[-1] + 1, len(time) - 1)]].tolist()
+            found.append(Stuck(taxel, ends[0], ends[1], float(bound)))
     return found
 
 
@@ -81,9 +83,7 @@ def without_stuck(reading: Reading, session: GapSession, stuck: list[Stuck]) -> 
     """The reading with no trust in taxels while they were stuck."""
     trust, time = np.ones_like(reading.trust), times(session)
     for one in stuck:
-        rows = np.flatnonzero((time >= one.from_s) & (time <= one.until_s))
-        # The observations before and after may have seen a part of it.
-        trust[max(0, rows[0] - 1) : rows[-1] + 2, one.taxel] = 0.0
+        trust[(time >= one.from_s) & (time <= one.until_s), one.taxel] = 0.0
     return reading.trusting(trust)
 
 

@@ -72,7 +72,7 @@ def test_check_as_json(run: Run, folder: Path) -> None:
     ]
 
 
-def test_uniform_pressure_is_good_but_no_fit_is_possible(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_uniform_pressure_is_good_but_tells_scales_only(run: Run, folder: Path, tmp_path: Path) -> None:
     status, out, _ = run("dataset", "check", folder, "--json")
     assert json.loads(out)["notes"] == []
     path = folder / "dataset.toml"

@@ -158,7 +158,7 @@ def test_other_sensor_and_too_few_presses(
 def test_a_pressure_chamber_goes_the_whole_way(
     tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
 ):
-    chamber = Chamber.plain(memory=0.04, group=(0, 1, 2), stuck=(5,))
+    chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
     assert run("fit", data, "--out", tmp_path / "cal") == 0
@@ -170,7 +170,6 @@ def test_a_pressure_chamber_goes_the_whole_way(
     assert found["verdict"] == "effects"
     names = [effect["name"] for effect in found["effects"]]
     assert names[0] == "taxel_offset"
-    assert {"hysteresis", "creep"} & {n for effect in found["effects"] for n in effect["consistent_with"]}
     assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel"}
     assert found["gap"]["closed"] > 0.7
     new = read_calibration(tmp_path / "new")
