@@ -128,10 +128,7 @@ def _own_scales(slopes: FloatArray) -> FloatArray:
 
     Uniform pressure has told them, as a fit tells pose and S otherwise: their errors are not effects.
     """
-    taxels: IntArray = np.arange(slopes.shape[1])
-    found = np.zeros((*slopes.shape, slopes.shape[1]))
-    found[:, taxels, taxels] = slopes
-    return found
+    return slopes[:, :, None] * np.eye(len(slopes[0]))
 
 
 def of_law(base: Base) -> float:
