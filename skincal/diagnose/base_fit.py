@@ -132,7 +132,9 @@ def _own_scales(slopes: FloatArray) -> FloatArray:
 
 
 def of_law(base: Base) -> float:
-    """Root mean square of what the law's own error explains, in units of the noise."""
+    """Root mean square of what the law's own error explains, in units of the noise; nothing shows it in a chamber."""
+    if not base.material.options.base:
+        return 0.0
     without = excess_of(base.model, replace(base.material, law=None), 0.0)
     values = int((base.material.reading.seen & base.material.known[:, None]).sum())
     return float(np.sqrt(max(without - excess_of(base.model, base.material, 0.0), 0.0) / values))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from skincal.gap.session import GapSession
     from skincal.model import TaxelLayout
 
-_FEWEST = 3
+FEWEST = 3
 """A bin with values from fewer presses is not shown."""
 
 
@@ -189,7 +189,7 @@ def line_of(part: Part, left: Left, edges: FloatArray, rows: BoolArray) -> Line:
     for k in range(bins):
         own = which == k
         presses, back = np.unique(owner[own], return_inverse=True)
-        if len(presses) < _FEWEST or not worth[own].sum() > 0:
+        if len(presses) < FEWEST or not worth[own].sum() > 0:
             continue
         pulls, worths = np.bincount(back, pull[own]), np.bincount(back, worth[own])
         best = pulls.sum() / worths.sum()

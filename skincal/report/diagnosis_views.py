@@ -11,7 +11,7 @@ import numpy as np
 
 from skincal.effects.samples import HOLD, LOAD, UNLOAD
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.report.diagnosis_left import Left, Part
+from skincal.report.diagnosis_left import FEWEST, Left, Part
 
 Kind = Literal["curve", "thin", "categories", "taxels", "moves"]
 
@@ -126,7 +126,10 @@ def _after(left: Left) -> tuple[Part, ...]:
 
 def _level(left: Left) -> tuple[Part, ...]:
     columns = np.arange(left.values.shape[1], dtype=np.float64)[None]
-    dark = ~left.touching if (~left.touching).any() else left.values < 1.0
+    resting = ~left.touching if (~left.touching).any() else left.values < 1.0
+    rested = np.unique(left.owner[np.broadcast_to(resting, left.values.shape).any(axis=1)])
+    # On a staircase nothing rests between its ends: there the level is what lies under everything.
+    dark = resting if len(rested) >= FEWEST else np.ones_like(resting)
     return (Part("at rest", columns, np.ones((len(left.owner), 1)), dark),)
 
 
