@@ -105,11 +105,11 @@ def test_noise_of_the_force_is_noise_of_what_the_model_says():
     assert not force_variance(one.start, one.session, 0.0).any()
 
 
-def test_a_chamber_and_too_few_presses_are_refused():
+def test_no_places_and_too_few_presses_are_refused():
     data = moving()
-    chamber = replace(data, meta=replace(data.meta, position=replace(data.meta.position, sigma_m=np.inf)))
-    with pytest.raises(InputError, match="pressure chamber"):
-        ready(chamber)
+    nowhere = replace(data, meta=replace(data.meta, position=replace(data.meta.position, sigma_m=np.inf)))
+    with pytest.raises(InputError, match="Only of uniform pressure"):
+        ready(nowhere)
     few = replace(still(), presses=still().presses.select(np.arange(11)))
     with pytest.raises(WorkError, match=r"11 presses .* expected 12"):
         ready(few)
@@ -136,9 +136,16 @@ def test_a_calibration_of_another_sensor_is_refused():
 )
 def test_verdicts(named: bool, left: float, times: float, said: tuple[str, bool]):
     names = (Named("creep", ("creep",), 0.9, 0.01),) if named else ()
-    choice = Choice(cast("Any", None), cast("Any", None), names, (), (100.0, left))
+    choice = Choice(cast("Any", None), cast("Any", None), names, (), (100.0, left), 200)
     sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, times)
     assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
+
+
+def test_a_small_part_of_very_much_is_still_something():
+    names = (Named("creep", ("creep",), 0.9, 0.01),)
+    for left, said in ((5.0, True), (0.1, False)):
+        choice = Choice(cast("Any", None), cast("Any", None), names, (), (100.0, left), 10)
+        assert judged(choice, NO_NULL, [], DiagnoseOptions()) == ("effects", said)
 
 
 def spoilt(data: Dataset, change: Callable[[np.ndarray, np.ndarray, np.ndarray], None]) -> Dataset:
