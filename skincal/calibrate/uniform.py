@@ -50,7 +50,7 @@ def calibrate_uniform(
     """Finds the scale of every taxel from presses that load all of them alike.
 
     Args:
-        dataset: for which :func:`skincal.dataset.uniform.uniform_pressure` holds.
+        dataset: a flat punch larger than the patch in every press.
         active_counts: counts above rest that a taxel must reach in two presses.
         level: probability content of the interval of S.
         seed: of the resampling behind that interval.
