@@ -11,7 +11,7 @@ from skincal import __version__
 from skincal.calibrate.problem import search_box
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
-from skincal.dataset.uniform import at_centre
+from skincal.dataset.uniform import UNIFORM, at_centre
 from skincal.errors import WorkError
 from skincal.fit.observe import Readout, observe
 from skincal.fit.types import Bools, Floats
@@ -150,11 +150,7 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
         Finding(
             "uniform_pressure",
             "warning",
-            "Every press is a flat punch larger than the patch. Such uniform pressure looks the same for every pose "
-            "and every elasticity: neither can be found from it, and both stand as they were assumed. The scale of "
-            "each taxel was found.",
-            "Press with an indenter smaller than the patch (a sphere of about one pitch in radius) at several places "
-            "to find pose and elasticity.",
+            f"{UNIFORM[0].upper()}{UNIFORM[1:]}, and was; pose and elasticity stand as they were assumed.",
         )
     ]
     mute = np.flatnonzero(~scales.told)

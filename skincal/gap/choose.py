@@ -171,8 +171,7 @@ def choose(
     model, named, rounds, told = before, list[Named](), list[Round](), 0
     seen = int((material.reading.seen & material.known[:, None]).sum())
     least = options.least(seen)
-    first = excess_of(before, material, null_mean)
-    left = first
+    whole = first = left = excess_of(before, material, null_mean)
     while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
         heard(f"round {len(named) + 1}: searching")
         found = _searched(model, material, library, options, extra or {})
@@ -202,9 +201,7 @@ def choose(
             first, told = left, told + 1
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
-    return Choice(
-        before, model, tuple(named), tuple(rounds), (excess_of(before, material, null_mean), left), seen
-    )
+    return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen)
 
 
 def likeness(scene: Scene, material: Material, first: Round, name: str, known: Sequence[str]) -> float:
