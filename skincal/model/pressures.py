@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,8 @@ from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
-from skincal.model.response import carried_m3, touches
+from skincal.model.response import carried_m3, reaches, touches
+from skincal.model.strokes import strokes
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,8 @@ def pressures(
     rows: list[IntArray] = []
     points: list[IntArray] = []
     loads: list[FloatArray] = []
-    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
-        load = elasticity_pa_per_m * carried_m3(found, law) * found.facing
+    for some, index, load in _terms(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
         touched = load > 0
-        index = patch.tiles.index.take(found.tile, axis=0).reshape(len(some), -1)
         rows.append(some[np.nonzero(touched)[0]])
         points.append(index[touched])
         loads.append(load[touched])
@@ -84,3 +84,23 @@ def pressures(
     if not rows:
         return Pressures(starts, np.zeros(0, dtype=np.int64), np.zeros(0), known, len(patch))
     return Pressures(starts, np.concatenate(points)[order], np.concatenate(loads)[order], known, len(patch))
+
+
+def _terms(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: Indenter,
+    contacts: Contacts,
+    pressed: IntArray,
+    law: StressLaw | None,
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Rows (k,) of some contacts, the points near them (k, M), and what each adds to its taxel (k, M) [N]."""
+    groups = strokes(contacts, pressed) if law is None else None
+    if groups is not None:
+        for some, here, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups):
+            load = elasticity_pa_per_m * here.point_loads(depth)
+            yield some, np.broadcast_to(here.point, load.shape), load
+        return
+    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
+        load = elasticity_pa_per_m * carried_m3(found, law) * found.facing
+        yield some, patch.tiles.index.take(found.tile, axis=0).reshape(len(some), -1), load

@@ -13,6 +13,7 @@ from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
+from skincal.model.strokes import Reached, deepest, reached, strokes
 from skincal.model.touch import Pressing, Touch, touch
 
 _CHUNK = 16
@@ -114,9 +115,44 @@ def loads(
     found_n = np.zeros((len(contacts), count))
     found_n[~known] = np.nan
     pressed = np.flatnonzero(known & (contacts.force_n > 0))
+    groups = strokes(contacts, pressed) if law is None else None
+    if groups is not None:
+        for rows, here, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups):
+            found_n[rows] = elasticity_pa_per_m * here.taxel_loads(depth, count)
+        return found_n
     for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
         found_n[rows] = elasticity_pa_per_m * _on_taxels(found, carried_m3(found, law), count)
     return found_n
+
+
+def reaches(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: Indenter,
+    contacts: Contacts,
+    groups: list[IntArray],
+) -> Iterator[tuple[IntArray, Reached, FloatArray]]:
+    """What presses with many forces reach, a press after the other; the law is that of proportion.
+
+    Args:
+        patch: the tactile points.
+        elasticity_pa_per_m: E [Pa/m].
+        indenter: what presses.
+        contacts: K contacts.
+        groups: of :func:`skincal.model.strokes.strokes`.
+
+    Yields:
+        Rows (m,) of a group, what its largest force reaches, and their penetrations (m,) [m]. A group that touches
+        nothing is left out.
+    """
+    load_m3 = contacts.force_n / elasticity_pa_per_m
+    by_row = deepest(contacts, groups)
+    rows = np.array(list(by_row), dtype=np.int64)
+    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, rows, None):
+        for k, row in enumerate(some.tolist()):
+            here = reached(patch.tiles, found, k)
+            if len(here.gap_m):
+                yield by_row[row], here, here.depths(load_m3[by_row[row]])
 
 
 def touches(
