@@ -28,7 +28,9 @@ class Problem:
 
     def __str__(self) -> str:
         text = f"{self.place}: expected {self.expected}; got {self.got}"
-        return f"{text}. {self.fix}" if self.fix else text
+        if not self.fix:
+            return text
+        return f"{text}{'' if text.endswith((*'.?…',)) else '.'} {self.fix}"
 
 
 class SkincalError(Exception):

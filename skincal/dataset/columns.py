@@ -44,6 +44,9 @@ OPTIONAL = {
 TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
 """Optional columns of presses only, in the order of time."""
 
+GIVE_OR_DROP = "Give the number, or leave the row out."
+CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
+
 LARGEST = 1e15
 """No measurement is larger in SI units; below it whole numbers are exact, and squares do not overflow."""
 
@@ -91,7 +94,7 @@ class ColumnReader:
             self.sheet.file,
             f"the {what} {_first(missing)}",
             f"the columns {_first(list(self._table.columns), 12)}",
-            " ".join(hints[:3]) or self._separator_hint(),
+            " ".join(hints[:3]) or self._separator_hint() or _how_to_add(missing),
         )
 
     def numbers(self, name: str) -> FloatArray:
@@ -103,17 +106,18 @@ class ColumnReader:
         values, text = self._numbers(name)
         if self.has(name):
             bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text
-            self.sheet.bad_rows(name, bad, values, kind)
+            fix = CORRECT_OR_EMPTY if may_be_nan is True else GIVE_OR_DROP
+            self.sheet.bad_rows(name, bad, values, kind, fix)
             values = np.where(bad, np.nan, values) if bad.any() else values
         return values
 
-    def whole(self, name: str, expected: str, low: int) -> NDArray[np.int64]:
+    def whole(self, name: str, expected: str, low: int, fix: str = "") -> NDArray[np.int64]:
         """A column of whole numbers from ``low`` on, shape (rows,); ``low`` - 1 stands where a cell is none."""
         values, text = self._numbers(name)
         if not self.has(name):
             return np.zeros(self.rows, dtype=np.int64)
         good = is_number(values) & (values >= low) & (values == np.rint(values))
-        self.sheet.bad_rows(name, ~good & ~text, values, expected)
+        self.sheet.bad_rows(name, ~good & ~text, values, expected, fix)
         return np.where(good, values, low - 1).astype(np.int64)
 
     def text(self, name: str) -> NDArray[Any]:
@@ -164,7 +168,10 @@ class ColumnReader:
         match = TAXEL.fullmatch(name)
         if match:
             findings.error(
-                place, "a taxel within [sensor] rows and cols", f"row {match[1]}, column {match[2]}"
+                place,
+                "a taxel within [sensor] rows and cols",
+                f"row {match[1]}, column {match[2]}",
+                "Correct rows and cols in dataset.toml, or take the column out.",
             )
         elif close := did_you_mean(name, [k for k in known if not self.has(k)]):
             fix = f'It is kept and not used. Did you mean "{close}"?'
@@ -185,7 +192,8 @@ class ColumnReader:
             values[i] = np.nan if value is None else value
         self._said[name] = text
         decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
-        self.sheet.bad_rows(name, text, column, "a number", "Write a decimal point." if decimal_comma else "")
+        fix = "Write a decimal point." if decimal_comma else "Write the number alone, in the column's unit."
+        self.sheet.bad_rows(name, text, column, "a number", fix)
         return values, text
 
     def _separator_hint(self) -> str:
@@ -202,6 +210,12 @@ def _number(cell: object) -> float | None:
         return float(cell) if isinstance(cell, str) else None
     except ValueError:
         return None
+
+
+def _how_to_add(missing: Sequence[str]) -> str:
+    if all(TAXEL.fullmatch(name) for name in missing):
+        return "Add them, NaN throughout for a dead taxel, or correct [sensor] rows and cols in dataset.toml."
+    return "Add what is missing; `skincal import` makes a dataset of a table with other names and units."
 
 
 def _first(names: Sequence[str], shown: int = 6) -> str:

@@ -15,6 +15,9 @@ from skincal.dataset.toml_table import TWICE
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
 """Extents of a mesh beyond which it is not in metres."""
 
+COPY = "Copy it there, and write its name without a path."
+EXPORT = "Export the mesh anew; was the file cut short?"
+
 
 def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findings) -> TaxelPositions | None:
     """The taxels' positions that ``[sensor] positions`` names; None for a grid, or with an error."""
@@ -27,7 +30,9 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
         return None
     path = folder / name
     if Path(name).name != name or not path.is_file():
-        findings.error(f"{file}, [sensor] positions", "a file in the same folder", f'"{name}": no such file')
+        findings.error(
+            f"{file}, [sensor] positions", "a file in the same folder", f'"{name}": no such file', COPY
+        )
         return None
     table = read_table(path, findings)
     return None if table is None else positions_from(table, sensor)
@@ -50,13 +55,13 @@ def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: 
         return None
     path = folder / spec.file
     if Path(spec.file).name != spec.file or not path.is_file():
-        findings.error(place, "a file in the same folder", f'"{spec.file}": no such file')
+        findings.error(place, "a file in the same folder", f'"{spec.file}": no such file', COPY)
         return None
     content = path.read_bytes()
     try:
         vertices, _ = mesh_arrays(content, spec.file)
     except ValueError as error:
-        findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", str(error)[:200])
+        findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", str(error)[:200], EXPORT)
         return None
     extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
     if extent > LARGEST_M:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.columns import ColumnReader, is_number
+from skincal.dataset.columns import GIVE_OR_DROP, ColumnReader, is_number
 from skincal.dataset.findings import Sheet
 from skincal.dataset.spec import SensorSpec
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at rest was taken off.'
 
 DEAD_STRETCH = 3
 """NaN in this many rows on end is a taxel that is dead for a part of the session; fewer are a mistake."""
@@ -31,13 +33,15 @@ def check_counts(reader: ColumnReader, sensor: SensorSpec, counts: FloatArray, *
     finite = np.isfinite(counts)
     if not finite.all():
         _check_missing(sheet, names, counts, reader.said(names))
-    sheet.bad_cells(names, ~is_number(counts) & ~np.isnan(counts), counts, "a finite number of counts")
+    infinite = ~is_number(counts) & ~np.isnan(counts)
+    sheet.bad_cells(names, infinite, counts, "a finite number of counts", GIVE_OR_DROP)
     low, high = _bounds(sensor)
     outside = finite & ((counts < low) | (counts > high))
-    sheet.bad_cells(names, outside, counts, f"counts within [{low:g}, {high:g}] (value_min, value_max)")
+    expected = f"counts within [{low:g}, {high:g}] (value_min, value_max)"
+    sheet.bad_cells(names, outside, counts, expected, "Correct value_min and value_max, or the counts.")
     if whole and sensor.integer and sensor.baseline == "raw":
         broken = finite & (counts != np.rint(counts))
-        sheet.bad_cells(names, broken, counts, "whole numbers, as [sensor] integer = true says")
+        sheet.bad_cells(names, broken, counts, "whole numbers, as [sensor] integer = true says", NO_INTEGERS)
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:
@@ -53,7 +57,7 @@ def _check_missing(sheet: Sheet, names: list[str], counts: FloatArray, said: Boo
     stretches = long_stretches(missing, DEAD_STRETCH)
     stray = missing & ~stretches & ~dead
     expected = f"a number of counts (a dead taxel is NaN throughout, or {DEAD_STRETCH} rows or more on end)"
-    sheet.bad_cells(names, stray & ~said, counts, expected)
+    sheet.bad_cells(names, stray & ~said, counts, expected, GIVE_OR_DROP)
     _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
     partly = np.asarray((stretches & ~dead).any(axis=0))
     _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")

@@ -65,7 +65,8 @@ def _phase(reader: ColumnReader) -> np.ndarray:
 def _check_order(reader: ColumnReader, frames: Frames) -> None:
     back = np.zeros(len(frames), dtype=bool)
     back[1:] = np.diff(frames.time_s) < 0
-    reader.sheet.bad_rows("time_s", back, frames.time_s, "frames ordered in time over the whole session")
+    fix = "Sort them; time goes on from press to press and does not begin anew."
+    reader.sheet.bad_rows("time_s", back, frames.time_s, "frames ordered in time over the whole session", fix)
 
 
 def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None) -> None:
@@ -75,7 +76,9 @@ def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None
         names = np.array(PHASES)[frames.phase[bad][:3]]
         values = np.full(len(frames), "", dtype=object)
         values[np.flatnonzero(bad)[:3]] = names
-        reader.sheet.bad_rows("phase", bad, values, '"idle" where press is -1')
+        fix = "Name the press, or call the phase idle."
+        reader.sheet.bad_rows("phase", bad, values, '"idle" where press is -1', fix)
     if presses is not None:
         strangers = (frames.press >= 0) & ~np.isin(frames.press, presses.press)
-        reader.sheet.bad_rows("press", strangers, frames.press, "a press of the table of presses")
+        fix = "Add the press to that table, or take its frames out."
+        reader.sheet.bad_rows("press", strangers, frames.press, "a press of the table of presses", fix)

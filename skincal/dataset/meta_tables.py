@@ -51,9 +51,10 @@ def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | 
         findings.error(str(path), f"the description of the {what}", "no such file", fix)
     except tomllib.TOMLDecodeError as error:
         # The message holds the line and the column.
-        findings.error(str(path), "TOML", str(error))
+        fix = "Correct that line: texts stand in quotes, lists in brackets, every key and table once."
+        findings.error(str(path), "TOML", str(error), fix)
     except (OSError, UnicodeDecodeError) as error:
-        findings.error(str(path), "a readable text file", str(error))
+        findings.error(str(path), "a readable text file", str(error), "Save it as text in UTF-8.")
     return None
 
 
@@ -82,9 +83,9 @@ def table_of(
     """One of the shared tables of a file; an empty one, and an error, where it is missing or no table."""
     values = top.raw(name)
     if values is None and not optional:
-        top.error(f"[{name}]", f"a table [{name}]", "nothing")
+        top.error(f"[{name}]", f"a table [{name}]", "nothing", "Add it, as in data/paper-like.")
     elif values is not None and not isinstance(values, dict):
-        top.error(name, f"a table [{name}]", values)
+        top.error(name, f"a table [{name}]", values, f"Write [{name}] on a line of its own.")
     if isinstance(values, dict):
         return TomlTable(findings, file, name, values, KNOWN[name])
     # One error for the missing table is enough: what it should hold is not asked for again.
@@ -147,7 +148,7 @@ def _side(table: TomlTable, key: str, what: str) -> Pair | None:
 def _check_sensor(table: TomlTable, sensor: SensorSpec) -> None:
     low, high = sensor.value_min, sensor.value_max
     if low is not None and high is not None and low >= high:
-        table.error("value_max", f"more than value_min = {low:g}", f"{high:g}")
+        table.error("value_max", f"more than value_min = {low:g}", f"{high:g}", "Correct one of them.")
     if sensor.pitch_m is None or sensor.taxel_size_m is None or sensor.positions is not None:
         return
     for axis, count, pitch, size in zip(
@@ -235,7 +236,8 @@ def _angle(table: TomlTable, name: str) -> tuple[float, Pair]:
 def _check_inside(table: TomlTable, key: str, value: float, range_key: str, bounds: Pair) -> None:
     # Comparisons with the NaN of a placeholder are false: nothing is said twice.
     if value < bounds[0] or value > bounds[1]:
-        table.error(key, f"a value within {range_key} = [{bounds[0]:g}, {bounds[1]:g}]", f"{value:g}")
+        expected = f"a value within {range_key} = [{bounds[0]:g}, {bounds[1]:g}]"
+        table.error(key, expected, f"{value:g}", f"Widen {range_key}, or correct {key}.")
 
 
 def position_from(table: TomlTable) -> PositionSpec:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.columns import TARGET
+from skincal.dataset.columns import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.tables import HOLD, IDLE
@@ -27,6 +27,8 @@ LOWEST_PRESSURE_PA = 100.0
 
 FORCE_BEYOND_DOUBT_N = 50.0
 """A median force below this is never called too high: a needle reaches any pressure."""
+
+WHICH_FRAME = "Is the surface in dataset.toml the right one, and the frame the fingertip's?"
 
 FAR = 20.0
 """Positions whose median lies farther from the patch than this many times its reach are not meant."""
@@ -45,19 +47,17 @@ def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings)
     """
     presses, frames = dataset.presses, dataset.frames
     surface = dataset.surface()
-    place = f"{files['presses']}, columns x_m, y_m, z_m"
-    _check_positions(dataset, surface, presses.position_m, place, findings)
+    _check_positions(dataset, surface, presses.position_m, (files["presses"], POSITION), findings)
     targets = [presses.column(name) for name in TARGET]
     if all(column is not None for column in targets):
         points = np.column_stack([np.asarray(column) for column in targets])
-        place = f"{files['presses']}, columns {', '.join(TARGET)}"
-        _check_positions(dataset, surface, points, place, findings)
+        _check_positions(dataset, surface, points, (files["presses"], TARGET), findings)
     _check_forces(dataset, presses.force_n, f"{files['presses']}, column force_n", findings)
     _check_covariates(dataset, files["presses"], findings)
     if frames is not None:
         touching = frames.phase != IDLE
-        place = f"{files['frames']}, columns x_m, y_m, z_m"
-        _check_positions(dataset, surface, frames.position_m[touching], place, findings)
+        touched = frames.position_m[touching]
+        _check_positions(dataset, surface, touched, (files["frames"], POSITION), findings)
         _check_frames(dataset, files["frames"], findings)
 
 
@@ -71,17 +71,26 @@ def check_scale(points: FloatArray, file: str, findings: Findings) -> None:
 
 
 def _check_positions(
-    dataset: Dataset, surface: Surface, points: FloatArray, place: str, findings: Findings
+    dataset: Dataset,
+    surface: Surface,
+    points: FloatArray,
+    at: tuple[str, tuple[str, ...]],
+    findings: Findings,
 ) -> None:
-    """Positions lie on the surface, near the patch."""
+    """Positions lie on the surface, near the patch; ``at`` is their file and columns."""
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return
+    place = f"{at[0]}, columns {', '.join(at[1])}"
     centre = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0]
     reach = patch_reach_m(dataset)
     away = _median_away(points, centre)
     if away > FAR * reach:
-        fix = MILLIMETRES if _median_away(points / 1000, centre) < FAR * reach else ""
+        wrong = np.median(np.abs(points - centre), axis=0) > reach
+        scaled = np.where(wrong, points / 1000, points)
+        if wrong.sum() == 1:
+            place = f"{at[0]}, column {at[1][int(wrong.argmax())]}"
+        fix = MILLIMETRES if _median_away(scaled, centre) < FAR * reach else WHICH_FRAME
         findings.error(place, "contact points [m] near the patch", f"a median distance of {away:.3g} m", fix)
         return
     off = _median_off(surface, points)
@@ -95,7 +104,7 @@ def _check_positions(
         place,
         f"contact points on the surface, within slack_m + 3 sigma_m = {allowed:.3g} m",
         f"a median of {off:.3g} m off it",
-        "Is the surface in dataset.toml the right one, and the frame the fingertip's?",
+        WHICH_FRAME,
     )
 
 

@@ -16,6 +16,8 @@ from skincal.dataset.toml_table import MILLIMETRES
 COLUMNS = ("r", "c", "u_m", "v_m", "du_m", "dv_m")
 LARGEST_M = 1.0
 
+COUNT = "Rows and columns count from 0; or correct rows and cols in dataset.toml."
+
 
 def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None:
     """Takes the taxels' positions out of a table as read, in the order of the flat index.
@@ -37,8 +39,8 @@ def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None
         reader.sheet.bad_rows(
             name, np.abs(values) > LARGEST_M, values, f"at most {LARGEST_M:g} m", MILLIMETRES
         )
-    reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}")
-    reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}")
+    reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}", COUNT)
+    reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}", COUNT)
     if (np.minimum(r, c) < 0).any():  # which taxel is meant cannot be known
         return None
     return _in_order(reader, sensor, r * sensor.cols + c, centres, sizes)
@@ -56,7 +58,7 @@ def _in_order(
 ) -> TaxelPositions | None:
     first = np.zeros(len(flat), dtype=bool)
     first[np.unique(flat, return_index=True)[1]] = True
-    reader.sheet.bad_rows("r, c", ~first, _taxel_names(sensor, flat), "each taxel once")
+    reader.sheet.bad_rows("r, c", ~first, _taxel_names(sensor, flat), "each taxel once", "Take the copy out.")
     missing = np.setdiff1d(np.arange(sensor.taxels), flat)
     if missing.size:
         names = ", ".join(sensor.taxel_columns()[j] for j in missing[:6])

@@ -7,13 +7,22 @@ from itertools import pairwise
 
 import numpy as np
 
-from skincal.dataset.columns import ANY, NORMAL, OPTIONAL, POSITION, TIMES, ColumnReader
+from skincal.dataset.columns import (
+    ANY,
+    CORRECT_OR_EMPTY,
+    NORMAL,
+    OPTIONAL,
+    POSITION,
+    TIMES,
+    ColumnReader,
+)
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable
 from skincal.dataset.tables import Presses
 
 REQUIRED = ("press", *POSITION, "force_n")
+TWICE = "Take the copy out; if they are two presses, give each a number of its own."
 
 
 def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
@@ -23,8 +32,9 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
     reader.require(REQUIRED)
     reader.require(taxels)
     if not table.rows:
-        reader.sheet.findings.error(reader.sheet.file, "at least one press", "no rows")
-    press = reader.whole("press", "a whole number, 0 or more", low=0)
+        fix = "Was the table cut short, or filtered too strictly?"
+        reader.sheet.findings.error(reader.sheet.file, "at least one press", "no rows", fix)
+    press = reader.whole("press", "a whole number, 0 or more", 0, "Number the presses 0, 1, 2, …")
     counts = reader.matrix(taxels)
     unknown = math.isinf(meta.position.sigma_m)
     presses = Presses(
@@ -50,7 +60,7 @@ def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
     first = np.zeros(len(press), dtype=bool)
     first[np.unique(press, return_index=True)[1]] = True
     # What is no number of a press has been said.
-    reader.sheet.bad_rows("press", ~first & (press >= 0), press, "each number once", "The same press twice?")
+    reader.sheet.bad_rows("press", ~first & (press >= 0), press, "each number once", TWICE)
 
 
 def _normals(reader: ColumnReader) -> np.ndarray | None:
@@ -64,10 +74,12 @@ def _normals(reader: ColumnReader) -> np.ndarray | None:
         return normals
     given = np.isfinite(normals)
     partial = given.any(axis=1) & ~given.all(axis=1)
-    reader.sheet.bad_rows("nx, ny, nz", partial, normals, "all three, or none")
+    reader.sheet.bad_rows(
+        "nx, ny, nz", partial, normals, "all three, or none", "Give all, or empty the cells."
+    )
     length = np.linalg.norm(normals, axis=1)
     wrong = given.all(axis=1) & (np.abs(length - 1) > 0.01)
-    reader.sheet.bad_rows("nx, ny, nz", wrong, length, "a vector of length 1")
+    reader.sheet.bad_rows("nx, ny, nz", wrong, length, "a vector of length 1", "Divide by its length.")
     return normals
 
 
@@ -83,4 +95,4 @@ def _check_times(reader: ColumnReader, presses: Presses) -> None:
     names = [name for name in TIMES if presses.column(name) is not None]
     for earlier, later in pairwise(names):
         before, after = presses.columns[earlier], presses.columns[later]
-        reader.sheet.bad_rows(later, after < before, after, f"a time not before {earlier}")
+        reader.sheet.bad_rows(later, after < before, after, f"a time not before {earlier}", CORRECT_OR_EMPTY)

@@ -19,6 +19,11 @@ from skincal.dataset.remarks import add_remarks
 from skincal.dataset.table_file import RawTable, find_table, read_table
 from skincal.errors import Problem
 
+NO_TABLE = (
+    "Is this the folder of a session? `skincal import` makes one of a table with other names and units."
+)
+NO_FOLDER = "Give the folder that holds dataset.toml."
+
 
 @dataclass(frozen=True)
 class Check:
@@ -63,7 +68,9 @@ def check_dataset(path: str | Path) -> Check:
 
 def _read(folder: Path, findings: Findings) -> Dataset | None:
     if not folder.is_dir():
-        findings.error(str(folder), "a dataset's folder", "a file" if folder.exists() else "no such folder")
+        findings.error(
+            str(folder), "a dataset's folder", "a file" if folder.exists() else "no such folder", NO_FOLDER
+        )
         return None
     meta = read_meta(folder, findings)
     if meta is None:
@@ -93,7 +100,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
 def _table(folder: Path, stem: str, findings: Findings, *, required: bool = False) -> RawTable | None:
     path = find_table(folder, stem, findings)
     if path is None and required:
-        findings.error(str(folder), f"{stem}.csv or {stem}.parquet", "neither")
+        findings.error(str(folder), f"{stem}.csv or {stem}.parquet", "neither", NO_TABLE)
     return None if path is None else read_table(path, findings)
 
 

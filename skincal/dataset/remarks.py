@@ -8,7 +8,7 @@ from skincal.dataset.columns import NORMAL
 from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet
-from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
+from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, rest_in_doubt
 
 SLACK_SIGMAS = 50.0
 """A slack of more sigmas than this is never used: one of the two is in another unit."""
@@ -38,7 +38,8 @@ def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> N
     active = active_taxels(dataset)
     expected = f"taxels more than {ACTIVE_COUNTS:g} counts above their level at rest"
     if not active.any():
-        fix = "Nothing can be fitted to such data. Do the counts grow with load?"
+        why = f"{REST_IN_DOUBT}." if rest_in_doubt(dataset) else "Do the counts grow with load?"
+        fix = f"Nothing can be fitted to such data. {why}"
         findings.warn(sheet.file, expected, "none in any press", fix)
     elif not np.any(active.sum(axis=1) >= 2):
         findings.warn(
@@ -83,9 +84,8 @@ def _remark_on_repeats(dataset: Dataset, sheet: Sheet) -> None:
     values = np.column_stack([presses.position_m, presses.force_n, presses.counts])
     first = np.zeros(len(values), dtype=bool)
     first[np.unique(np.nan_to_num(values, nan=-1.0), axis=0, return_index=True)[1]] = True
-    sheet.bad_rows(
-        "press", ~first, presses.press, "different measurements", "Was a press copied?", warning=True
-    )
+    fix = "Was a press copied? A fit uses one of them."
+    sheet.bad_rows("press", ~first, presses.press, "different measurements", fix, warning=True)
 
 
 def _remark_on_normals(dataset: Dataset, sheet: Sheet) -> None:

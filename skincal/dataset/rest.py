@@ -11,6 +11,12 @@ from skincal.dataset.tables import IDLE
 ACTIVE_COUNTS = 5.0
 """How far above its level at rest a taxel must be to count as active [counts]."""
 
+REST_IN_DOUBT = (
+    "Without frames at rest the level at rest is taken from the presses, and some taxels then rest far above the "
+    "others: if all presses light the same taxels alike, add frames at rest (phase idle), or press at other places"
+)
+"""What to do where :func:`rest_in_doubt` says so."""
+
 FEWEST_IDLE = 20
 """Idle frames that are needed to take the level at rest from them."""
 
@@ -38,6 +44,19 @@ def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
     alive = np.isfinite(counts).any(axis=0)
     levels[alive] = np.nanmedian(counts[:, alive], axis=0)
     return levels
+
+
+def rest_in_doubt(dataset: Dataset) -> bool:
+    """Whether the level at rest may be that of taxels which every press lights alike.
+
+    It is taken from the presses where there are too few idle frames; that of a taxel then should not stand clearly
+    above that of most others. Presses that all lie at one place, with one force, make it do so.
+    """
+    if dataset.meta.sensor.baseline == "subtracted" or _idle_counts(dataset) is not None:
+        return False
+    levels = rest_levels(dataset)
+    levels = levels[np.isfinite(levels)]
+    return bool(len(levels)) and float(levels.max() - np.median(levels)) > ACTIVE_COUNTS
 
 
 def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:

@@ -60,7 +60,10 @@ def read_table(path: Path, findings: Findings) -> RawTable | None:
     doubled = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
     for name in doubled:
         findings.error(
-            sheet.column(name), "each column once", f"{table.column_names.count(name)} of that name"
+            sheet.column(name),
+            "each column once",
+            f"{table.column_names.count(name)} of that name",
+            "Rename or remove the others.",
         )
     columns = {name: _to_numpy(table.column(i)) for i, name in enumerate(table.column_names)}
     return RawTable(sheet, table.num_rows, columns)
@@ -114,7 +117,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
         )
 
     if not path.stat().st_size:
-        findings.error(path.name, "a header line and rows", "an empty file")
+        findings.error(path.name, "a header line and rows", "an empty file", "Write it again.")
         return None
     if not _begins_as_text(path):
         findings.error(

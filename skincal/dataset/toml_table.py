@@ -69,12 +69,11 @@ class TomlTable:
             return math.nan
         if not self.has(key):
             return value
-        if not _is_number(value):
-            return self._wrong(key, expected, value, math.nan)
-        if math.isinf(value) and value > 0 and inf:
+        if _is_number(value) and math.isinf(value) and value > 0 and inf:
             return value
-        if not math.isfinite(value) or not low <= value <= high:
-            return self._wrong(key, expected, value, math.nan)
+        if not _is_number(value) or not math.isfinite(value) or not low <= value <= high:
+            fix = "" if default is NOT_SET else f"Leave {key} out where it is not known."
+            return self._wrong(key, expected, value, math.nan, fix)
         return value
 
     def length_m(
@@ -197,6 +196,8 @@ class TomlTable:
             if isinstance(value, bool)
             else value
         )
+        if isinstance(value, str) and _is_text_of_number(value):
+            fix = "Write it without quotes."
         self.error(key, expected, got, fix)
         return placeholder
 
@@ -208,6 +209,14 @@ class TomlTable:
         self._findings.warn(
             self.place(key), f"one of {', '.join(known)}", "an unknown key", "It is kept and not used."
         )
+
+
+def _is_text_of_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_number(value: Any) -> bool:

@@ -67,7 +67,7 @@ def test_check_as_json(run: Run, folder: Path) -> None:
             "place": f"{folder}/presses.csv, column force_n, row 3 (line 4)",
             "expected": "a number",
             "got": "nan",
-            "fix": "",
+            "fix": "Give the number, or leave the row out.",
         }
     ]
 

@@ -77,7 +77,11 @@ TOML = [
     ("taxel_size_m = 0.0025", "taxel_size_m = 2.5", ["[sensor] taxel_size_m", "looks like millimetres"]),
     ("taxel_size_m = 0.0025", "taxel_size_m = nan", ["[sensor] taxel_size_m", "nan"]),
     ("value_max = 255", "value_max = 0", ["[sensor] value_max", "value_min"]),
-    ("value_max = 255", 'value_max = "255"', ["[sensor] value_max", "a number", '"255"']),
+    (
+        "value_max = 255",
+        'value_max = "255"',
+        ["[sensor] value_max", "a number", '"255". Write it without quotes.'],
+    ),
     ('baseline = "raw"', 'baseline = "row"', ["[sensor] baseline", 'Did you mean "raw"?']),
     ("radius_m = 0.0115", "radius_m = 11.5", ["[surface] radius_m", "looks like millimetres"]),
     ("radius_m = 0.006", "radius_m = 6", ["[indenter] radius_m", "looks like millimetres"]),
@@ -111,12 +115,22 @@ def test_mistakes_in_the_description(folder: Path, old: str, new: str, said: lis
 
 
 PRESSES: list[tuple[Edit, list[str]]] = [
-    (put("force_n", 3, np.nan), ["presses.csv, column force_n, row 4 (line 5)", "a number", "nan"]),
+    (
+        put("force_n", 3, np.nan),
+        [
+            "presses.csv, column force_n, row 4 (line 5)",
+            "a number",
+            "nan. Give the number, or leave the row out.",
+        ],
+    ),
     (put("force_n", 3, "inf"), ["column force_n, row 4 (line 5)", "inf"]),
-    (put("force_n", 3, "2.5 N"), ["column force_n, row 4 (line 5)", "'2.5 N'"]),
+    (
+        put("force_n", 3, "2.5 N"),
+        ["column force_n, row 4 (line 5)", "'2.5 N'. Write the number alone, in the column's unit."],
+    ),
     (put("force_n", 3, "2,5"), ["column force_n, row 4", "decimal point"]),
     (put("x_m", 2, np.nan), ["column x_m, row 3"]),
-    (put("press", 5, 4), ["column press, row 6", "each number once", "4"]),
+    (put("press", 5, 4), ["column press, row 6", "each number once; got 4. Take the copy out"]),
     (put("press", 5, 4.5), ["column press, row 6", "whole number", "4.5"]),
     (put("press", 5, -1), ["column press, row 6", "-1"]),
     (put("taxel_1_2", 5, 255.5), ["column taxel_1_2, row 6", "[0, 255]", "255.5"]),
@@ -125,18 +139,22 @@ PRESSES: list[tuple[Edit, list[str]]] = [
     (put("taxel_1_2", 5, "inf"), ["column taxel_1_2, row 6", "finite"]),
     (put("t_hold_s", 5, 0.0), ["column t_hold_s, row 6", "t_start_s"]),
     (put("branch", 0, "upward"), ["column branch, row 1", "'upward'"]),
-    (put("cycle", 1, 0.5), ["column cycle, row 2", "whole number"]),
+    (put("cycle", 1, 0.5), ["column cycle, row 2", "whole number", "Correct it, or leave the cell empty"]),
     (put("speed_m_per_s", 1, -1), ["column speed_m_per_s, row 2", "0 or more"]),
     (put("indenter_radius_m", 1, 0), ["column indenter_radius_m, row 2", "above 0"]),
     (put("nx", 1, 1.0), ["the 2 columns ny, nz"]),
     (put("q_0", 1, "fast"), ["column q_0, row 2", "'fast'"]),
-    (lambda t: t.drop(columns="force_n"), ["presses.csv", "the column force_n"]),
+    (lambda t: t.drop(columns="force_n"), ["presses.csv", "the column force_n", "`skincal import`"]),
     (lambda t: t.rename(columns={"force_n": "forse_n"}), ['Does "forse_n" stand for force_n?']),
     (lambda t: t.rename(columns={"force_n": "Force_N"}), ['Does "Force_N" stand for force_n?']),
-    (lambda t: t.drop(columns=["taxel_0_1", "taxel_3_3"]), ["the 2 columns taxel_0_1, taxel_3_3"]),
+    (
+        lambda t: t.drop(columns=["taxel_0_1", "taxel_3_3"]),
+        ["the 2 columns taxel_0_1, taxel_3_3", "NaN throughout"],
+    ),
     (lambda t: t.assign(taxel_4_0=0), ["column taxel_4_0", "[sensor] rows"]),
     (lambda t: t.iloc[:0], ["presses.csv", "at least one press"]),
     (scale(1000, "x_m", "y_m", "z_m"), ["columns x_m, y_m, z_m", "looks like millimetres"]),
+    (scale(1000, "y_m"), ["column y_m: expected contact points", "looks like millimetres"]),
     (scale(1e-3, "x_m", "y_m", "z_m"), ["columns x_m, y_m, z_m", "multiply by 1000"]),
     (scale(1000, "force_n"), ["column force_n", "looks like millinewtons"]),
     (scale(1e-3, "force_n"), ["column force_n", "looks like kilonewtons"]),
@@ -246,7 +264,8 @@ def test_repeats_of_one_mistake_are_counted_not_listed(folder: Path) -> None:
     edit_table(folder, "presses.csv", edit)
     said = [text for text in errors(folder) if text.startswith("presses.csv")]
     assert said == [
-        "presses.csv, column force_n, rows 3, 4, 5 and 4 more: expected a number; got nan, nan, nan, …"
+        "presses.csv, column force_n, rows 3, 4, 5 and 4 more: expected a number; got nan, nan, nan, … "
+        "Give the number, or leave the row out."
     ]
 
 
@@ -298,7 +317,9 @@ def test_a_truncated_csv_file(folder: Path) -> None:
 
 def test_an_empty_csv_file(folder: Path) -> None:
     (folder / "presses.csv").write_text("")
-    assert errors(folder)[0] == "presses.csv: expected a header line and rows; got an empty file"
+    assert errors(folder)[0] == (
+        "presses.csv: expected a header line and rows; got an empty file. Write it again."
+    )
 
 
 def test_semicolons_between_cells(folder: Path) -> None:
@@ -310,7 +331,8 @@ def test_semicolons_between_cells(folder: Path) -> None:
 def test_a_column_twice(folder: Path) -> None:
     path = folder / "presses.csv"
     path.write_text(path.read_text().replace("taxel_0_1", "taxel_0_0", 1))
-    assert "presses.csv, column taxel_0_0: expected each column once; got 2 of that name" in errors(folder)
+    said = "presses.csv, column taxel_0_0: expected each column once; got 2 of that name. Rename or remove the others."
+    assert said in errors(folder)
 
 
 def test_binary_rubbish_for_a_description(folder: Path) -> None:
