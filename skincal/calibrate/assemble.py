@@ -82,12 +82,14 @@ def _grid_columns(result: FitResult, names: dict[str, str], factors: dict[str, f
         names[n]: a.ravel() * factors[n]
         for n, a in zip(("alpha_rad", "elasticity_pa_per_m", "across_m", "y_m"), axes, strict=True)
     }
-    return columns | {
+    columns |= {
         "scale_per_n": evaluated.scale_per_n.ravel(),
         "mse_counts2": evaluated.mse_counts2.ravel(),
         "slack_rms_m": evaluated.slack_rms_m.ravel(),
-        "in_valley": evaluated.in_valley.ravel().astype(np.int64),
     }
+    if result.bound == "fixed":  # a valley that the noise bounds is not made of combinations
+        columns["in_valley"] = evaluated.in_valley.ravel().astype(np.int64)
+    return columns
 
 
 def _slack_columns(result: FitResult, dataset: Dataset) -> Columns:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
 from skincal.dataset import Dataset, active_taxels, idle_means
+from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, uniform_pressure
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem
 from skincal.fit.general_contacts import MARGIN_M, ContactMap
 from skincal.fit.observe import Readout
 from skincal.fit.options import FitOptions, SearchBox
@@ -61,7 +62,8 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
 
 def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     if uniform_pressure(dataset):
-        raise WorkError(f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform")
+        reason = f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
+        raise refusal(dataset, reason)
     meta, layout, surface = dataset.meta, dataset.layout(), dataset.surface()
     indenters, kinds = _indenters(dataset)
     sensor = meta.sensor
@@ -78,7 +80,10 @@ def _mesh_radius(dataset: Dataset, surface: Surface) -> float | None:
     try:
         points, _ = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))
     except ValueError as error:
-        raise WorkError(f"the nominal pose in [mount] does not lie on the surface: {error}") from error
+        reason = (
+            f"the nominal pose in [mount] does not lie on the surface: {error}. Correct [mount], or the mesh"
+        )
+        raise refusal(dataset, reason) from error
     return float(np.hypot(points[0, 0], points[0, 2]))
 
 

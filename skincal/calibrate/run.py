@@ -17,12 +17,19 @@ from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration, Provenance
 from skincal.dataset import Dataset
-from skincal.errors import WorkError
+from skincal.dataset.refusal import refusal
+from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fit.errors import FitError
 from skincal.fit.options import FitOptions, SearchBox
-from skincal.fit.problem import USED, FitProblem
+from skincal.fit.problem import FEW_PRESSES, USED, FitProblem
 from skincal.fit.result import FitResult
-from skincal.fit.solve import Progress, default_steps, plan_fit, solve
+from skincal.fit.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
+
+PRESS_MORE = (
+    "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
+    "`skincal dataset show` draws where the presses lie"
+)
+COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +101,7 @@ def calibrate(
                 progress=progress,
             )
     except FitError as error:
-        dropped = any(status != USED for status in problem.status)
-        raise WorkError(f"{error}. {why_dropped(problem)}" if dropped else f"{error}.") from error
+        raise refusal(dataset, _reason(error, problem, dataset)) from error
     provenance = Provenance(
         dataset_sha256=sha,
         dataset="" if dataset.folder is None else dataset.folder.name,
@@ -106,6 +112,18 @@ def calibrate(
         options={"method": way.method} | _plain_options(options, box),
     )
     return Outcome(calibration_of(result, dataset, provenance), result, len(slabs), way)
+
+
+def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
+    """Why a fit cannot be done, and what to do."""
+    text = str(error)
+    said = [text if text.endswith((".", "?")) else f"{text}."]
+    if len(problem) < len(problem.status):
+        said.append(why_dropped(problem))
+    if len(problem) < FEWEST_PRESSES:
+        pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
+        said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
+    return " ".join(said)
 
 
 def why_dropped(problem: FitProblem) -> str:

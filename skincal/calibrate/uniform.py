@@ -11,8 +11,8 @@ from skincal import __version__
 from skincal.calibrate.problem import search_box
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
+from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, at_centre
-from skincal.errors import WorkError
 from skincal.fit.observe import Readout, observe
 from skincal.fit.types import Bools, Floats
 from skincal.fit.uniform import Scales, common_draws, fit_scales
@@ -63,7 +63,9 @@ def calibrate_uniform(
     sensor = meta.sensor
     pressed = np.isfinite(presses.force_n) & (presses.force_n > 0)
     if not pressed.any():
-        raise WorkError("no press has a force above 0: expected the pressure times the area of the punch")
+        raise refusal(
+            dataset, "no press has a force above 0. Write the pressure times the area of the punch in force_n"
+        )
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     rest = idle_means(dataset)
     if rest is None:
@@ -76,9 +78,10 @@ def calibrate_uniform(
     loads = _loads(one, dataset)
     scales = fit_scales(loads, seen.values, use, active_counts)
     if not scales.told.any():
-        raise WorkError(
-            f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated; "
-            "press harder, or lower --active-counts"
+        raise refusal(
+            dataset,
+            f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated. "
+            "Press harder, or lower --active-counts",
         )
     draws = common_draws(loads, seen.values, use, active_counts, DRAWS, np.random.default_rng(seed))
     low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2])

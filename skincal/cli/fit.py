@@ -84,7 +84,8 @@ def fit(
         str,
         typer.Option(
             "--bound",
-            help="What bounds the valley: `noise`, the noise of the data; `paper`, a loss of 25 counts²; or a number.",
+            help="What bounds the valley: `noise`, the noise of the data; `paper`, 25 counts² of the "
+            "loss on the grid; or a number of them.",
         ),
     ] = "noise",
     level: Annotated[
@@ -278,7 +279,8 @@ def _bound(text: str) -> float | None:
 def _resumable(checkpoint: Path) -> Generator[None]:
     """Whatever ends a fit early, it says what is kept and how to go on.
 
-    What would only fail again is not kept: neither a grid whose fit cannot be done, nor a folder without a grid.
+    What would only fail again is not kept: neither a grid whose fit cannot be done, or ends in a fault of ours, nor a
+    folder without a grid.
     """
     from skincal.calibrate.checkpoint import Checkpoint
     from skincal.errors import WorkError
@@ -286,7 +288,7 @@ def _resumable(checkpoint: Path) -> Generator[None]:
     kept = Checkpoint(checkpoint, "")
     try:
         yield
-    except WorkError:
+    except (WorkError, ValueError, ArithmeticError):
         kept.remove()
         raise
     except BaseException as error:

@@ -20,7 +20,7 @@ from skincal.fit.result import PARAMETERS, FitResult, GridResult, PressFit, Sigm
 from skincal.fit.sampling import Draws
 from skincal.fit.seen import Images
 from skincal.fit.types import Bools, Floats
-from skincal.fit.valley import OPEN, choose, interval, valley_loss
+from skincal.fit.valley import OPEN, POSE, at_one_place, choose, interval, valley_loss
 from skincal.fit.warp import turn_sigma
 
 SCALE_WIDENING = 1.4
@@ -43,6 +43,7 @@ class Evidence:
         images: simulated images round the peak.
         draws: from the posterior.
         law: what is not known of the contact law.
+        grid_mse_counts2: the grid's loss at the best point, of all presses that went into the grid [counts²].
     """
 
     problem: FitProblem
@@ -52,6 +53,7 @@ class Evidence:
     images: Images
     draws: Draws
     law: LawSpread
+    grid_mse_counts2: float
 
 
 def conclude(
@@ -73,13 +75,13 @@ def conclude(
         rng: picks draws.
     """
     problem, images, peak = found.problem, found.images, found.peak
-    centre = found.draws.weight @ found.draws.points
+    centre = found.draws.mean
     macro, sigmas = centre[:5], np.exp(centre[5:])
     presses, mse = _press_fit(problem, images, macro, peak, sigmas)
     chosen = found.draws.resampled(rng, options.draws)
     fixed = options.bound_counts2
     bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
-    losses = _grid_result(grid, slabs, bound)
+    losses = _grid_result(grid, slabs, fixed, found.grid_mse_counts2)
     if fixed is None:
         turn = turn_sigma(problem.across_m, problem.along_m, presses.slack_m)
         clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, turn, rng)
@@ -110,14 +112,19 @@ def conclude(
     )
     if not result.told:
         result = replace(result, intervals=dict.fromkeys(PARAMETERS, OPEN))
+    elif at_one_place(problem):
+        result = replace(result, intervals={**result.intervals, **dict.fromkeys(POSE, OPEN)})
     return find(result, dropped=int((~found.kept).sum()))
 
 
-def _grid_result(grid: MacroGrid, slabs: Sequence[GridSlab], bound_counts2: float) -> GridResult:
+def _grid_result(
+    grid: MacroGrid, slabs: Sequence[GridSlab], fixed_counts2: float | None, at_best_counts2: float
+) -> GridResult:
     losses = np.stack([s.mse_counts2 for s in slabs])
     scale = np.stack([s.scale_per_n for s in slabs])
     slack = np.stack([s.slack_rms_m for s in slabs])
-    return GridResult(grid, losses, scale, slack, losses <= bound_counts2)
+    inside = np.zeros(losses.shape, dtype=bool) if fixed_counts2 is None else losses <= fixed_counts2
+    return GridResult(grid, losses, scale, slack, inside, at_best_counts2)
 
 
 def _clouds(

@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.fit.problem import FEW_PRESSES
 from skincal.fit.result import FEWEST_DRAWS, FitFinding, FitResult
+from skincal.fit.valley import POSE, at_one_place, extent_m
 from skincal.fit.warp import turn_sigma
 
 _NAMES = {
@@ -62,8 +63,9 @@ def _edges(result: FitResult) -> Iterator[FitFinding]:
 def _flat(result: FitResult) -> Iterator[FitFinding]:
     if not result.told:  # that is said once, of all parameters
         return
+    said = POSE if at_one_place(result.problem) else ()
     for name, interval in result.intervals.items():
-        if not np.isfinite(interval).all():
+        if not np.isfinite(interval).all() and name not in said:
             yield FitFinding(
                 "not_identified",
                 "warning",
@@ -94,15 +96,12 @@ def _presses(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _spread(result: FitResult) -> Iterator[FitFinding]:
-    problem = result.problem
-    extent = np.array([np.ptp(problem.across_m), np.ptp(problem.along_m)])
-    size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
-    if extent.max() < 0.25 * size:
+    if at_one_place(result.problem):
         yield FitFinding(
             "one_place",
             "warning",
-            f"All presses lie within {1e3 * extent.max():.1f} mm of each other: turn and position of the sensor "
-            "cannot be told apart.",
+            f"All presses lie within {1e3 * extent_m(result.problem):.1f} mm of each other: turn and position of the "
+            "sensor cannot be told apart, so they have no interval.",
             "Spread the presses over the whole patch.",
         )
 
@@ -165,8 +164,10 @@ def _misfit(result: FitResult) -> Iterator[FitFinding]:
         yield FitFinding(
             "empty_valley",
             "warning",
-            f"No combination of the grid comes below the bound of {result.valley_mse_counts2:g} counts².",
-            "Leave the bound out, so that it follows the noise of the data; or use a finer grid.",
+            f"No combination of the grid comes below the bound of {result.valley_mse_counts2:g} counts²; the least "
+            f"loss there is {float(result.grid.mse_counts2.min()):.3g} counts².",
+            "Leave the bound out, so that it follows the noise of the data. A finer grid seldom helps: on the grid, "
+            "presses are placed by normalised images, which leaves more than the noise.",
         )
 
 

@@ -1,12 +1,12 @@
 """The joint posterior of the macro variables, with positions, forces and noise integrated out.
 
-A grid cannot resolve the valley of good data: with 25 frames a press the loss is sharp to a hundredth of a
-millimetre. From the best grid points on, the fit therefore goes on continuously, with the likelihood of the absolute
-images: the slack of each press is Gaussian (sigma_p), so is the error of its force (sigma_f), and the residual of the
-images (sigma_n). All three sigmas are estimated from the data along with the macro variables, so that intervals widen
-by themselves on a rig that is worse than it says, and where the model does not quite fit. Integrals over slack and
-force are Laplace's, summed over all places that a press could have been; the macro variables and the sigmas are
-sampled in :mod:`skincal.fit.sampling`.
+On the grid each press is placed by its normalised image. The ratios of two or three taxels do not tell a whole place,
+so there the loss stays far above the noise of good data, and its least point is off. From the best grid points on, the
+fit therefore goes on continuously, with the likelihood of the absolute images: the slack of each press is Gaussian
+(sigma_p), so is the error of its force (sigma_f), and the residual of the images (sigma_n). All three sigmas are
+estimated from the data along with the macro variables, so that intervals widen by themselves on a rig that is worse
+than it says, and where the model does not quite fit. Integrals over slack and force are Laplace's, summed over all
+places that a press could have been; the macro variables and the sigmas are sampled in :mod:`skincal.fit.sampling`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,11 @@ FORCE_SIGMA, FORCE_SPREAD = 0.005, 1.0
 POSITION_SPREAD = 0.6
 _TRUSTED = 16.0
 """A press whose mean square is more than this many times the usual is trusted less."""
+
+_SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
+"""Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
+_WIDE, _BEYOND, _SIGMAS_REST = 6, 1.6, 5e-3
+"""So many steps the sigmas only follow; then they go so much further than told, until they change by no more."""
 
 _UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 NOISE_SPREAD = 0.2
@@ -122,7 +127,13 @@ def _position_scale(problem: FitProblem) -> float:
 
 
 def climb(
-    problem: FitProblem, images: Images, bounds: Bounds, start: Floats, *, iterations: int = 25
+    problem: FitProblem,
+    images: Images,
+    bounds: Bounds,
+    start: Floats,
+    *,
+    sigmas: Floats | None = None,
+    iterations: int = 25,
 ) -> Peak:
     """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
 
@@ -131,13 +142,17 @@ def climb(
         images: kernels that span the neighbourhood.
         bounds: box of the macro variables.
         start: (5,) macro variables to start from.
+        sigmas: (3,) of a peak nearby, where there is one; else they start wide, which finds the way from afar.
         iterations: at most so many steps; places are searched anew a few times on the way.
     """
     macro = np.clip(start, bounds.low, bounds.high)
-    sigmas = np.array([_position_scale(problem) * 0.7, 0.01, 1.5])
+    far = sigmas is None
+    if sigmas is None:
+        sigmas = np.array([_position_scale(problem) * 0.7, 0.01, 1.5])
     damping, places = 1e-3, None
+    searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
     for step_number in range(iterations):
-        if places is None or step_number in (3, 6, 10, 15):
+        if places is None or step_number in searches:
             places = find_places(problem, images, macro, sigmas)
         states, best = _at(problem, images, places, macro, sigmas)
         trust = _trust(problem, states, best)
@@ -150,14 +165,17 @@ def climb(
         tried, tried_best = _at(problem, images, _moved(places, states), trial, sigmas)
         trial_value = float(trust @ tried.objective[tried_best])
         if trial_value <= value + 1e-9:
-            converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > 16
+            converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > searches[-1]
             macro, damping, states, best = trial, damping * 0.2, tried, tried_best
             places = _moved(places, states)
-            if converged:
-                break
         else:
-            damping = max(damping, 1e-4) * 10
-        sigmas = _estimated_sigmas(problem, states, best, sigmas)
+            converged, damping = False, max(damping, 1e-4) * 10
+        step = np.log(_estimated_sigmas(problem, states, best, sigmas) / sigmas)
+        # Expectation-maximisation closes in on the sigmas by a quarter a step; beyond its point it goes faster.
+        sigmas = sigmas * np.exp(step if far and step_number <= _WIDE else _BEYOND * step)
+        sigmas[2] = max(sigmas[2], MIN_NOISE * 1.05)
+        if converged and np.abs(step).max() < _SIGMAS_REST:
+            break
     assert places is not None
     states, best = _at(problem, images, places, macro, sigmas)
     _, curvature = _reduced(states, best, sigmas, _trust(problem, states, best))

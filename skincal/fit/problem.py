@@ -21,6 +21,8 @@ _PARAMETERS = 5
 
 USED = "used"
 
+COPY = "the very numbers of another press"
+
 _BY_PRESS = ("across_m", "along_m", "force_n", "values", "weight", "saturated", "lit", "indenter", "rows")
 
 
@@ -204,8 +206,9 @@ def pose_problem(
     active = presses.active
     if active is None:
         active = (np.where(read, seen.values, 0.0) >= active_counts).sum(axis=1)
+    copies = _copies(presses)
     status = [
-        _status(k, presses, read, int(active[k]), min_active, active_counts)
+        COPY if copies[k] else _status(k, presses, read, int(active[k]), min_active, active_counts)
         for k in range(len(presses.press))
     ]
     rows = np.array([k for k, s in enumerate(status) if s == USED], dtype=np.intp)
@@ -227,6 +230,18 @@ def pose_problem(
         active.astype(np.intp),
         seen,
     )
+
+
+def _copies(presses: PressTable) -> Bools:
+    """Which presses (K,) have every number of an earlier one.
+
+    No two measurements are alike to the last digit. A copy adds nothing, and would count as if it did.
+    """
+    numbers = np.column_stack([presses.across_m, presses.along_m, presses.force_n, presses.counts])
+    first = np.unique(np.nan_to_num(numbers, nan=-1.0), axis=0, return_index=True)[1]
+    copies = np.ones(len(numbers), dtype=bool)
+    copies[first] = False
+    return copies
 
 
 def _status(

@@ -35,10 +35,12 @@ class GridResult:
 
     Attributes:
         grid: the values of the macro variables.
-        mse_counts2: the paper's loss [counts²].
+        mse_counts2: the paper's loss, each press placed by its normalised image [counts²].
         scale_per_n: least-squares scale [1/N].
         slack_rms_m: root mean square slack [m].
-        in_valley: combinations whose loss is within the valley's bound.
+        in_valley: combinations whose loss is within a fixed bound; none where the noise bounds the valley, as the
+            posterior is of the absolute images and bounds no such loss.
+        mse_at_best_counts2: the same loss at the best point of the fit, between the grid's values [counts²].
     """
 
     grid: MacroGrid
@@ -46,6 +48,7 @@ class GridResult:
     scale_per_n: Floats
     slack_rms_m: Floats
     in_valley: Bools
+    mse_at_best_counts2: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +88,9 @@ class FitResult:
     Attributes:
         best: macro variables of the best point, by the names of ``PARAMETERS``.
         intervals: low and high of each; (-inf, inf) where the data say nothing.
-        mse_counts2: loss at the best point, positions within their slack [counts²].
-        valley_mse_counts2: bound of the valley [counts²].
+        mse_counts2: loss at the best point, positions placed within their slack by the absolute images [counts²].
+        valley_mse_counts2: bound of the valley [counts²]: of that same loss where the noise bounds it; of the grid's
+            where the bound is fixed.
         bound: how that bound came about.
         draws: (N, 5) draws from the valley, in the order of ``PARAMETERS``.
         sigmas: scatter of positions, forces and images, as the data tell it.

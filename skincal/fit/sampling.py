@@ -15,7 +15,7 @@ from skincal.fit.types import Floats
 
 _NOWHERE = (
     "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
-    "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press"
+    "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press?"
 )
 
 
@@ -35,6 +35,11 @@ class Draws:
     def effective(self) -> float:
         """How many independent draws the weighted ones are worth."""
         return float(1.0 / (self.weight**2).sum())
+
+    @property
+    def mean(self) -> Floats:
+        """The weighted mean (8,): the best point, and the logarithms of the sigmas."""
+        return self.weight @ self.points
 
     def resampled(self, rng: np.random.Generator, count: int) -> Floats:
         """(count, 8) draws of equal weight, by systematic resampling."""

@@ -36,6 +36,9 @@ from skincal.fit.types import Floats
 SCALES = (1e-3, 1e5)
 """Any scale S [1/N] within these is considered."""
 
+FEWEST_PRESSES = 3
+"""Fewer cannot tell five parameters, however many taxels they light."""
+
 MOST_COMBINATIONS = 5_000_000
 """A grid of more would need hours and gigabytes."""
 
@@ -78,8 +81,9 @@ def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPla
     """
     if len(problem) == 0:
         raise FitError("no press can be used")
-    if len(problem) < 3:
-        raise FitError(f"only {len(problem)} presses can be used, and the five parameters need at least 3")
+    if len(problem) < FEWEST_PRESSES:
+        used = f"only {len(problem)} press{'es' if len(problem) > 1 else ''} can be used"
+        raise FitError(f"{used}, and the five parameters need at least {FEWEST_PRESSES}")
     steps = options.steps or default_steps(problem)
     grid = MacroGrid(
         span(*box.across_m, steps.across_m),
@@ -128,7 +132,8 @@ def solve(
     around = Neighbourhood.around(peak.macro, table=table)
     draws = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
-    found = Evidence(problem, kept, dead, peak, around.images(problem), draws, law)
+    at_best = _grid_loss(plan, draws.mean)
+    found = Evidence(problem, kept, dead, peak, around.images(problem), draws, law, at_best)
     slabs_in_order = [done[t] for t in range(len(plan.grid.alpha_rad))]
     return conclude(plan.grid, slabs_in_order, found, box, options, rng)
 
@@ -157,13 +162,21 @@ def _run_grid(
     return done
 
 
+def _grid_loss(plan: FitPlan, macro: Floats) -> float:
+    """The grid's loss [counts²] at macro variables (5,) that are none of its values."""
+    across, along, alpha, log_e = macro[:4, None]
+    slab = run_slab(SlabTask(plan.problem, MacroGrid(across, along, alpha, log_e), 0, plan.settings))
+    return float(slab.mse_counts2[0, 0, 0])
+
+
 def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[Floats]:
     """The best grid points that are not neighbours of each other, as macro variables (5,)."""
     grid, problem = plan.grid, plan.problem
     mse = np.stack([done[t].mse_counts2 for t in range(len(grid.alpha_rad))])
     scale = np.stack([done[t].scale_per_n for t in range(len(grid.alpha_rad))])
     slack = np.stack([done[t].slack_rms_m for t in range(len(grid.alpha_rad))])
-    # What is left at the best grid point is mostly the grid's own coarseness; it serves as the noise here.
+    # What is left at the best grid point is mostly what normalised images do not tell of the places of presses; it
+    # serves as the noise here.
     noise = max(float(mse.min()), problem.noise_sigma_counts**2)
     sigma = problem.rig.position_sigma_m
     stiff = 1.0 / sigma**2 if np.isfinite(sigma) and sigma > 0 else 0.0
@@ -185,7 +198,8 @@ def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[
             break
     if not starts:
         raise FitError(
-            "no combination of the grid gives an image at all; the sensor lies where nothing was pressed"
+            "no combination of the grid gives an image at all; the sensor lies where nothing was pressed. Widen the "
+            "ranges of [mount], or check that positions are in the fingertip frame"
         )
     return starts
 
@@ -274,7 +288,7 @@ def _weigh_laws(
 ) -> LawSpread:
     spreads = options.law_spreads_m
     progress("contact law", 0, 1)
-    tasks = [ClimbTask(problem, bounds, peak.macro, spread, table) for spread in spreads[1:]]
+    tasks = [ClimbTask(problem, bounds, peak.macro, spread, table, peak.sigmas) for spread in spreads[1:]]
     peaks = [peak, *mapper(run_climb, tasks)]
     progress("contact law", 1, 1)
     return weigh_laws(np.array(spreads), peaks)

@@ -6,8 +6,10 @@ results in the same order, as the built-in ``map`` does. Results do not depend o
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -83,9 +85,17 @@ class Neighbourhood:
             float(log_force.max()) - self.log_elasticity + self.reach,
         )
         rig = problem.rig
-        return KernelImages(
-            rig.surface, rig.indenters, rig.layout, self.alphas_rad, span, spread_m=self.spread_m
-        )
+        asked = (rig.surface, rig.indenters, rig.layout, self.alphas_rad, span)
+        return _kernels(pickle.dumps(asked), self.spread_m)
+
+
+@lru_cache(maxsize=1)
+def _kernels(asked: bytes, spread_m: float) -> KernelImages:
+    """The kernels that were asked for last: the draws of a fit come in many rounds, all from the same.
+
+    They are known by what they are made of, as every task brings a copy of its own.
+    """
+    return KernelImages(*pickle.loads(asked), spread_m=spread_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,25 +107,26 @@ class ClimbTask:
     start: Floats
     spread_m: float = 0.0
     table: SkinTable | None = None
+    sigmas: Floats | None = None
 
 
 def run_climb(task: ClimbTask) -> Peak:
     """Climbs; when the peak lies far from where the kernels were tabled, tables them anew there and goes on."""
-    peak = _climb(task, task.start)
+    peak = _climb(task, task.start, task.sigmas)
     if task.problem.contacts is not None:
         return peak
     moved = np.abs(peak.macro - task.start)
     if moved[2] > np.radians(5.0) or moved[3] > 0.6:
-        peak = _climb(task, peak.macro)
+        peak = _climb(task, peak.macro, peak.sigmas)
     return peak
 
 
-def _climb(task: ClimbTask, start: Floats) -> Peak:
+def _climb(task: ClimbTask, start: Floats, sigmas: Floats | None) -> Peak:
     table = task.table
     if table is None and task.problem.contacts is not None:
         table = joined([run_table(part) for part in table_tasks(task.problem, start, ROUGH)])
     images = Neighbourhood.around(start, task.spread_m, table).images(task.problem)
-    return climb(task.problem, images, task.bounds, start)
+    return climb(task.problem, images, task.bounds, start, sigmas=sigmas)
 
 
 @dataclass(frozen=True, eq=False)

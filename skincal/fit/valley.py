@@ -18,6 +18,11 @@ UNBOUNDED_FROM = 0.9
 """A parameter whose interval fills this part of the searched range is not identified by the data."""
 
 
+ONE_PLACE = 0.25
+"""Presses within this part of the patch lie at one place."""
+
+POSE = ("across_m", "y_m", "alpha_rad")
+
 OPEN = (-np.inf, np.inf)
 """The interval of a parameter that the data do not tell."""
 
@@ -51,6 +56,17 @@ def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, f
         if width > UNBOUNDED_FROM:
             return OPEN
     return low, high
+
+
+def extent_m(problem: FitProblem) -> float:
+    """How far apart the presses lie, along the direction in which they are spread more [m]."""
+    return float(max(np.ptp(problem.across_m), np.ptp(problem.along_m)))
+
+
+def at_one_place(problem: FitProblem) -> bool:
+    """Whether the presses lie so close together that turn and position of the sensor cannot be told apart."""
+    size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
+    return extent_m(problem) < ONE_PLACE * size
 
 
 def valley_loss(

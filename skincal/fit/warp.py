@@ -18,6 +18,9 @@ SURE = 0.01
 
 _FEWEST = 8
 
+_NO_SPREAD_M = 1e-6
+"""Presses that spread less lie at one place, or on a line along a direction."""
+
 
 def turn_sigma(across_m: Floats, along_m: Floats, slack_m: Floats) -> float:
     """By how much the field of measured positions may be turned, one sigma [rad].
@@ -35,6 +38,8 @@ def turn_sigma(across_m: Floats, along_m: Floats, slack_m: Floats) -> float:
         return 0.0
     columns = np.stack([np.ones(len(across_m)), across_m - across_m.mean(), along_m - along_m.mean()], axis=1)
     normal = columns.T @ columns
+    if np.diag(normal)[1:].min() < len(slack_m) * _NO_SPREAD_M**2:
+        return 0.0
     if np.linalg.cond(normal / np.sqrt(np.outer(np.diag(normal), np.diag(normal)))) > 1e6:
         return 0.0
     inverse = np.linalg.inv(normal)

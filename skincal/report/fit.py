@@ -44,9 +44,11 @@ SECTIONS = (
     _Section(
         "valley",
         "The valley over the macro variables",
-        "The grid of the paper. Diagonal: error along one variable. Below: error over two of them. In both it is the "
-        "least over all other variables, the scale and every contact position. The grid is coarser than good data "
-        "are sharp, so its least error may lie above the valley's bound; the draws show the valley itself.",
+        "Diagonal: the paper's loss along one variable. Below: over two of them. It is always the least over all other "
+        "variables, with the scale by least squares and every press placed by its normalised image. The ratios of two "
+        "or three taxels do not tell a whole place, so this loss stays above the noise and its valley is wide. By "
+        "default the fit goes on with the absolute images, which tell more; the draws (black) are the valley it ends "
+        "with.",
         lambda result, _: valley_figure(result),
     ),
     _Section(
@@ -68,22 +70,25 @@ SECTIONS = (
         "slack",
         "Contact positions",
         "Left: from the measured (black) to the estimated position (red), on the patch at its best pose. Right: the "
-        "same shifts from one point. A mean far from zero, or shifts that crowd at the bound, mean that the rig is "
-        "off by more than its slack allows.",
+        "same shifts from one point. Numbers are those of the presses. A mean far from zero, or shifts that crowd at "
+        "the bound, mean that the rig is off by more than its slack allows.",
         slack_figure,
     ),
     _Section(
         "residuals",
         "Residuals",
         "Every press may choose its position, so small residuals alone prove little; a pattern does. By taxel: unequal "
-        "gains. Against force or value: a law that is not linear. Over the session: drift.",
+        "gains. Against force or value: a law that is not linear. Over the session: drift. A taxel of a press takes "
+        "part where it is measured or simulated above the noise; what noise alone lights is left out, but counts in "
+        "the rmse of a press, which is over all taxels.",
         residuals_figure,
     ),
     _Section(
         "scatter",
         "Measured against simulated values",
-        "Left: all taxels that were touched. Right: their differences. They lie closer than the curves where a press "
-        "touches so few taxels that its position explains most of them; the scatter that was found allows for that.",
+        "Left: all taxels that a press lights above the noise. Right: their differences. They lie closer than the "
+        "curves where a press touches so few taxels that its position explains most of them; the scatter that was "
+        "found allows for that.",
         lambda result, _: scatter_figure(result),
     ),
 )

@@ -20,7 +20,8 @@ def bound_story(result: FitResult, calibration: Calibration) -> list[str]:
     level = calibration.provenance.options.get("level")
     part = f"the central {100 * float(level):g} %" if isinstance(level, int | float) else "the central part"
     story = [
-        f"{what} Intervals hold {part} of the draws from this distribution; their loss lies below {_bound(result)}.",
+        f"{what} Intervals hold {part} of the draws from this distribution. With every press at its best place within "
+        f"its slack, 98 % of the draws leave less than {_bound(result)}.",
         _of_the_grid(result),
     ]
     if result.law_spread_m > 0:
@@ -48,13 +49,12 @@ def _of_a_given_bound(result: FitResult) -> str:
 
 
 def _of_the_grid(result: FitResult) -> str:
-    inside, combinations = int(result.grid.in_valley.sum()), result.grid.grid.combinations
-    width = (
-        "the valley is narrower than a cell of the grid"
-        if inside == 0
-        else "the valley is wider than its cells"
-    )
+    grid = result.grid
+    as_good = int((grid.mse_counts2 <= grid.mse_at_best_counts2).sum())
     return (
-        f"The draws are worth {result.effective_draws:.0f} independent ones. The grid has {combinations:,} "
-        f"combinations, of which {inside:,} lie below that bound: {width}."
+        f"The draws are worth {result.effective_draws:.0f} independent ones. The grid of {grid.grid.combinations:,} "
+        "combinations only gave them a start. As in the paper it places every press by its normalised image, which "
+        f"leaves {grid.mse_at_best_counts2:.3g} counts² at the best point; the absolute images, which tell more of a "
+        f"place, leave {result.mse_counts2:.3g} counts² there. The two are not to be compared. By the loss of the grid "
+        f"{as_good:,} of its combinations are as good as the best point."
     )

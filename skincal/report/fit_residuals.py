@@ -31,8 +31,8 @@ from skincal.report.taxel_map import taxel_boxes
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
-TOUCHED_COUNTS = 1.0
-"""A taxel takes part where it answered, or should have answered with so many counts."""
+TOUCHED_COUNTS, TOUCHED_SIGMAS = 1.0, 4.0
+"""A taxel takes part where it answered, or should have answered, with so many counts, and so many times its noise."""
 
 MOST_DOTS = 4000
 
@@ -44,19 +44,27 @@ class Residuals:
     Attributes:
         difference: (K, J) [counts]; NaN where a taxel takes no part.
         touched: (K, J) the taxel answered or should have, and was read.
+        level_counts: from so many counts on, measured or simulated, a taxel is touched; noise alone does not reach it.
     """
 
     difference: FloatArray
     touched: BoolArray
+    level_counts: float
 
     @classmethod
     def of(cls, result: FitResult) -> Residuals:
         """The residuals at the best point. A saturated taxel, simulated higher, is right."""
         presses, problem = result.presses, result.problem
-        touched = (problem.weight > 0) & (problem.lit | (presses.simulated >= TOUCHED_COUNTS))
+        level = max(TOUCHED_COUNTS, TOUCHED_SIGMAS * problem.noise_sigma_counts)
+        touched = (problem.weight > 0) & (np.maximum(presses.observed, presses.simulated) >= level)
         difference = presses.simulated - presses.observed
         difference = np.where(problem.saturated & (difference > 0), 0.0, difference)
-        return cls(np.where(touched, difference, np.nan), touched)
+        return cls(np.where(touched, difference, np.nan), touched, level)
+
+    @property
+    def of_which(self) -> str:
+        """Which taxels take part, for the title of a figure."""
+        return f"of taxels lit above noise (measured or simulated ≥ {self.level_counts:.2g} counts)"
 
 
 def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
@@ -72,16 +80,17 @@ def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
     found, problem = Residuals.of(result), result.problem
     force = np.broadcast_to(problem.force_n[:, None], found.touched.shape)
     with style():
-        figure = new_figure(11, 7.4, "Residuals, simulated − measured, of the taxels that were touched")
+        figure = new_figure(11, 7.4, f"Residuals, simulated − measured, {found.of_which}")
         grid = figure.add_gridspec(2, 6)
         mean = _by_taxel(found, np.mean)
         rms = _by_taxel(found, lambda d: np.sqrt(np.mean(d**2)))
-        most = float(np.nanmax(np.abs(mean), initial=0.1))
+        # What is below the noise of a single reading shall not look like much.
+        most = float(np.nanmax(np.abs(mean), initial=problem.noise_sigma_counts))
         places = [figure.add_subplot(grid[0, k : k + 2]) for k in (0, 2, 4)]
         _draw_taxels(
             figure, places[0], result, mean, Normalize(-most, most), DIVERGING, "Mean by taxel [counts]"
         )
-        top = Normalize(0.0, float(np.nanmax(rms, initial=0.1)))
+        top = Normalize(0.0, float(np.nanmax(rms, initial=problem.noise_sigma_counts)))
         _draw_taxels(figure, places[1], result, rms, top, "YlGnBu", "rms by taxel [counts]")
         _draw_presses(places[2], result, dataset)
         below = [figure.add_subplot(grid[1, k : k + 3]) for k in (0, 3)]
@@ -105,7 +114,7 @@ def scatter_figure(result: FitResult) -> Figure:
     simulated = result.presses.simulated[found.touched]
     bad = np.broadcast_to(~result.presses.good[:, None], found.touched.shape)[found.touched]
     with style():
-        figure = new_figure(11, 5.2, "Measured against simulated values of the taxels that were touched")
+        figure = new_figure(11, 5.2, f"Measured against simulated values {found.of_which}")
         grid = figure.add_gridspec(1, 2)
         axes = figure.add_subplot(grid[0])
         low = float(min(observed.min(initial=0.0), 0.0))

@@ -16,6 +16,7 @@ from skincal.dataset import Dataset
 from skincal.fit.result import FitResult
 from skincal.model import TaxelLayout
 from skincal.report.fit_presses import PressView
+from skincal.report.labels import name_points
 from skincal.report.style import (
     BLACK,
     BLUE,
@@ -31,7 +32,7 @@ from skincal.report.style import (
 FloatArray = NDArray[np.floating[Any]]
 
 MOST_NAMED = 40
-"""Up to so many presses are named by their numbers."""
+"""Up to so many presses are named by their numbers, those that have room."""
 
 
 def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
@@ -48,9 +49,31 @@ def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
     with style():
         figure = new_figure(11, 6.4, "Contact positions: measured, and estimated within their slack")
         grid = figure.add_gridspec(1, 2, width_ratios=(1.25, 1))
-        _draw_patch(figure.add_subplot(grid[0]), result, view)
-        _draw_slack(figure.add_subplot(grid[1]), result, view)
+        patch, slack = (figure.add_subplot(place) for place in grid)
+        _draw_patch(patch, result, view)
+        _draw_slack(slack, result, view)
+        if len(view.used) <= MOST_NAMED:
+            _name_presses(figure, patch, slack, result, view)
     return figure
+
+
+def _name_presses(figure: Figure, patch: Axes, slack: Axes, result: FitResult, view: PressView) -> None:
+    """Numbers of the presses, on both panels, where they have room; both must have found their place before."""
+    figure.draw_without_rendering()
+    names = [str(number) for number in view.press[view.used]]
+    start, end = 1e3 * view.measured_uv_m[view.used], 1e3 * view.estimated_uv_m
+    on_lines = np.concatenate([start + part * (end - start) for part in np.linspace(0.0, 0.9, 8)])
+    others = _near(1e3 * view.measured_uv_m[view.unused], 1e3 * result.problem.rig.layout.bounds_m)
+    missing = name_points(patch, names, end, keep_clear=np.concatenate([on_lines, others]))
+    _say_missing(patch, missing)
+    moved = 1e3 * result.presses.slack_m
+    _say_missing(slack, name_points(slack, names, moved, keep_clear=moved.mean(axis=0, keepdims=True)))
+
+
+def _say_missing(axes: Axes, missing: int) -> None:
+    if missing:
+        words = f"{missing} number{'s' if missing > 1 else ''} left out for want of room"
+        axes.text(1.0, 1.0, words, transform=axes.transAxes, ha="right", va="bottom", fontsize=7, color=GREY)
 
 
 def draw_taxels(axes: Axes, layout: TaxelLayout) -> None:
@@ -127,9 +150,6 @@ def _draw_slack(axes: Axes, result: FitResult, view: PressView) -> None:
     axes.plot(*slack[good].T, "o", color=RED, markersize=4)
     look: Any = {"markerfacecolor": "white", "markeredgecolor": RED, "markeredgewidth": 1.3}
     axes.plot(*slack[~good].T, "D", markersize=6, **look)
-    if len(slack) <= MOST_NAMED:
-        for number, at in zip(view.press[view.used], slack, strict=True):
-            axes.annotate(str(number), tuple(at), (3, 2), textcoords="offset points", fontsize=6, color=GREY)
     mean = np.round(slack.mean(axis=0), 2) + 0.0
     axes.plot(*mean, "+", color=BLACK, markersize=11, markeredgewidth=1.8)
     words = f"mean ({mean[0]:.2f}, {mean[1]:.2f}) mm".replace("-", "−")

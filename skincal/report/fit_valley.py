@@ -1,4 +1,9 @@
-"""The valley of the loss over the macro variables: the grid, seen along every pair of them."""
+"""The paper's loss over the macro variables: the grid, seen along every pair of them.
+
+On the grid every press is placed by its normalised image. By default the valley is bounded by another likelihood, that
+of the absolute images, so its bound is no level of this loss and is not drawn here; the loss of the grid at the best
+point is.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +46,7 @@ class _Axis:
 
 
 def valley_figure(result: FitResult) -> Figure:
-    """Draws the evaluated grid.
+    """Draws the evaluated grid and the levels of its loss that mean something.
 
     On the diagonal is the loss along one macro variable, below it the loss over a pair of them, each minimised over
     all the others (and over the scale and every contact position, as everywhere).
@@ -57,7 +62,7 @@ def valley_figure(result: FitResult) -> Figure:
     levels = _levels(rmse)
     count = len(axes_of)
     with style():
-        figure = new_figure(11, 11 if count == 4 else 8.5, "Loss over the macro variables")
+        figure = new_figure(11, 11 if count == 4 else 8.5, "The paper's loss over the macro variables")
         if not count:
             return figure
         grid = figure.add_gridspec(count, count)
@@ -102,19 +107,22 @@ def _levels(rmse: FloatArray) -> FloatArray:
     return np.geomspace(low, high, LEVELS)
 
 
-def _bounds(result: FitResult) -> list[tuple[float, str, Any, str]]:
-    """Error [counts], colour, line style and words of the bounds to draw."""
-    own = result.valley_mse_counts2**0.5
+def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
+    """Error [counts], colour, line style and words of the levels to draw, all of the grid's own loss."""
     paper = PAPER_BOUND_COUNTS2**0.5
-    bounds: list[tuple[float, str, Any, str]] = [(own, RED, "-", f"valley's bound, {own:.2g} counts")]
+    if result.bound == "fixed":
+        own, words = result.valley_mse_counts2**0.5, "valley's bound"
+    else:
+        own, words = result.grid.mse_at_best_counts2**0.5, "this loss at the best point"
+    marks: list[tuple[float, str, Any, str]] = [(own, RED, "-", f"{words}, {own:.3g} counts")]
     if abs(own - paper) > 1e-9:
-        bounds.append((paper, BLACK, "--", f"bound of the paper, {paper:g} counts"))
-    return bounds
+        marks.append((paper, BLACK, "--", f"bound of the paper, {paper:g} counts"))
+    return marks
 
 
 def _draw_profile(axes: Axes, of: _Axis, least: FloatArray, result: FitResult) -> None:
     axes.plot(of.values, least, color=BLUE, marker=".", markersize=3)
-    for value, colour, line, _ in _bounds(result):
+    for value, colour, line, _ in _marks(result):
         axes.axhline(value, color=colour, linestyle=line, linewidth=1.0)
     if of.quantity.identified:
         axes.axvspan(of.quantity.low, of.quantity.high, color=ORANGE, alpha=0.35, linewidth=0)
@@ -130,7 +138,7 @@ def _draw_pair(
     """The error over two macro variables; ``least`` is (values of col, values of row)."""
     norm = LogNorm(levels[0], levels[-1])
     axes.contourf(col.values, row.values, least.T, levels=levels, cmap=COLOURS, norm=norm, extend="both")
-    for value, colour, line, _ in _bounds(result):
+    for value, colour, line, _ in _marks(result):
         if least.min() < value < least.max():
             axes.contour(
                 col.values,
@@ -178,8 +186,7 @@ def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResu
     place = figure.add_subplot(grid[0, side // 2 :])
     place.set_axis_off()
     handles: list[Any] = [
-        Line2D([], [], color=colour, linestyle=line, label=words)
-        for _, colour, line, words in _bounds(result)
+        Line2D([], [], color=colour, linestyle=line, label=words) for _, colour, line, words in _marks(result)
     ]
     look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
     handles += [

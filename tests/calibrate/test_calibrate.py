@@ -127,6 +127,23 @@ def test_no_usable_press_says_why(session: Dataset) -> None:
         calibrate(silent, options=QUICK, workers=1)
 
 
+def test_a_refusal_names_the_dataset_and_says_what_to_do(session: Dataset, tmp_path: Path) -> None:
+    few = replace(session, presses=session.presses.select([0, 1]), folder=tmp_path / "thumb")
+    with pytest.raises(WorkError) as few_of_many:
+        calibrate(few, options=replace(QUICK, min_active=1, active_counts=-1e3), workers=1)
+    assert str(few_of_many.value) == (
+        f"{tmp_path / 'thumb'}: only 2 presses can be used, and the five parameters need at least 3. "
+        "Collect more presses, 24 or more, spread over the patch."
+    )
+    # One press thirty times over: what it lights looks like the level at rest.
+    row = int(session.presses.counts.max(axis=1).argmax())
+    presses = replace(session.presses.select([row] * 30), press=np.arange(30))
+    with pytest.raises(
+        WorkError, match=r"the dataset: no press can be used.*add frames at rest \(phase idle\)"
+    ):
+        calibrate(replace(session, presses=presses, frames=None, folder=None), options=QUICK, workers=1)
+
+
 def test_why_presses_were_dropped_is_told_in_plain_words(session: Dataset) -> None:
     problem = fit_problem(session, FitOptions())
     one = replace(problem, status=("1 active taxel (at least 2 above 5 counts are needed)",))

@@ -118,7 +118,10 @@ def test_a_session_without_active_taxels_is_status_1_and_says_why(
     write_dataset(type(data)(data.meta, presses), tmp_path / "dark")
     status, _, err = _run(capsys, "fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
     assert status == 1
-    assert "no press can be used" in err and "0 active taxels" in err
+    said = "no press can be used. Of 10 presses 10 were not used: 10 with 0 active taxels"
+    assert (
+        f"skincal: error: {tmp_path / 'dark'}: {said}" in err and "Press harder or nearer the taxels" in err
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["dark"]
 
 
@@ -154,6 +157,20 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
     assert status == 1 and "No space left" in err
     assert kept.exists() == (turns > 0)
     assert (f"its grid so far is kept in {kept}; the same command goes on from there" in err) == (turns > 0)
+
+
+def test_a_fault_that_would_come_again_keeps_nothing(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, checkpoint: Path, **__: object) -> None:
+        checkpoint.mkdir()
+        (checkpoint / "turn-000.npz").write_bytes(b"")
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr("skincal.calibrate.calibrate", fails)
+    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
+    assert status == 1 and "internal error" in err and "kept" not in err
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_range_that_would_be_ignored_or_is_in_another_unit_is_refused(

@@ -14,6 +14,7 @@ from skincal.fit.options import GridSteps, SearchBox
 from skincal.fit.problem import FitProblem, PressTable, pose_problem
 from skincal.fit.result import PARAMETERS, FitResult
 from skincal.fit.solve import plan_fit, solve
+from skincal.fit.valley import OPEN, POSE, at_one_place
 from tests.fit.conftest import BOX, QUICK, Truth, make_session, rig
 
 
@@ -48,6 +49,15 @@ def test_the_loss_at_the_best_point_is_that_of_the_noise(fitted: FitResult) -> N
     assert fitted.mse_counts2 <= fitted.valley_mse_counts2 * 1.3
     assert fitted.presses.good.mean() > 0.9
     assert fitted.sigmas.position_m == pytest.approx(0.5e-3, rel=0.35)
+
+
+def test_the_loss_of_the_grid_is_another_one_than_the_noise_bounds(fitted: FitResult) -> None:
+    grid = fitted.grid
+    # Normalised images leave one direction of most presses to the rig's positions: counts, where noise is some tenths.
+    assert grid.mse_counts2.min() > 10 * fitted.valley_mse_counts2
+    assert grid.mse_at_best_counts2 > 10 * fitted.mse_counts2
+    assert grid.mse_at_best_counts2 < np.quantile(grid.mse_counts2, 0.2)
+    assert not grid.in_valley.any(), "no combination of the grid is in a valley of another loss"
 
 
 def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
@@ -140,6 +150,29 @@ def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:
     assert "for 17 unknowns" in told.text and "Do not use this calibration." in told.advice
 
 
+def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
+    problem = fitted.problem
+    close = replace(problem, across_m=0.1 * problem.across_m, along_m=0.1 * problem.along_m)
+    assert at_one_place(close) and not at_one_place(problem)
+    open_pose = {**fitted.intervals, **dict.fromkeys(POSE, OPEN)}
+    found = find(replace(fitted, problem=close, intervals=open_pose), dropped=0)
+    told = [f for f in found.findings if f.code in ("one_place", "not_identified", "range_edge")]
+    assert [f.code for f in told] == ["one_place"], "it is said once"
+    assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
+
+
+@pytest.mark.slow
+def test_a_fit_of_one_place_gives_its_pose_no_interval(truth: Truth) -> None:
+    presses, where = make_session(truth, presses=3000, seed=13)
+    between = np.array([truth.across_m, truth.y_m + 2e-3])
+    near = np.flatnonzero(np.abs(where - between).max(axis=1) < 0.4e-3)[:30]
+    close = _some(presses, near)
+    close.across_m[:], close.along_m[:] = where[near].T
+    result = _fit(pose_problem(rig(), close))
+    assert "one_place" in _codes(result)
+    assert all(result.intervals[name] == OPEN for name in POSE)
+
+
 def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, presses=200, seed=13)[0])
     keep = np.isin(np.arange(len(problem)), np.argsort(-problem.lit.sum(axis=1))[:6])
@@ -177,6 +210,17 @@ def test_no_press_at_all_is_an_error(truth: Truth) -> None:
     )
     with pytest.raises(FitError, match="no press"):
         plan_fit(pose_problem(rig(), silent), BOX, QUICK)
+
+
+def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=20)
+    once, twice = pose_problem(rig(), presses), pose_problem(rig(), _some(presses, np.r_[0:20, 0:20]))
+    np.testing.assert_array_equal(twice.rows, once.rows)
+    assert twice.status[20:] == ("the very numbers of another press",) * 20
+    # The same press made again is another measurement.
+    again = _some(presses, np.r_[0:20, 0:20])
+    again.force_n[20:] *= 1.001
+    assert len(pose_problem(rig(), again)) == 2 * len(once)
 
 
 def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:

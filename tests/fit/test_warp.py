@@ -43,3 +43,11 @@ def test_few_presses_and_presses_on_a_line_say_nothing():
     assert turn_sigma(across, along, np.stack([0.03 * across, 0 * along], axis=1)) == 0.0
     line = np.linspace(-5e-3, 5e-3, 20)
     assert turn_sigma(line, line, np.stack([0.03 * line, line], axis=1)) == 0.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_presses_at_one_place_say_nothing():
+    slack = 0.3e-3 * np.random.default_rng(0).standard_normal((20, 2))
+    one, line = np.full(20, 2e-3), np.linspace(-5e-3, 5e-3, 20)
+    for across, along in ((one, one), (one, line), (line, one)):
+        assert turn_sigma(across, along, slack) == 0.0

@@ -166,7 +166,7 @@ def _bowl() -> GridResult:
         + 40 * (across / 2.4e-3) ** 2
         + 100 * ((y - 0.0241) / 4e-3) ** 2
     )
-    return GridResult(grid, mse, np.full_like(mse, 62.0), np.full_like(mse, 5e-4), mse <= 0.09)
+    return GridResult(grid, mse, np.full_like(mse, 62.0), np.full_like(mse, 5e-4), mse < 0, 1.2)
 
 
 def _calibration(dataset: Dataset, plane: bool) -> Calibration:
@@ -329,7 +329,10 @@ def test_a_misfit_is_said(fitted: Fitted) -> None:
 
 def test_how_the_bound_came_about(fitted: Fitted) -> None:
     result, _, calibration = fitted
-    assert "central 98 %" in bound_story(result, calibration)[0]
+    ours, of_the_grid, *_ = bound_story(result, calibration)
+    assert "central 98 %" in ours and "98 % of the draws leave less than 0.09 counts²" in ours
+    as_good = int((result.grid.mse_counts2 <= 1.2).sum())
+    assert "leaves 1.2 counts² at the best point" in of_the_grid and f"{as_good:,} of its" in of_the_grid
     fixed = replace(result, bound="fixed", valley_mse_counts2=25.0)
     grid = replace(result.grid, in_valley=result.grid.mse_counts2 <= 25.0)
     (story,) = bound_story(replace(fixed, grid=grid), calibration)
@@ -399,10 +402,32 @@ def test_residuals_are_of_touched_taxels_only(fitted: Fitted) -> None:
     found, problem = Residuals.of(result), result.problem
     assert found.touched.sum() == np.isfinite(found.difference).sum() < found.touched.size
     assert not found.touched[~problem.lit & (result.presses.simulated < 1)].any()
+    shown = np.maximum(result.presses.simulated, result.presses.observed)
+    assert found.level_counts >= 4 * problem.noise_sigma_counts
+    np.testing.assert_array_equal(found.touched, (problem.weight > 0) & (shown >= found.level_counts))
     high = replace(problem, saturated=np.ones_like(problem.saturated))
     assert np.nanmax(Residuals.of(replace(result, problem=high)).difference) == 0.0, (
         "at least this much is no error"
     )
+
+
+def test_what_only_noise_lights_has_no_residual(fitted: Fitted) -> None:
+    result = fitted[0]
+    k, j = np.argwhere(~problem_lit(result))[0]
+    lit, observed = result.problem.lit.copy(), result.presses.observed.copy()
+    lit[k, j], observed[k, j] = True, 0.55
+    changed = replace(
+        result,
+        problem=replace(result.problem, lit=lit),
+        presses=replace(result.presses, observed=observed),
+    )
+    assert not Residuals.of(changed).touched[k, j]
+    title = residuals_figure(changed, fitted[1]).get_suptitle()
+    assert "above noise" in title and f"≥ {Residuals.of(changed).level_counts:.2g} counts" in title
+
+
+def problem_lit(result: FitResult) -> np.ndarray:
+    return result.problem.lit | (result.presses.simulated > 0)
 
 
 def titled(figure: Figure, start: str) -> object:
@@ -420,6 +445,18 @@ def test_the_valley_is_the_least_over_the_other_variables(fitted: Fitted) -> Non
         np.testing.assert_allclose(line.get_ydata(), expected)
     assert sum(axes.get_ylabel() == "rmse [counts]" for axes in figure.axes) == 4
     assert len([axes for axes in figure.axes if axes.get_xlabel()]) >= 4
+
+
+def test_levels_in_the_valley_are_of_the_loss_that_is_drawn(fitted: Fitted) -> None:
+    def levels(result: FitResult) -> list[float]:
+        axes = titled(valley_figure(result), "along y")
+        return [float(line.get_ydata()[0]) for line in axes.lines[1:-1]]  # type: ignore[attr-defined]
+
+    assert levels(fitted[0]) == pytest.approx([1.2**0.5, 5.0]), (
+        "the bound of the absolute images is none of them"
+    )
+    fixed = replace(fixed_bound(fitted[0]), valley_mse_counts2=9.0)
+    assert levels(fixed) == pytest.approx([3.0, 5.0])
 
 
 def test_frames_tell_good_from_bad(fitted: Fitted) -> None:
@@ -514,13 +551,13 @@ def without_a_search(result: FitResult) -> FitResult:
     mse = old.mse_counts2[:1, :, :, :1]
     grid = replace(old.grid, alpha_rad=old.grid.alpha_rad[:1], y_m=old.grid.y_m[:1])
     box = replace(result.box, alpha_rad=(0.1, 0.1), y_m=(0.02, 0.02))
-    return replace(result, grid=GridResult(grid, mse, mse, mse, mse <= 0.09), box=box)
+    return replace(result, grid=GridResult(grid, mse, mse, mse, mse < 0, 1.2), box=box)
 
 
 def nothing_searched(result: FitResult) -> FitResult:
     old, one = result.grid.grid, np.ones((1, 1, 1, 1))
     grid = MacroGrid(old.across_m[:1], old.y_m[:1], old.alpha_rad[:1], old.log_elasticity[:1])
-    return replace(result, grid=GridResult(grid, one, one, one, one < 0))
+    return replace(result, grid=GridResult(grid, one, one, one, one < 0, 1.0))
 
 
 def few_presses(result: FitResult) -> FitResult:
