@@ -11,6 +11,7 @@ import numpy as np
 from skincal.calibration import Calibration, check_same_sensor
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
+from skincal.dataset.refusal import refusal
 from skincal.diagnose.base import (
     GUESSED_PA_PER_M,
     GUESSED_PER_N,
@@ -22,7 +23,6 @@ from skincal.diagnose.base import (
 from skincal.diagnose.plan import plan_session
 from skincal.diagnose.session import gap_session
 from skincal.effects.samples import HOLD
-from skincal.errors import WorkError
 from skincal.fit.observe import Readout
 from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
 from skincal.gap.base import BaseColumns, BaseModel, base_columns, resolution_of
@@ -88,7 +88,10 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
         check_same_sensor(calibration, dataset)
     session = gap_session(dataset)
     if not (session.press >= 0).any():
-        raise WorkError("no press of the dataset has a known place and a force: there is nothing to audit")
+        raise refusal(
+            dataset,
+            "no press has a known place and a force: there is nothing to audit. Give x_m, y_m, z_m and force_n",
+        )
     model = guessed_model(dataset, session) if calibration is None else calibrated_model(calibration, dataset)
     session = thinned(model, session)
     base = base_columns(model, session)

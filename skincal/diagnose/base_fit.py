@@ -9,16 +9,25 @@ import numpy as np
 
 from skincal.diagnose.prepare import OFFSET, SELECTION, TRAIN, Prepared, force_variance
 from skincal.gap.faults import Stuck, jumps_under_load, rests_rarely, stuck_taxels, without_stuck
-from skincal.gap.hypothesis import Parameters
+from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.law import law_directions
 from skincal.gap.models import Material, Model, excess_of, scene_of
 from skincal.gap.null import law_error
 from skincal.gap.reading import Reading
-from skincal.gap.refit import Refit, refit
+from skincal.gap.refit import Refit, RefitOptions, refit
 from skincal.gap.relocate import relocated
-from skincal.gap.robust import Dead, Jump, dead_taxels, glitches, jumps, without_jumps, without_presses
+from skincal.gap.robust import (
+    Dead,
+    Jump,
+    dead_taxels,
+    dominating,
+    glitches,
+    jumps,
+    without_jumps,
+    without_presses,
+)
 from skincal.gap.twin import twins_for
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +70,23 @@ def fit_base(ready: Prepared) -> Base:
     jumped = [*shifted, *jumps(values, reading, session, dead)]
     reading = without_jumps(reading, session, jumped[len(shifted) :])
     options = replace(ready.options, settle=0, steps=4)
-    first = refit(first.hypothesis, session, reading, options, learn=known, fixed=beside)
-    if beside is not ready.known_effects:
-        still = replace(options, steps=0)
-        first = refit(first.hypothesis, session, reading, still, learn=known, fixed=ready.known_effects)
+    first = _fitted_beside(ready, first.hypothesis, reading, known, options)
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
     material = Material(session, reading, learn, score, ready.options)
     model = Model(first, (), ready.known_effects)
     return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck))
+
+
+def _fitted_beside(
+    ready: Prepared, start: Hypothesis, reading: Reading, known: BoolArray, options: RefitOptions
+) -> Refit:
+    """The base model's fit beside a high level at rest, which is not in the model that comes out."""
+    session, beside = ready.session, _beside(ready)
+    found = refit(start, session, reading, options, learn=known, fixed=beside)
+    if beside is ready.known_effects:
+        return found
+    still = replace(options, steps=0)
+    return refit(found.hypothesis, session, reading, still, learn=known, fixed=ready.known_effects)
 
 
 def _of_staircase(ready: Prepared, beside: dict[str, Parameters]) -> tuple[Reading, list[Stuck], list[Jump]]:
@@ -113,6 +131,40 @@ def law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArray
         heard(f"null sessions: {twin.name}")
         errors[twin.name] = law_error(hypothesis, material, twin)
     return errors
+
+
+def fit_base_and_law(ready: Prepared, heard: Callable[[str], None]) -> tuple[Base, dict[str, FloatArray]]:
+    """The base model beside what its law may be wrong in, and what each contact law leaves of it (N, J)."""
+    base = fit_base(ready)
+    errors = law_errors(base, heard)
+    base = with_law(base, errors)
+    alone = _dominating(base)
+    if len(alone):
+        base = _without(ready, base, alone)
+        errors = law_errors(base, heard)
+        base = with_law(base, errors)
+    return base, errors
+
+
+def _dominating(base: Base) -> IntArray:
+    m = base.material
+    view = scene_of(base.model, m).part(m.known)
+    seen = m.reading.seen[view.rows]
+    return dominating(view.residual.reshape(seen.shape), seen, m.session.press[view.rows])
+
+
+def _without(ready: Prepared, base: Base, presses: IntArray) -> Base:
+    """A base without presses that were found in it."""
+    m = base.material
+    reading = without_presses(m.reading, m.session.press, presses)
+    options = replace(m.options, settle=0, steps=4)
+    fitted = _fitted_beside(ready, base.model.hypothesis, reading, m.known, options)
+    return replace(
+        base,
+        model=replace(base.model, refit=fitted),
+        material=replace(m, reading=reading),
+        glitches=np.union1d(base.glitches, presses),
+    )
 
 
 def with_law(base: Base, errors: Mapping[str, FloatArray]) -> Base:

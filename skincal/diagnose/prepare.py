@@ -9,11 +9,12 @@ import numpy as np
 from skincal.calibration import Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import Dataset, idle_means
+from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, thinned
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means, sites
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
 from skincal.gap.base import BaseModel
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters
@@ -97,9 +98,10 @@ def prepare(
     whole = gap_session(dataset)
     presses = len(np.unique(whole.press[whole.press >= 0]))
     if presses < FEWEST_PRESSES:
-        raise WorkError(
-            f"{presses} presses with a known place and a force: expected {FEWEST_PRESSES} at least, because some "
-            "are fitted, some choose and some are kept for the end; record more presses"
+        raise refusal(
+            dataset,
+            f"expected {FEWEST_PRESSES} presses with a known place and a force at least, because some are fitted, "
+            f"some choose and some are kept for the end; got {presses}. Record more presses",
         )
     model = calibrated_model(calibration, dataset)
     session = thinned(model, whole)

@@ -16,7 +16,7 @@ from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.audit import audit_dataset
-from skincal.diagnose.base_fit import Base, fit_base, law_errors, of_law, with_law
+from skincal.diagnose.base_fit import Base, fit_base_and_law, of_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
 from skincal.diagnose.findings import findings_of
@@ -80,9 +80,7 @@ def diagnose(
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
     heard("base model")
-    base = fit_base(ready)
-    errors = law_errors(base, heard)
-    base = with_law(base, errors)
+    base, errors = fit_base_and_law(ready, heard)
     scene = scene_of(base.model, base.material)
     heard("sensitivities of the effects")
     library = Library.of(scene)
@@ -156,7 +154,10 @@ def judged(
     something far more than in any of them. It is named if what was named explains most of it.
     """
     little = choice.left <= options.negligible
-    strongest = max((s.times_null for s in signatures), default=0.0)
+    # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave.
+    least = options.choice.least(choice.values)
+    clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
+    strongest = max(clear, default=0.0)
     in_images = [one for one in choice.named if one.name != PLACES]
     if in_images and (little or choice.explained >= options.explained):
         much = 1 - choice.explained > options.unexplained or choice.left > options.much
@@ -164,7 +165,7 @@ def judged(
     if choice.named and not in_images and strongest < options.structure:
         # What lives in the places is taken up by them: the images say nothing for it or against it.
         return "effects", False
-    if choice.named or strongest >= options.structure:
+    if choice.named or (strongest >= options.structure and not little):
         return "unknown", True
     return "none", False
 

@@ -20,6 +20,14 @@ from skincal.gap.models import Material, Model, excess_of, extended, scene_of, w
 
 Heard = Callable[[str], None]
 
+KINDS: tuple[frozenset[str], ...] = (
+    frozenset({"spread", "crosstalk", "ghosting"}),
+    frozenset({"hysteresis", "creep", "rate"}),
+    frozenset({"saturation", "dead_band", "response_curve", "stiffening", "cover"}),
+)
+"""Effects of which one takes up what another's equation leaves over: signals that go to other taxels, memories that
+fade, curves from load to counts."""
+
 
 @dataclass(frozen=True)
 class ChoiceOptions:
@@ -39,7 +47,8 @@ class ChoiceOptions:
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
         related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
-            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess.
+            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess; so is
+            a later one of the same kind (:data:`KINDS`).
         of_related: see ``related``.
         clear: root mean square in units of the noise from which on a later effect is looked at however large the first
             one was.
@@ -168,13 +177,13 @@ def choose(
             measured against what they leave.
     """
     options = options or ChoiceOptions()
-    model, named, rounds, told = before, list[Named](), list[Round](), 0
+    model, named, rounds, told, passed = before, list[Named](), list[Round](), 0, set[str]()
     seen = int((material.reading.seen & material.known[:, None]).sum())
     least = options.least(seen)
     whole = first = left = excess_of(before, material, null_mean)
     while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
         heard(f"round {len(named) + 1}: searching")
-        found = _searched(model, material, library, options, extra or {})
+        found = _searched(model, material, library, options, extra or {}, passed)
         if not found:
             break
         chance = p_value(found[0].effect, found[0].scored)
@@ -192,6 +201,11 @@ def choose(
             break
         if len(named) > told and falls[name] < options.of_related * first:
             known = [one.name for one in named[told:]]
+            if of_one_kind(name, known):
+                # What the equation of the first is not quite right in; something else may still be there.
+                passed.add(name)
+                rounds.pop()
+                continue
             if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
                 break
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
@@ -202,6 +216,11 @@ def choose(
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen)
+
+
+def of_one_kind(name: str, known: Collection[str]) -> bool:
+    """Whether an effect is of a kind with others: equations for the same thing, each right for some skins."""
+    return any(name in kind and not kind.isdisjoint(known) for kind in KINDS)
 
 
 def likeness(scene: Scene, material: Material, first: Round, name: str, known: Sequence[str]) -> float:
@@ -243,7 +262,12 @@ def dropped(
 
 
 def _searched(
-    model: Model, material: Material, library: Library, options: ChoiceOptions, extra: Mapping[str, Start]
+    model: Model,
+    material: Material,
+    library: Library,
+    options: ChoiceOptions,
+    extra: Mapping[str, Start],
+    passed: Collection[str],
 ) -> list[Found]:
     scene = scene_of(model, material)
     views = scene.part(material.learn), scene.part(material.score)
@@ -251,14 +275,15 @@ def _searched(
     first = {
         name: float(library.falls(name, views, residuals)[0][0])
         for name in library.columns
-        if name not in model.names
+        if name not in model.names and name not in passed
     }
     order = sorted(first, key=lambda n: -first[n])[: options.searched]
     names = [
         n for i, n in enumerate(order) if i < options.contenders or first[n] > options.near * first[order[0]]
     ]
     found = [one for name in names if (one := best_of(scene, name, *views)) is not None]
-    found += [search(scene, start, *views) for name, start in extra.items() if name not in model.names]
+    extra = {name: start for name, start in extra.items() if name not in model.names and name not in passed}
+    found += [search(scene, start, *views) for start in extra.values()]
     return sorted(found, key=lambda f: -f.scored)
 
 

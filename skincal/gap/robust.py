@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _GLITCH = 12.0
 """A glitch press has so many times the mean squared residual of all but the worst tenth of presses."""
@@ -26,6 +26,8 @@ _SURE = 200.0
 """Fall of the squared residual that makes a dead taxel or a jump sure."""
 _LEAST_JUMP = 1.5
 _FEWEST = 8
+_MOST_DOMINATING, _FAR_BEYOND, _MUCH_OF_ALL = 2, 3.0, 0.15
+"""Presses that dominate: so many at most, so far beyond the worst tenth, and with so much of what all presses leave."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,46 @@ def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray
         seen: (N, J) where something was read.
         press: (N,) row of the press of each observation.
     """
-    rows = np.unique(press[press >= 0])
+    rows, squares, read = _by_press(residual, seen, press)
     if len(rows) < _FEWEST:
         return rows[:0]
-    mean = np.array([(residual[press == row] ** 2).sum() / max(1, seen[press == row].sum()) for row in rows])
+    mean = squares / np.maximum(read, 1)
     usual = max(1.0, float(np.quantile(mean, 0.9)))
     wild = mean > _GLITCH * usual
     return rows[wild] if wild.sum() <= max(1, _MOST_GLITCHES * len(rows)) else rows[:0]
+
+
+def dominating(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
+    """Rows of the presses, one or two, that hold much of what all presses leave beyond noise.
+
+    One press is no evidence: at the border of the patch, or where a place was read from the wrong side of a taxel, a
+    single press differs by more than a weak effect does in all others together.
+
+    Args:
+        residual: (N, J) whitened, of a fitted model.
+        seen: (N, J) where something was read.
+        press: (N,) row of the press of each observation.
+    """
+    rows, squares, read = _by_press(residual, seen, press)
+    if len(rows) < _FEWEST:
+        return rows[:0]
+    excess = squares - read
+    usual = max(0.0, float(np.quantile(excess, 0.9)))
+    whole = float(np.maximum(excess, 0.0).sum())
+    most = np.argsort(-excess)[:_MOST_DOMINATING]
+    much = max(_SURE, _FAR_BEYOND * usual, _MUCH_OF_ALL * whole)
+    return np.sort(rows[most[excess[most] > much]])
+
+
+def _by_press(
+    residual: FloatArray, seen: BoolArray, press: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows of the presses (P,), the sum of squares of each and how many values were read of it."""
+    pressed = press >= 0
+    rows, owner = np.unique(press[pressed], return_inverse=True)
+    squares = np.bincount(owner, (residual[pressed] ** 2).sum(axis=1), len(rows))
+    read = np.bincount(owner, seen[pressed].sum(axis=1), len(rows))
+    return rows, as_floats(squares), as_floats(read)
 
 
 def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> list[Dead]:

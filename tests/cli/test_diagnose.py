@@ -151,7 +151,7 @@ def test_other_sensor_and_too_few_presses(
     write_calibration(calibration(), tmp_path / "good")
     write_dataset(session(presses=8), tmp_path / "few")
     assert run("diagnose", tmp_path / "few", tmp_path / "good", "--out", tmp_path / "new") == 1
-    assert "record more presses" in capsys.readouterr().err
+    assert "Record more presses" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 

@@ -111,7 +111,7 @@ def test_no_places_and_too_few_presses_are_refused():
     with pytest.raises(InputError, match="Only of uniform pressure"):
         ready(nowhere)
     few = replace(still(), presses=still().presses.select(np.arange(11)))
-    with pytest.raises(WorkError, match=r"11 presses .* expected 12"):
+    with pytest.raises(WorkError, match=r"expected 12 presses .* got 11"):
         ready(few)
 
 
@@ -139,6 +139,13 @@ def test_verdicts(named: bool, left: float, times: float, said: tuple[str, bool]
     choice = Choice(cast("Any", None), cast("Any", None), names, (), (100.0, left), 200)
     sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, times)
     assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
+
+
+def test_what_is_sure_but_weaker_than_any_effect_that_is_named_is_nothing():
+    sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, 50.0)
+    for values, said in ((200, ("unknown", True)), (4000, ("none", False))):
+        choice = Choice(cast("Any", None), cast("Any", None), (), (), (100.0, 100.0), values)
+        assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
 
 
 def test_a_small_part_of_very_much_is_still_something():

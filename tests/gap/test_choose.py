@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, scene_of
 
+from skincal.effects import EFFECTS
 from skincal.gap.candidates import best_of
-from skincal.gap.choose import Choice, ChoiceOptions, Named, Round, choose, dropped, likeness
+from skincal.gap.choose import (
+    KINDS,
+    Choice,
+    ChoiceOptions,
+    Named,
+    Round,
+    choose,
+    dropped,
+    likeness,
+    of_one_kind,
+)
 from skincal.gap.library import Library
 from skincal.gap.models import Model, excess_of, extended, without
 from skincal.gap.null import Null, simulate_null
@@ -193,3 +204,23 @@ def test_likeness_is_one_for_the_same_and_little_for_what_acts_otherwise():
     # What was not searched is like nothing.
     assert likeness(of.scene, material, first, "spread", ["hysteresis"]) == 0.0
     assert likeness(of.scene, material, first, "hysteresis", []) == 0.0
+
+
+def test_equations_for_the_same_thing_are_of_one_kind():
+    assert of_one_kind("crosstalk", ["shear", "spread"]) and of_one_kind("creep", ["hysteresis"])
+    assert not of_one_kind("crosstalk", ["hysteresis", "taxel_gain"]) and not of_one_kind("shear", ["shear"])
+    assert {name for kind in KINDS for name in kind} <= set(EFFECTS)
+    assert sum(len(kind) for kind in KINDS) == len({name for kind in KINDS for name in kind})
+
+
+def test_what_the_equation_of_the_first_leaves_is_passed_over():
+    one = made({"crosstalk": {"leak": 0.05}, "ghosting": {"row_leak": 0.012, "column_leak": 0.012}})
+    model = based(one)
+    of = Case(one, model, scene_of(one, model))
+    library = Library.of(of.scene, ("crosstalk", "ghosting"))
+    errors = {"fitted": np.zeros_like(of.scene.zero)}
+    null = simulate_null(of.scene, one.material, library, errors, 100, np.random.default_rng(0))
+    assert named(chosen(of, (library, null))) == ("crosstalk",)
+    # It is there, and named where so small a part of a kind may be.
+    both = ChoiceOptions(of_related=0.0, of_all=0.0, share_later=0.2)
+    assert set(named(chosen(of, (library, null), both))) == {"crosstalk", "ghosting"}

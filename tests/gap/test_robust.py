@@ -16,6 +16,7 @@ from skincal.gap.robust import (
     Dead,
     Jump,
     dead_taxels,
+    dominating,
     glitches,
     jumps,
     without_jumps,
@@ -60,6 +61,29 @@ def test_what_many_presses_do_is_no_glitch():
     few = np.ones(6)
     few[2] = 50.0
     assert glitches(*noise_of(few)).tolist() == []
+
+
+def test_one_press_that_holds_much_of_all_that_is_left_dominates():
+    scale = np.ones(4 * PRESSES)
+    scale[7] = 2.2
+    assert dominating(*noise_of(scale)).tolist() == [7]
+    assert glitches(*noise_of(scale)).tolist() == []
+    scale[7] = 1.4
+    assert dominating(*noise_of(scale)).tolist() == []
+
+
+def test_what_many_presses_show_is_not_left_out_for_dominating():
+    scale = np.ones(4 * PRESSES)
+    scale[::8] = 2.2
+    assert dominating(*noise_of(scale)).tolist() == []
+    scale[7], scale[9], scale[11] = 8.0, 7.5, 7.0
+    assert len(dominating(*noise_of(scale))) == 2
+
+
+def test_few_presses_are_all_kept():
+    scale = np.ones(6)
+    scale[2] = 50.0
+    assert dominating(*noise_of(scale)).tolist() == []
 
 
 def test_a_press_counts_by_what_was_read_of_it():
