@@ -38,7 +38,7 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
         title: above it all.
     """
     with style():
-        figure = new_figure(3.4 * len(runs) + 0.6, 3.9, title)
+        figure = new_figure(3.4 * len(runs) + 0.6, 4.2, title)
         all_axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
         for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
             _draw_taxels(axes, layout)
@@ -67,7 +67,8 @@ def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
             axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("tracking error [mm]")
-        axes.set_ylim(bottom=0)
+        # Room above the curves for a line of the legend each.
+        axes.set_ylim(0, axes.get_ylim()[1] * (1 + 0.09 * len(scores)))
         axes.set_xlim(left=0)
         axes.grid(axis="y")
         axes.legend(loc="upper left")
