@@ -33,7 +33,8 @@ SeedOption = Annotated[
 
 def example(*commands: str) -> str:
     """The end of a verb's help: what a person types."""
-    return "**Example:** " + " · ".join(f"`{command}`" for command in commands)
+    # The first line tells click to keep the lines as they are.
+    return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
 
 
 def print_json(content: Mapping[str, Any]) -> None:

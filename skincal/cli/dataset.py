@@ -24,7 +24,8 @@ app = typer.Typer(
 
 
 @app.command(
-    epilog=example("skincal dataset check data/paper-like", "skincal dataset check data/paper-like --json")
+    short_help="Check every file, and name everything that is wrong.",
+    epilog=example("skincal dataset check data/paper-like", "skincal dataset check data/paper-like --json"),
 )
 def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     """Check every file of a dataset, and name everything that is wrong, with file, column and row.
@@ -50,7 +51,10 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
         typer.echo(f"{dataset}: good, {len(found.dataset.presses)} presses, {count}")
 
 
-@app.command(epilog=example("skincal dataset show data/paper-like --out paper.png"))
+@app.command(
+    short_help="Show what is in it: a summary, and a picture.",
+    epilog=example("skincal dataset show data/paper-like --out paper.png"),
+)
 def show(
     dataset: DatasetArgument,
     out: Annotated[

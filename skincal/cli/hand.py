@@ -58,7 +58,10 @@ def list_drivers(as_json: JsonOption = False) -> None:
             typer.echo(line)
 
 
-@app.command(epilog=example("skincal hand show", "skincal hand show my_hand/hand.toml --json"))
+@app.command(
+    short_help="Show a hand: joints, limits, fingers, indenter.",
+    epilog=example("skincal hand show", "skincal hand show my_hand/hand.toml --json"),
+)
 def show(
     hand: Annotated[
         str, typer.Argument(metavar="[HAND]", help="Name of a hand, or its hand.toml.")
@@ -81,10 +84,11 @@ def show(
 
 
 @app.command(
+    short_help="Run the contract against a driver.",
     epilog=example(
         "skincal hand test sim --driver-option seed=3",
         "skincal hand test my_package.my_hand:MyHand --driver-option port=/dev/ttyUSB0 --no-move",
-    )
+    ),
 )
 def test(
     driver: Annotated[
@@ -126,7 +130,9 @@ def test(
         raise typer.Exit(1)
 
 
-@app.command(epilog=example("skincal hand keys --out keys"))
+@app.command(
+    short_help="Make the key pairs of a hand that is served.", epilog=example("skincal hand keys --out keys")
+)
 def keys(
     out: Annotated[Path, typer.Option("--out", help="Folder for the keys.", show_default=False)],
     as_json: JsonOption = False,

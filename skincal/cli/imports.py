@@ -71,6 +71,7 @@ TopicsOption = Annotated[
 
 @app.command(
     "csv",
+    short_help="Of text files: presses row by row, or a time series.",
     epilog=example(
         "skincal import csv --template > mapping.toml",
         "skincal import csv mapping.toml presses.csv --out dataset",
@@ -92,6 +93,7 @@ def import_csv(
 
 @app.command(
     "rosbag",
+    short_help="Of ROS 1 or ROS 2 bags: their streams on one clock.",
     epilog=example(
         "skincal import rosbag --template > mapping.toml",
         "skincal import rosbag --topics session.bag",

@@ -23,7 +23,8 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
+    # Plain help: boxes and colours take as long to import as all the rest of it.
+    rich_markup_mode=None,
     epilog=example("skincal fit data/paper-like --out cal"),
 )
 

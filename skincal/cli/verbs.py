@@ -25,12 +25,21 @@ def register(app: typer.Typer) -> None:
     app.add_typer(dataset.app, name="dataset")
     app.add_typer(imports.app, name="import")
     app.add_typer(hand.app, name="hand")
-    app.command("serve-hand", epilog=serve_hand.EPILOG)(serve_hand.serve_hand)
-    app.command("collect", epilog=collect.EPILOG)(collect.collect)
-    app.command("fit", epilog=fit.EPILOG)(fit.fit)
-    app.command("predict", epilog=predict.EPILOG)(predict.predict)
-    app.command("audit", epilog=audit.EPILOG)(audit.audit)
-    app.command("diagnose", epilog=diagnose.EPILOG)(diagnose.diagnose)
-    app.command("export-dr", epilog=export_dr.EPILOG)(export_dr.export_dr)
-    app.command("train", epilog=train.EPILOG)(train.train)
-    app.command("eval", epilog=evaluation.EPILOG)(evaluation.evaluate)
+    # Help cuts a line of the list of verbs at 62 characters, so each verb has a line that is shorter.
+    for verb, function, epilog, line in (
+        ("collect", collect.collect, collect.EPILOG, "Press the skin with the hand's own indenter."),
+        ("fit", fit.fit, fit.EPILOG, "Fit pose, elasticity and scale to the presses of a dataset."),
+        ("predict", predict.predict, predict.EPILOG, "Write a dataset as a calibration predicts it."),
+        ("audit", audit.audit, audit.EPILOG, "Tell which effects presses can show, and how weak."),
+        ("diagnose", diagnose.diagnose, diagnose.EPILOG, "Find what the model lacks, name it and add it."),
+        ("export-dr", export_dr.export_dr, export_dr.EPILOG, "Write the ranges to train a policy over."),
+        ("train", train.train, train.EPILOG, "Train a policy with soft actor-critic."),
+        ("eval", evaluation.evaluate, evaluation.EPILOG, "Evaluate policies side by side, as published."),
+        (
+            "serve-hand",
+            serve_hand.serve_hand,
+            serve_hand.EPILOG,
+            "Serve a hand to another computer or program.",
+        ),
+    ):
+        app.command(verb, epilog=epilog, short_help=line)(function)

@@ -52,6 +52,17 @@ def test_help_imports_nothing_heavy() -> None:
     assert not {name.split(".")[0] for name in done.stdout.split()} & set(SLOW)
 
 
+@pytest.mark.parametrize("path", [(), ("dataset",), ("import",), ("hand",)], ids=" ".join)
+def test_no_line_of_the_list_of_verbs_is_cut(
+    path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([*path, "--help"])
+    commands = capsys.readouterr().out.partition("Commands:")[2]
+    assert commands
+    assert "..." not in commands
+
+
 @pytest.mark.parametrize("path", VERBS, ids=" ".join)
 def test_every_verb_has_an_example_and_help(
     path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
