@@ -61,7 +61,10 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 
 
 def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
-    """What was tried in each round: scores on the presses that choose, and what a full fit explained."""
+    """What was tried in each round: scores on the presses that choose, and what a full fit explained.
+
+    An effect that was passed over explained most, but no more than another of its kind leaves over.
+    """
     null = diagnosis.null
     return [
         [
@@ -70,6 +73,7 @@ def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
                 "score": f.scored,
                 "p_value": null.p_value(f.effect, f.scored),
                 "explained_by_full_fit": one.falls.get(f.effect),
+                "passed_over": f.effect == one.passed_over,
             }
             for f in one.found
         ]

@@ -10,7 +10,7 @@ effects allowed. At the end each named effect is dropped in turn, and stays out 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -107,12 +107,17 @@ class Round:
         excess: squared residual beyond noise before it, over the presses that choose.
         falls: fall of the squared residual by a full fit, of the contenders.
         fits: the full fits.
+        taken: the effect that was named for it; None where nothing was.
+        passed_over: the effect that explained most, but only what one of its own kind leaves over; None where that
+            did not happen.
     """
 
     found: tuple[Found, ...]
     excess: float
     falls: Mapping[str, float]
     fits: Mapping[str, Model] = field(default_factory=dict[str, Model])
+    taken: str | None = None
+    passed_over: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,10 +209,11 @@ def choose(
             if of_one_kind(name, known):
                 # What the equation of the first is not quite right in; something else may still be there.
                 passed.add(name)
-                rounds.pop()
+                rounds[-1] = replace(rounds[-1], passed_over=name)
                 continue
             if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
                 break
+        rounds[-1] = replace(rounds[-1], taken=name)
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
         model, left = best, left - falls[name]

@@ -47,10 +47,10 @@ def candidates_figure(found: Diagnosis) -> Figure:
         axes[0].set_xscale("log")
         _draw_null(axes[0], null)
         for k, (own, one) in enumerate(zip(axes[1:], rounds, strict=True)):
-            named = found.choice.named[k] if k < len(found.choice.named) else None
+            named = next((n for n in found.choice.named if n.name == one.taken), None)
             word = "named" if found.effects else "comes closest"
             _draw_round(own, one, null, () if named is None else named.consistent_with, word)
-            own.set_title(_title(k, named is not None))
+            own.set_title(_title(k, one))
         critical = critical_score(found)
         highest = max([float(null.best.max()), critical, *(units(null, r).max(initial=1.0) for r in rounds)])
         axes[0].set_xlim(LEAST, 14.0 * highest)
@@ -76,10 +76,13 @@ def units(null: Null, one: Round) -> FloatArray:
     return np.array([f.scored / null.unit(f.effect) for f in one.found])
 
 
-def _title(number: int, named: bool) -> str:
-    if number == 0:
-        return "Round 1: beside the base model" + ("" if named else ": nothing was added")
-    return f"Round {number + 1}: beside what was added before" + ("" if named else ": nothing was added")
+def _title(number: int, one: Round) -> str:
+    """What a round was, and how it ended."""
+    if one.passed_over is not None:
+        end = f": {one.passed_over} is what a named effect of its kind leaves over, and was passed over"
+    else:
+        end = ": nothing was added" if one.taken is None else ""
+    return f"Round {number + 1}: beside " + ("the base model" if number == 0 else "what was added before") + end
 
 
 def _draw_null(axes: Axes, null: Null) -> None:

@@ -220,7 +220,10 @@ def test_what_the_equation_of_the_first_leaves_is_passed_over():
     library = Library.of(of.scene, ("crosstalk", "ghosting"))
     errors = {"fitted": np.zeros_like(of.scene.zero)}
     null = simulate_null(of.scene, one.material, library, errors, 100, np.random.default_rng(0))
-    assert named(chosen(of, (library, null))) == ("crosstalk",)
+    choice = chosen(of, (library, null))
+    assert named(choice) == ("crosstalk",)
+    # What was passed over is told.
+    assert [(r.taken, r.passed_over) for r in choice.rounds[:2]] == [("crosstalk", None), (None, "ghosting")]
     # It is there, and named where so small a part of a kind may be.
     both = ChoiceOptions(of_related=0.0, of_all=0.0, share_later=0.2)
     assert set(named(chosen(of, (library, null), both))) == {"crosstalk", "ghosting"}
