@@ -12,6 +12,7 @@ from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
 from skincal.fit.observe import Readout, clipped_share, observe
 from skincal.gap.base import BaseModel, resolution_of
+from skincal.gap.idle_noise import idle_noise
 from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter, rounding
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
@@ -108,10 +109,11 @@ def floor_of(
     presses, frames = dataset.presses, dataset.frames
     seen = observe(presses.counts, readout)
     rest_scatter = seen.rest_sigma_counts
-    of_frames, of_repeats, hold_frames = nothing, nothing, 1.0
+    of_frames, of_repeats, hold_frames, idle = nothing, nothing, 1.0, None
     if frames is not None:
         groups = hold_groups(dataset)
         of_frames = frame_scatter(frames.counts, groups, readout)
+        idle = idle_noise(frames.counts[frames.press < 0], readout)
         held = np.bincount(groups[groups >= 0])
         hold_frames = float(np.median(held[held > 0])) if held.any() else 1.0
     elif np.isfinite(seen.frame_sigma_counts):
@@ -123,7 +125,8 @@ def floor_of(
         if readout.value_max is not None:
             use &= counts < readout.value_max - 4
         of_repeats = repeat_scatter(counts, first, second, press_slopes, use)
-    return noise_floor(of_frames, of_repeats, rest_means(dataset), rest_scatter, hold_frames, readout, rng)
+    rest = rest_means(dataset)
+    return noise_floor(of_frames, of_repeats, rest, rest_scatter, hold_frames, readout, rng, idle)
 
 
 def _frames_of_a_mean(sigma: float, rest_scatter: float, readout: Readout) -> float:

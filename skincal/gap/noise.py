@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import chi2
 
 from skincal.fit.observe import Readout, clipped_share, expected_counts, noise_from_rest
+from skincal.gap.idle_noise import IdleNoise
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 ROUNDING_COUNTS = float(1 / np.sqrt(12))
@@ -20,6 +22,10 @@ ROUNDING_COUNTS = float(1 / np.sqrt(12))
 LEAST_COUNTS = 0.02
 _MARGIN = 4.0
 _FEWEST = 6
+_USUAL = 0.999
+_WIDTH = 1.96
+_AGREE = 3.0
+"""Estimates further apart than so many standard errors are not of the same noise."""
 _RESAMPLES = 200
 
 
@@ -30,7 +36,8 @@ class NoiseFloor:
     Attributes:
         frame_counts: of a frame, before rounding and clipping.
         frame_interval: where that lies.
-        frame_from: ``hold frames``, ``clipped rest``, ``hold means`` or ``assumed``.
+        frame_from: ``hold and idle frames``, ``hold frames``, ``idle frames``, ``clipped rest``, ``hold means`` or
+            ``assumed``.
         mean_counts: of a hold mean.
         mean_interval: where that lies.
         mean_from: ``repeats``, or how the frame's noise was found.
@@ -147,27 +154,30 @@ def pooled(
 ) -> tuple[float, tuple[float, float]]:
     """Standard deviation of groups pooled robustly, and its interval by drawing groups again.
 
-    A glitch in one group must not raise the floor: of the groups' variances the weighted median is taken.
+    A glitch in one group must not raise the floor: groups far above the weighted median of the variances are left
+    out, and the mean of the others is taken, which scatters a third less than the median.
     """
     keep = freedom > 0
     squares, freedom = squares[keep], freedom[keep]
     if not len(squares):
         return float("nan"), (float("nan"), float("nan"))
-    best = _median_deviation(squares, freedom)
+    best = _robust_deviation(squares, freedom)
     drawn = rng.integers(0, len(squares), (_RESAMPLES, len(squares)))
-    again = [_median_deviation(squares[d], freedom[d]) for d in drawn]
+    again = [_robust_deviation(squares[d], freedom[d]) for d in drawn]
     low, high = np.quantile(again, [0.025, 0.975])
     return best, (float(min(low, best)), float(max(high, best)))
 
 
-def _median_deviation(squares: FloatArray, freedom: FloatArray) -> float:
+def _robust_deviation(squares: FloatArray, freedom: FloatArray) -> float:
+    """The groups' mean variance, without those that scatter more than chance lets one in a thousand."""
     variance = squares / freedom
     order = np.argsort(variance)
     weight = np.cumsum(freedom[order])
     middle = variance[order][np.searchsorted(weight, weight[-1] / 2)]
     # The median of a chi-square over its mean, for the usual number of degrees of freedom.
-    usual = float(np.median(freedom))
-    return float(np.sqrt(middle / (1 - 2 / (9 * usual)) ** 3))
+    middle /= (1 - 2 / (9 * float(np.median(freedom)))) ** 3
+    kept = variance <= middle * chi2.ppf(_USUAL, freedom) / freedom
+    return float(np.sqrt(squares[kept].sum() / freedom[kept].sum()))
 
 
 def noise_floor(
@@ -178,8 +188,12 @@ def noise_floor(
     hold_frames: float,
     readout: Readout,
     rng: np.random.Generator,
+    idle: IdleNoise | None = None,
 ) -> NoiseFloor:
     """The floor from all there is.
+
+    Frames in the hold and idle ones are taken together where they agree. Where they do not, something drifts at rest
+    or grows with the load, and the hold is what residuals are measured in.
 
     Args:
         frames: of ``frame_scatter``; empty where there are no frames.
@@ -189,6 +203,7 @@ def noise_floor(
         hold_frames: frames of a hold mean; 1 where not known.
         readout: the converter.
         rng: for intervals.
+        idle: what idle frames say; None: nothing.
     """
     added = rounding(readout)
     frame, interval = pooled(*frames, rng)
@@ -196,6 +211,16 @@ def noise_floor(
     if np.isfinite(frame):
         frame, *ends = (_without(value, added) for value in (frame, *interval))
         interval = (ends[0], ends[1])
+        error = (interval[1] - interval[0]) / (2 * _WIDTH)
+        if idle is not None and idle.known and error > 0:
+            both = float(np.hypot(error, idle.error_counts))
+            if abs(frame - idle.sigma_counts) < _AGREE * both:
+                share = (idle.error_counts / both) ** 2
+                frame = share * frame + (1 - share) * idle.sigma_counts
+                interval, source = _about(frame, error * idle.error_counts / both), "hold and idle frames"
+    elif idle is not None and idle.known:
+        frame, interval = idle.sigma_counts, _about(idle.sigma_counts, idle.error_counts)
+        source = "idle frames"
     elif np.isfinite(frame := noise_from_rest(_middle(rest_means), readout)):
         source = "clipped rest"
         drawn = rng.integers(0, len(rest_means), (_RESAMPLES, len(rest_means)))
@@ -209,9 +234,13 @@ def noise_floor(
     repeat, repeat_interval = pooled(*repeats, rng)
     mean, *ends = (float(np.hypot(v, added) / np.sqrt(hold_frames)) for v in (frame, *interval))
     mean_interval, mean_from = (ends[0], ends[1]), source
-    if repeat < mean and source != "hold frames":
+    if repeat < mean and "frames" not in source:
         mean, mean_interval, mean_from = repeat, repeat_interval, "repeats"
     return NoiseFloor(frame, interval, source, mean, mean_interval, mean_from, added, repeat, repeat_interval)
+
+
+def _about(value: float, error: float) -> tuple[float, float]:
+    return value - _WIDTH * error, value + _WIDTH * error
 
 
 def _middle(values: FloatArray) -> float:

@@ -82,7 +82,9 @@ def _title(number: int, one: Round) -> str:
         end = f": {one.passed_over} is what a named effect of its kind leaves over, and was passed over"
     else:
         end = ": nothing was added" if one.taken is None else ""
-    return f"Round {number + 1}: beside " + ("the base model" if number == 0 else "what was added before") + end
+    return (
+        f"Round {number + 1}: beside " + ("the base model" if number == 0 else "what was added before") + end
+    )
 
 
 def _draw_null(axes: Axes, null: Null) -> None:
