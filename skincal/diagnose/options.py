@@ -20,6 +20,8 @@ class DiagnoseOptions:
         unexplained: part of the excess that may be left before a diagnosis says that something is.
         much: root mean square, in units of the noise, that is said to be left however much was explained.
         negligible: root mean square in units of the noise that may always be left.
+        background: the same beside effects that are named: where the contact law is another than the model's, nearly
+            as much is left when nothing is hidden.
         reach_m: how far a press is looked for from its measured place where the dataset does not bound it [m].
     """
 
@@ -30,6 +32,7 @@ class DiagnoseOptions:
     unexplained: float = 0.12
     much: float = 0.5
     negligible: float = 0.15
+    background: float = 0.25
     reach_m: float = 2e-3
 
 

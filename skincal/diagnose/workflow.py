@@ -159,9 +159,10 @@ def judged(
     clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
     strongest = max(clear, default=0.0)
     in_images = [one for one in choice.named if one.name != PLACES]
-    if in_images and (little or choice.explained >= options.explained):
+    no_more = choice.left <= options.background
+    if in_images and (no_more or choice.explained >= options.explained):
         much = 1 - choice.explained > options.unexplained or choice.left > options.much
-        return "effects", not little and much
+        return "effects", not no_more and much
     if choice.named and not in_images and strongest < options.structure:
         # What lives in the places is taken up by them: the images say nothing for it or against it.
         return "effects", False

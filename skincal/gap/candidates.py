@@ -46,6 +46,13 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
 }
 """Forms from which an effect is searched; one start, the default, for all others."""
 
+FEWER: Mapping[str, tuple[frozenset[str], ...]] = {
+    "gain_drift": (frozenset({"settling", "settling_time_s"}),),
+    "baseline_drift": (frozenset({"settling_counts", "settling_time_s"}),),
+}
+"""Parameters without which an effect is searched as well: what settles, in the time of presses that are not learned
+from, can be anything where something else drifts."""
+
 FIRST_STEP = 0.25
 """A strength's first step [typical values]: some effects are flat at neutral."""
 _STEP = 0.03
@@ -142,8 +149,14 @@ class Bench:
             return []
         looked = self.session.taxels
         found: list[Start] = []
-        for forms in FORMS.get(name, ({},)):
+        ways = [(forms, frozenset[str]()) for forms in FORMS.get(name, ({},))]
+        ways += [({}, left_out) for left_out in FEWER.get(name, ())]
+        for forms, left_out in ways:
             coords = coordinates(effect, self.sizes, self.lacking, forms)
+            fewer = tuple(c for c in coords if c.parameter.name not in left_out)
+            if left_out and strengths(fewer).sum() == strengths(coords).sum():
+                continue
+            coords = fewer
             if looked is not None:
                 coords = tuple(
                     c for c in coords if c.parameter.shape != "per-taxel" or c.index in set(looked.tolist())
@@ -345,7 +358,13 @@ def secant(scene: Scene, start: Start, k: int) -> FloatArray:
 
 
 def best_of(scene: Scene, name: str, learn: View, score: View) -> Found | None:
-    """The best of all searches for an effect; None where there is nothing to search."""
+    """The best of all searches for an effect; None where there is nothing to search.
+
+    It is the one that explains most of what is learned from, unless that holds for no other presses.
+    """
     way = straight if name in OF_PLACES else search
     found = [way(scene, start, learn, score) for start in scene.bench.starts(name)]
-    return max(found, key=lambda f: f.learned) if found else None
+    if not found:
+        return None
+    best = max(found, key=lambda f: f.learned)
+    return best if best.scored > 0 else max(found, key=lambda f: f.scored)

@@ -45,6 +45,8 @@ class Library:
     def falls(self, name: str, views: tuple[View, View], residuals: Pair) -> Pair:
         """What an effect's best form explains (D,) of the presses learned from, and of those that score.
 
+        Which form is best is told as :func:`skincal.gap.candidates.best_of` tells it.
+
         Args:
             name: of the effect.
             views: of the presses learned from and of those that score.
@@ -53,6 +55,8 @@ class Library:
         found = [_falls(start, columns, views, residuals) for start, columns in self.columns[name]]
         learned, scored = (np.stack([f[i] for f in found]) for i in (0, 1))
         best = np.argmax(learned, axis=0)[None]
+        held = np.take_along_axis(scored, best, 0) > 0
+        best = np.where(held, best, np.argmax(scored, axis=0)[None])
         return np.take_along_axis(learned, best, 0)[0], np.take_along_axis(scored, best, 0)[0]
 
 

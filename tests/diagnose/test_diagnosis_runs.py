@@ -148,6 +148,18 @@ def test_what_is_sure_but_weaker_than_any_effect_that_is_named_is_nothing():
         assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
 
 
+def test_beside_a_named_effect_as_much_may_be_left_as_another_contact_law_leaves():
+    sign = Signature("neighbours", "the mean of the neighbours", 0.5, 0.01, 50.0)
+    names = (Named("spread", ("spread",), 0.5, 0.01),)
+    for named, left, said in (
+        (names, 11.0, ("effects", False)),
+        (names, 15.0, ("unknown", True)),
+        ((), 11.0, ("unknown", True)),
+    ):
+        choice = Choice(cast("Any", None), cast("Any", None), named, (), (20.0, left), 200)
+        assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
+
+
 def test_a_small_part_of_very_much_is_still_something():
     names = (Named("creep", ("creep",), 0.9, 0.01),)
     for left, said in ((5.0, True), (0.1, False)):

@@ -10,7 +10,7 @@ from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Case, arrays, case, made, 
 from model.model_shapes import sphere_mesh
 
 from skincal.effects import COVARIATES, EFFECTS
-from skincal.gap.candidates import FORMS, Bench, Found, Scene, View, best_of, search, straight
+from skincal.gap.candidates import FEWER, FORMS, Bench, Found, Scene, View, best_of, search, straight
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 
@@ -59,11 +59,37 @@ def test_values_beside_an_effect_that_is_there_already():
 @pytest.mark.parametrize("name", [name for name in EFFECTS if name != "dead_taxel"])
 def test_every_effect_is_searched_from_each_of_its_forms(name: str):
     starts = bench().starts(name)
-    assert len(starts) == len(FORMS.get(name, [{}]))
-    for start, forms in zip(starts, FORMS.get(name, [{}]), strict=True):
+    whole = len(FORMS.get(name, [{}]))
+    assert len(starts) == whole + len(FEWER.get(name, ()))
+    for start, left_out in zip(starts[whole:], FEWER.get(name, ()), strict=True):
+        names = {p.name for p in EFFECTS[name].parameters}
+        assert left_out < names and {c.parameter.name for c in start.coords} == names - left_out
+    for start, forms in zip(starts[:whole], FORMS.get(name, [{}]), strict=True):
         assert start.effect == name and any(c.is_strength for c in start.coords)
         assert {c.parameter.name: c.start for c in start.coords if c.parameter.name in forms} == forms
         assert {c.parameter.name for c in start.coords} == {p.name for p in EFFECTS[name].parameters}
+
+
+def test_drift_without_time_has_nothing_to_leave_out():
+    untimed = bench(**{COVARIATES["time"]: None})
+    for name in FEWER:
+        assert len(untimed.starts(name)) == len(FORMS[name])
+
+
+def test_a_form_that_holds_for_no_other_presses_gives_way(monkeypatch: pytest.MonkeyPatch):
+    of = case("hysteresis")
+    starts = of.scene.bench.starts("hysteresis")
+    falls = iter([(100.0, -50.0), (40.0, 20.0), (60.0, 5.0)])
+
+    def found(scene: Scene, start: Start, learn: View, score: View) -> Found:
+        return Found(start, np.zeros(len(start.coords)), *next(falls))
+
+    monkeypatch.setattr("skincal.gap.candidates.search", found)
+    best = best_of(of.scene, "hysteresis", *views(of))
+    assert best is not None and best.scored == 20.0 and best.start.coords == starts[1].coords
+    falls = iter([(100.0, 1.0), (40.0, 20.0), (60.0, 5.0)])
+    best = best_of(of.scene, "hysteresis", *views(of))
+    assert best is not None and best.learned == 100.0
 
 
 def test_dead_taxels_are_not_searched():
