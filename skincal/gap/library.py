@@ -17,7 +17,7 @@ import numpy as np
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import Scene, Start, View, secant
 from skincal.gap.free import priors, strengths
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 Pair = tuple[FloatArray, FloatArray]
 
@@ -54,9 +54,9 @@ class Library:
         """
         found = [_falls(start, columns, views, residuals) for start, columns in self.columns[name]]
         learned, scored = (np.stack([f[i] for f in found]) for i in (0, 1))
-        best = np.argmax(learned, axis=0)[None]
-        held = np.take_along_axis(scored, best, 0) > 0
-        best = np.where(held, best, np.argmax(scored, axis=0)[None])
+        best: IntArray = np.argmax(learned, axis=0)[None]
+        lost: BoolArray = np.take_along_axis(scored, best, 0) <= 0
+        best[lost] = np.argmax(scored, axis=0)[None][lost]
         return np.take_along_axis(learned, best, 0)[0], np.take_along_axis(scored, best, 0)[0]
 
 

@@ -10,7 +10,7 @@ from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Case, arrays, case, made, 
 from model.model_shapes import sphere_mesh
 
 from skincal.effects import COVARIATES, EFFECTS
-from skincal.gap.candidates import FEWER, FORMS, Bench, Found, Scene, View, best_of, search, straight
+from skincal.gap.candidates import FEWER, FORMS, Bench, Found, Scene, Start, View, best_of, search, straight
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 
