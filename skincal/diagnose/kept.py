@@ -15,7 +15,7 @@ from skincal.gap.null import Null, simulate_null
 from skincal.model import Cylinder, FlatPunch, Plane, Sphere
 from skincal.model.arrays import FloatArray
 
-_SCORE, _SIGNATURE, _MEAN = "score ", "signature ", "mean"
+_SCORE, _SIGNATURE, _MEAN, _BEYOND = "score ", "signature ", "mean", "beyond"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +51,17 @@ class Kept:
                 **{_SCORE + name: own for name, own in null.scores.items()},
                 **{_SIGNATURE + name: own for name, own in null.signatures.items()},
                 _MEAN: np.array(null.mean_square),
+                _BEYOND: null.beyond,
             }
 
-        names = (*errors, *library.columns, *signatures, draws, self.seed)
+        starts = [(name, [s.coords for s, _ in own]) for name, own in library.columns.items()]
+        names = (*errors, starts, *signatures, draws, self.seed)
         found = self._cache.get(
-            "scores", [names, *errors.values(), scene.law, scene.slopes.place, *self._protocol()], make
+            "null", [names, *errors.values(), scene.law, scene.slopes.place, *self._protocol()], make
         )
         laws = tuple(law for law in errors for _ in range(draws))
-        return Null(laws, _part(found, _SCORE), float(found[_MEAN]), _part(found, _SIGNATURE))
+        scores, signs = _part(found, _SCORE), _part(found, _SIGNATURE)
+        return Null(laws, scores, float(found[_MEAN]), signs, found[_BEYOND])
 
     @property
     def _cache(self) -> Cache:

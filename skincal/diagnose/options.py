@@ -17,6 +17,8 @@ class DiagnoseOptions:
         explained: part of the excess that the named effects must explain together; else the verdict is ``unknown``.
         structure: something is missing where a residual depends on something by so many times the most of any null
             session, whether an effect explains it or not.
+        misfit: root mean square in units of the noise of a residual that is more than chance can leave, if it is also
+            ``structure`` times the most of any null session: something is missing, though it depends on nothing known.
         unexplained: part of the excess that may be left before a diagnosis says that something is.
         much: root mean square, in units of the noise, that is said to be left however much was explained.
         negligible: root mean square in units of the noise that may always be left.
@@ -29,6 +31,7 @@ class DiagnoseOptions:
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     explained: float = 0.75
     structure: float = 5.0
+    misfit: float = 1.0
     unexplained: float = 0.12
     much: float = 0.5
     negligible: float = 0.15

@@ -151,7 +151,7 @@ def judged(
     """The verdict, and whether something significant is left unexplained.
 
     Something is missing where an effect scores as none does in null sessions, or where the residual depends on
-    something far more than in any of them. It is named if what was named explains most of it.
+    something far more than in any of them, or is simply far larger. It is named if what was named explains most of it.
     """
     little = choice.left <= options.negligible
     # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave.
@@ -166,7 +166,8 @@ def judged(
     if choice.named and not in_images and strongest < options.structure:
         # What lives in the places is taken up by them: the images say nothing for it or against it.
         return "effects", False
-    if choice.named or (strongest >= options.structure and not little):
+    misfit = choice.left > options.misfit and null.times_most(choice.excess[1]) >= options.structure
+    if choice.named or misfit or (strongest >= options.structure and not little):
         return "unknown", True
     return "none", False
 

@@ -40,12 +40,14 @@ class Null:
         scores: (D,) by effect.
         mean_square: mean square of a null session's whitened residual, sensor, places and law projected out.
         signatures: what each signature explains of a session (D,).
+        beyond: (D,) squared residual of each session beyond the mean of all.
     """
 
     laws: tuple[str, ...]
     scores: Mapping[str, FloatArray]
     mean_square: float
     signatures: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
+    beyond: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def unit(self, name: str) -> float:
         """The score that an effect reaches in one null session of twenty."""
@@ -56,6 +58,11 @@ class Null:
     def best(self) -> FloatArray:
         """(D,) the best score of any effect in each session, in units."""
         return np.max([own / self.unit(name) for name, own in self.scores.items()], axis=0)
+
+    def times_most(self, excess: float) -> float:
+        """A squared residual beyond the mean null session's, in units of the most that any of them has."""
+        most = float(self.beyond.max(initial=0.0))
+        return excess / most if most > 0 else 0.0
 
     def p_value(self, name: str, score: float) -> float:
         """The chance that any effect does as well in a null session."""
@@ -117,6 +124,7 @@ def simulate_null(
     scores = {name: library.falls(name, views, (first, second))[1] for name in library.columns}
     whole = scene.part(material.known)
     all_of = whole.projection.apply(drawn[whole.rows].reshape(-1, drawn.shape[-1]))
-    mean_square = float((all_of**2).sum(axis=0).mean()) / max(1, int(seen[whole.rows].sum()))
+    squares: FloatArray = (all_of**2).sum(axis=0)
+    mean_square = float(squares.mean()) / max(1, int(seen[whole.rows].sum()))
     told = {name: signature_falls(whole, columns, all_of) for name, columns in (signatures or {}).items()}
-    return Null(laws, scores, mean_square, told)
+    return Null(laws, scores, mean_square, told, squares - squares.mean())

@@ -173,10 +173,16 @@ def _calibration_sentence(found: Diagnosis) -> str:
 
 def _depends(found: Diagnosis) -> list[str]:
     clear = [s for s in found.signatures if s.p_value <= found.options.choice.significant][:3]
-    if not clear:
-        return []
-    words = _and([f"{s.meaning} ({percent(min(s.share, 1.0))})" for s in clear])
-    return [f"It goes along with {words} of the excess residual; these overlap."]
+    left, times = found.choice.left, found.null.times_most(found.choice.excess[1])
+    lines: list[str] = []
+    if left > found.options.misfit:
+        lines.append(
+            f"What is left is {left:.2g} times the noise, {times:.0f} times as much as in any of the null sessions."
+        )
+    if clear:
+        words = _and([f"{s.meaning} ({percent(min(s.share, 1.0))})" for s in clear])
+        lines.append(f"It goes along with {words} of the excess residual; these overlap.")
+    return lines
 
 
 def _tried(found: Diagnosis) -> str:

@@ -148,6 +148,15 @@ def test_what_is_sure_but_weaker_than_any_effect_that_is_named_is_nothing():
         assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
 
 
+def test_a_residual_far_above_that_of_any_null_session_is_unknown_whatever_it_depends_on():
+    null = Null(("fitted",) * 3, {}, 1.0, {}, np.array([-30.0, 5.0, 40.0]))
+    for excess, said in ((500.0, ("unknown", True)), (190.0, ("none", False)), (150.0, ("none", False))):
+        choice = Choice(cast("Any", None), cast("Any", None), (), (), (excess, excess), 180)
+        assert judged(choice, null, [], DiagnoseOptions()) == said
+    few = Choice(cast("Any", None), cast("Any", None), (), (), (500.0, 500.0), 1000)
+    assert judged(few, null, [], DiagnoseOptions()) == ("none", False)
+
+
 def test_beside_a_named_effect_as_much_may_be_left_as_another_contact_law_leaves():
     sign = Signature("neighbours", "the mean of the neighbours", 0.5, 0.01, 50.0)
     names = (Named("spread", ("spread",), 0.5, 0.01),)

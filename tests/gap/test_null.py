@@ -77,6 +77,13 @@ def test_a_null_session_has_the_mean_square_of_noise(null: Null):
     assert null.mean_square == pytest.approx(1.0, abs=0.01)
 
 
+def test_an_excess_is_counted_in_the_most_of_any_null_session(null: Null):
+    assert len(null.beyond) == len(null.laws)
+    assert null.beyond.mean() == pytest.approx(0.0, abs=1e-6 * null.beyond.max())
+    assert null.times_most(3 * null.beyond.max()) == pytest.approx(3.0)
+    assert Null((), {}, 1.0).times_most(100.0) == 0.0
+
+
 def test_same_seed_same_null():
     one, two = (null_of(case("none"), 5, 3) for _ in range(2))
     assert all((one.scores[n] == two.scores[n]).all() for n in one.scores)
