@@ -24,6 +24,8 @@ from skincal.model.arrays import BoolArray, FloatArray
 STRETCH = 600
 """Frames of a stretch: over fewer, free levels would take scatter for themselves."""
 _FEWEST = 100
+_ENOUGH = 4000
+"""Histograms that tell the noise to a few parts in a thousand; of more, stretches evenly through the session."""
 _WIDEST = 60
 """Counts between the lowest and the highest that a taxel may read at rest; more is no rest."""
 _STEPS = 30
@@ -81,6 +83,9 @@ def idle_noise(counts: FloatArray, readout: Readout) -> IdleNoise:
 def _histograms(counts: FloatArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
     """Counts (C, B) and how often each was read (C, B), by taxel and stretch; taxels that never change say nothing."""
     stretches = np.array_split(counts, max(1, len(counts) // STRETCH))
+    most = max(1, _ENOUGH // max(counts.shape[1], 1))
+    if len(stretches) > most:
+        stretches = [stretches[k] for k in np.linspace(0, len(stretches) - 1, most).astype(int).tolist()]
     cells = np.concatenate([_padded(part) for part in stretches])
     low, high = np.fmin.reduce(cells, axis=1), np.fmax.reduce(cells, axis=1)
     frames = np.isfinite(cells).sum(axis=1)

@@ -54,6 +54,13 @@ def test_a_taxel_that_never_changes_and_missing_values_say_nothing():
     assert idle_noise(counts, READOUT).sigma_counts == pytest.approx(1.0, rel=0.03)
 
 
+def test_a_long_session_takes_no_longer_than_what_is_enough(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("skincal.gap.idle_noise._ENOUGH", 64)
+    part, whole = idle_noise(idle(frames=12_000), READOUT), idle_noise(idle(frames=2_400), READOUT)
+    assert part.sigma_counts == pytest.approx(1.0, abs=4 * part.error_counts)
+    assert part.error_counts == pytest.approx(whole.error_counts, rel=0.1)
+
+
 def test_nothing_is_said_where_frames_cannot_tell():
     for counts, readout in (
         (idle(frames=40), READOUT),
