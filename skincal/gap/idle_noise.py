@@ -82,7 +82,7 @@ def idle_noise(counts: FloatArray, readout: Readout) -> IdleNoise:
 
 def _histograms(counts: FloatArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
     """Counts (C, B) and how often each was read (C, B), by taxel and stretch; taxels that never change say nothing."""
-    stretches = np.array_split(counts, max(1, len(counts) // STRETCH))
+    stretches: list[FloatArray] = np.array_split(counts, max(1, len(counts) // STRETCH))
     most = max(1, _ENOUGH // max(counts.shape[1], 1))
     if len(stretches) > most:
         stretches = [stretches[k] for k in np.linspace(0, len(stretches) - 1, most).astype(int).tolist()]
