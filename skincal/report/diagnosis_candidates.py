@@ -79,7 +79,7 @@ def units(null: Null, one: Round) -> FloatArray:
 def _title(number: int, one: Round) -> str:
     """What a round was, and how it ended."""
     if one.passed_over is not None:
-        end = f": {one.passed_over} is what a named effect of its kind leaves over, and was passed over"
+        end = f": {one.passed_over} passed over, of a kind with what was added"
     else:
         end = ": nothing was added" if one.taken is None else ""
     return (
