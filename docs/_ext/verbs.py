@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -33,7 +32,7 @@ def described(name: str, command: Any) -> list[str]:
     lines = [f"### `{name}`", "", *_text(command.help), "", "```text", usage, "```", ""]
     lines += ["| option | default | |", "|---|---|---|"]
     lines += [_row(p) for p in command.params if p.name != "help"]
-    examples = re.findall(r"`([^`]+)`", command.epilog or "")
+    examples = [line.strip() for line in (command.epilog or "").splitlines() if line.startswith("  ")]
     return [*lines, "", "```console", *(f"$ {example}" for example in examples), "```", ""]
 
 

@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(dataset.app, name="dataset")
     app.add_typer(imports.app, name="import")
     app.add_typer(hand.app, name="hand")
-    # Help cuts a line of the list of verbs at 62 characters, so each verb has a line that is shorter.
+    # A line made of a docstring would be cut in the list of verbs.
     for verb, function, epilog, line in (
         ("collect", collect.collect, collect.EPILOG, "Press the skin with the hand's own indenter."),
         ("fit", fit.fit, fit.EPILOG, "Fit pose, elasticity and scale to the presses of a dataset."),

@@ -38,6 +38,15 @@ class DiagnoseOptions:
     background: float = 0.25
     reach_m: float = 2e-3
 
+    def misfits(self, left: float, times: float) -> bool:
+        """Whether a residual is beyond what chance and any contact law leave.
+
+        Args:
+            left: its root mean square, in units of the noise.
+            times: its excess, in units of the most of any null session.
+        """
+        return left > self.misfit and times >= self.structure
+
 
 def thoroughly() -> DiagnoseOptions:
     """Settings for when there is time: more null sessions, and more effects fitted in full."""

@@ -163,10 +163,10 @@ def judged(
     if in_images and (no_more or choice.explained >= options.explained):
         much = 1 - choice.explained > options.unexplained or choice.left > options.much
         return "effects", not no_more and much
-    if choice.named and not in_images and strongest < options.structure:
+    misfit = options.misfits(choice.left, null.times_most(choice.excess[1]))
+    if choice.named and not in_images and strongest < options.structure and not misfit:
         # What lives in the places is taken up by them: the images say nothing for it or against it.
         return "effects", False
-    misfit = choice.left > options.misfit and null.times_most(choice.excess[1]) >= options.structure
     if choice.named or misfit or (strongest >= options.structure and not little):
         return "unknown", True
     return "none", False

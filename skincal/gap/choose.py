@@ -67,7 +67,7 @@ class ChoiceOptions:
     searched: int = 8
     near: float = 0.1
     enough: float = 0.03
-    weakest: float = 0.12
+    weakest: float = 0.15
     clear: float = 0.4
     related: float = 0.3
     of_related: float = 0.25
@@ -107,7 +107,7 @@ class Round:
         excess: squared residual beyond noise before it, over the presses that choose.
         falls: fall of the squared residual by a full fit, of the contenders.
         fits: the full fits.
-        taken: the effect that was named for it; None where nothing was.
+        taken: the effect that was added; None where none was.
         passed_over: the effect that explained most, but only what one of its own kind leaves over; None where that
             did not happen.
     """
@@ -187,7 +187,8 @@ def choose(
     least = options.least(seen)
     whole = first = left = excess_of(before, material, null_mean)
     while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
-        heard(f"round {len(named) + 1}: searching")
+        number = len(rounds) + 1
+        heard(f"round {number}: searching")
         found = _searched(model, material, library, options, extra or {}, passed)
         if not found:
             break
@@ -195,7 +196,7 @@ def choose(
         rounds.append(Round(tuple(found), left, {}))
         if chance > options.significant or found[0].scored <= 0:
             break
-        heard(f"round {len(named) + 1}: fitting {found[0].effect} and what comes near it")
+        heard(f"round {number}: fitting {found[0].effect} and what comes near it")
         fits = _fitted(model, found, material, options)
         falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
         rounds[-1] = Round(tuple(found), left, falls, dict(fits))

@@ -7,7 +7,7 @@ that lies beyond. With Gaussian noise sigma about a level mu that is
 
 Each taxel has a level of its own in each stretch of time, so that offsets and slow drifts do not pass for noise; sigma
 is one for all, and the likelihood of the histograms is greatest at the estimate. A value at the bound says of sigma
-about a fifth of what one far from it says.
+about a fifth of what one far from it says. Histograms that pull at sigma harder than chance lets them are left out.
 """
 
 from __future__ import annotations
@@ -22,12 +22,16 @@ from skincal.fit.observe import Readout
 from skincal.model.arrays import BoolArray, FloatArray
 
 STRETCH = 600
-"""Frames of a stretch: over fewer, free levels would take scatter for themselves."""
-_FEWEST = 100
+"""Frames of a stretch at least: over fewer, free levels would take scatter for themselves."""
+_FEWEST = 300
 _ENOUGH = 4000
 """Histograms that tell the noise to a few parts in a thousand; of more, stretches evenly through the session."""
-_WIDEST = 60
-"""Counts between the lowest and the highest that a taxel may read at rest; more is no rest."""
+_FAR = 4.0
+"""Histograms so many times as wide as the median one are of no rest at all."""
+_HARD = 4.0
+"""Standard errors by which a histogram may pull at sigma: a glitch, a jump of the level, or a taxel that is not at rest
+pulls harder, and its stretch is left out."""
+_ROUNDS = 4
 _STEPS = 30
 _LEAST_SIGMA, _MOST_SIGMA = 0.05, 20.0
 _USELESS = 0.2
@@ -62,14 +66,35 @@ def idle_noise(counts: FloatArray, readout: Readout) -> IdleNoise:
     """
     if not readout.integer or readout.rest_subtracted or len(counts) < _FEWEST:
         return IdleNoise()
-    values, numbers = _histograms(counts, readout)
-    if not len(numbers):
+    cells = _cells_of(counts, readout)
+    if not len(cells):
         return IdleNoise()
-    edges = _edges(values, readout)
+    spans = np.fmax.reduce(cells, axis=1) - np.fmin.reduce(cells, axis=1)
+    # The quieter half to begin with: a glitch or a jump is not in it unless there is one everywhere.
+    kept: BoolArray = spans <= np.median(spans)
+    near: BoolArray = spans <= _FAR * np.median(spans) + 1
+    values, numbers = _histograms(cells[near])
+    edges, kept = _edges(values, readout), kept[near]
     levels = (numbers * values).sum(axis=1) / numbers.sum(axis=1)
+    found = IdleNoise()
+    for _ in range(_ROUNDS):
+        found = _most_likely(edges[kept], numbers[kept], levels[kept])
+        if not found.known:
+            break
+        usual = _usual(float(np.log(found.sigma_counts)), edges, numbers, levels)
+        if (usual == kept).all():
+            break
+        kept = usual
+    return found
+
+
+def _most_likely(edges: FloatArray, numbers: FloatArray, levels: FloatArray) -> IdleNoise:
+    """The noise of some histograms (C, B), with levels (C,) to begin from."""
+    if not len(levels):
+        return IdleNoise()
 
     def surprise(log_sigma: float) -> float:
-        return _surprise(float(np.exp(log_sigma)), edges, numbers, levels)
+        return float(_surprise(log_sigma, edges, numbers, levels).sum())
 
     ends = float(np.log(_LEAST_SIGMA)), float(np.log(_MOST_SIGMA))
     best = float(minimize_scalar(surprise, bounds=ends, method="bounded", options={"xatol": 1e-4}).x)
@@ -80,8 +105,15 @@ def idle_noise(counts: FloatArray, readout: Readout) -> IdleNoise:
     return IdleNoise(sigma, sigma / float(np.sqrt(bend)))
 
 
-def _histograms(counts: FloatArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
-    """Counts (C, B) and how often each was read (C, B), by taxel and stretch; taxels that never change say nothing."""
+def _usual(log_sigma: float, edges: FloatArray, numbers: FloatArray, levels: FloatArray) -> BoolArray:
+    """(C,) which histograms pull at sigma no harder than chance lets them: no glitch, no jump, no taxel in motion."""
+    low, at, high = (_surprise(log_sigma + step, edges, numbers, levels) for step in (-_APART, 0.0, _APART))
+    pull, bend = (high - low) / (2 * _APART), (high - 2 * at + low) / _APART**2
+    return np.abs(pull) <= _HARD * np.sqrt(np.maximum(bend, 1.0))
+
+
+def _cells_of(counts: FloatArray, readout: Readout) -> FloatArray:
+    """Whole counts (C, n) of each taxel in each stretch, NaN for none; those that say nothing are left out."""
     stretches: list[FloatArray] = np.array_split(counts, max(1, len(counts) // STRETCH))
     most = max(1, _ENOUGH // max(counts.shape[1], 1))
     if len(stretches) > most:
@@ -90,10 +122,17 @@ def _histograms(counts: FloatArray, readout: Readout) -> tuple[FloatArray, Float
     low, high = np.fmin.reduce(cells, axis=1), np.fmax.reduce(cells, axis=1)
     frames = np.isfinite(cells).sum(axis=1)
     top = np.inf if readout.value_max is None else readout.value_max
-    use: BoolArray = (frames >= _FEWEST) & (high > low) & (high - low <= _WIDEST) & (high < top)
-    cells, low, high = cells[use], low[use], high[use]
-    if not len(cells):
-        return np.zeros((0, 0)), np.zeros((0, 0))
+    use: BoolArray = (frames >= _FEWEST) & (high > low) & (high < top)
+    if readout.value_min is None:
+        # Where the converter clips is not known: a taxel that mostly reads its lowest count may be clipped there.
+        at = [(cells == low[:, None] + k).sum(axis=1) for k in (0, 1)]
+        use &= at[0] < at[1]
+    return cells[use]
+
+
+def _histograms(cells: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Counts (C, B) and how often each was read (C, B)."""
+    low, high = np.fmin.reduce(cells, axis=1), np.fmax.reduce(cells, axis=1)
     bins = int((high - low).max()) + 1
     place = cells - low[:, None]
     numbers = np.stack([(place == k).sum(axis=1) for k in range(bins)], axis=1)
@@ -115,8 +154,9 @@ def _edges(values: FloatArray, readout: Readout) -> FloatArray:
     return edges
 
 
-def _surprise(sigma: float, edges: FloatArray, numbers: FloatArray, levels: FloatArray) -> float:
-    """Least negative logarithm of the likelihood at a sigma, with every level at its best."""
+def _surprise(log_sigma: float, edges: FloatArray, numbers: FloatArray, levels: FloatArray) -> FloatArray:
+    """Least negative logarithms of the likelihood (C,) at a sigma, with every level at its best."""
+    sigma = float(np.exp(log_sigma))
     low, high = levels - 6 * sigma - 1, levels + 2 * sigma + 1
     # The likelihood of Gaussian bins has one peak in the level: sections in the ratio of two thirds close in on it.
     for _ in range(_STEPS):
@@ -124,7 +164,7 @@ def _surprise(sigma: float, edges: FloatArray, numbers: FloatArray, levels: Floa
         left, right = low + third, high - third
         better = _cells(sigma, edges, numbers, left) < _cells(sigma, edges, numbers, right)
         low, high = np.where(better, low, left), np.where(better, right, high)
-    return float(_cells(sigma, edges, numbers, (low + high) / 2).sum())
+    return _cells(sigma, edges, numbers, (low + high) / 2)
 
 
 def _cells(sigma: float, edges: FloatArray, numbers: FloatArray, levels: FloatArray) -> FloatArray:

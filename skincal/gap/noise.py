@@ -23,7 +23,9 @@ LEAST_COUNTS = 0.02
 _MARGIN = 4.0
 _FEWEST = 6
 _USUAL = 0.999
+"""A group scatters by less than this part of groups do, or is left out."""
 _WIDTH = 1.96
+"""Standard errors of half an interval of 95 %."""
 _AGREE = 3.0
 """Estimates further apart than so many standard errors are not of the same noise."""
 _RESAMPLES = 200
@@ -155,7 +157,7 @@ def pooled(
     """Standard deviation of groups pooled robustly, and its interval by drawing groups again.
 
     A glitch in one group must not raise the floor: groups far above the weighted median of the variances are left
-    out, and the mean of the others is taken, which scatters a third less than the median.
+    out, and the mean of the others is taken, which is nearer to the truth than the median.
     """
     keep = freedom > 0
     squares, freedom = squares[keep], freedom[keep]
@@ -211,8 +213,11 @@ def noise_floor(
     if np.isfinite(frame):
         frame, *ends = (_without(value, added) for value in (frame, *interval))
         interval = (ends[0], ends[1])
-        error = (interval[1] - interval[0]) / (2 * _WIDTH)
-        if idle is not None and idle.known and error > 0:
+        # Few holds, drawn again, scatter by less than what is to be known of them.
+        least = frame / float(np.sqrt(2 * max(frames[1].sum(), 1.0)))
+        error = max((interval[1] - interval[0]) / (2 * _WIDTH), least)
+        interval = min(interval[0], frame - _WIDTH * least), max(interval[1], frame + _WIDTH * least)
+        if idle is not None and idle.known:
             both = float(np.hypot(error, idle.error_counts))
             if abs(frame - idle.sigma_counts) < _AGREE * both:
                 share = (idle.error_counts / both) ** 2

@@ -50,7 +50,7 @@ def candidates_figure(found: Diagnosis) -> Figure:
             named = next((n for n in found.choice.named if n.name == one.taken), None)
             word = "named" if found.effects else "comes closest"
             _draw_round(own, one, null, () if named is None else named.consistent_with, word)
-            own.set_title(_title(k, one))
+            own.set_title(_title(k, one, {n.name for n in found.choice.named}))
         critical = critical_score(found)
         highest = max([float(null.best.max()), critical, *(units(null, r).max(initial=1.0) for r in rounds)])
         axes[0].set_xlim(LEAST, 14.0 * highest)
@@ -76,12 +76,14 @@ def units(null: Null, one: Round) -> FloatArray:
     return np.array([f.scored / null.unit(f.effect) for f in one.found])
 
 
-def _title(number: int, one: Round) -> str:
+def _title(number: int, one: Round, named: set[str]) -> str:
     """What a round was, and how it ended."""
     if one.passed_over is not None:
         end = f": {one.passed_over} passed over, of a kind with what was added"
+    elif one.taken is None:
+        end = ": nothing was added"
     else:
-        end = ": nothing was added" if one.taken is None else ""
+        end = "" if one.taken in named else f": {one.taken} was added, and dropped at the end"
     return (
         f"Round {number + 1}: beside " + ("the base model" if number == 0 else "what was added before") + end
     )

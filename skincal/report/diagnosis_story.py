@@ -175,9 +175,10 @@ def _depends(found: Diagnosis) -> list[str]:
     clear = [s for s in found.signatures if s.p_value <= found.options.choice.significant][:3]
     left, times = found.choice.left, found.null.times_most(found.choice.excess[1])
     lines: list[str] = []
-    if left > found.options.misfit:
+    if found.options.misfits(left, times):
         lines.append(
-            f"What is left is {left:.2g} times the noise, {times:.0f} times as much as in any of the null sessions."
+            f"What is left is {left:.2g} times the noise; its square lies {times:.0f} times as far above that of the "
+            "mean null session as in any of them."
         )
     if clear:
         words = _and([f"{s.meaning} ({percent(min(s.share, 1.0))})" for s in clear])

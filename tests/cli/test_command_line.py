@@ -52,6 +52,12 @@ def test_help_imports_nothing_heavy() -> None:
     assert not {name.split(".")[0] for name in done.stdout.split()} & set(SLOW)
 
 
+def test_help_does_without_what_only_draws_boxes() -> None:
+    code = "import sys; from skincal.cli.main import main\ntry: main(['fit', '--help'])\nfinally: print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "rich" not in {name.split(".")[0] for name in done.stdout.splitlines()[-1].split()}
+
+
 @pytest.mark.parametrize("path", [(), ("dataset",), ("import",), ("hand",)], ids=" ".join)
 def test_no_line_of_the_list_of_verbs_is_cut(
     path: tuple[str, ...], capsys: pytest.CaptureFixture[str]

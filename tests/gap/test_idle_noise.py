@@ -47,6 +47,27 @@ def test_levels_of_taxels_and_slow_drift_are_not_noise():
     assert idle_noise(idle(level=levels + slow), READOUT).sigma_counts == pytest.approx(1.0, rel=0.03)
 
 
+def test_a_glitch_and_a_jump_of_a_level_are_no_noise():
+    clean = idle_noise(idle(), READOUT)
+    glitch, jump, saw = idle(), idle(), idle()
+    glitch[700, 3] = 30.0
+    glitch[1500:1510, 5] += 12.0
+    jump[1000:, 7] += 8.0
+    saw[:, 2] += 6.0 * (np.arange(3000) % 40) / 40
+    for counts in (glitch, jump, saw):
+        found = idle_noise(counts, READOUT)
+        assert found.known and abs(found.sigma_counts - clean.sigma_counts) < found.error_counts
+
+
+def test_short_rests_of_many_taxels_are_not_biased_by_their_levels():
+    rng = np.random.default_rng(3)
+    found = [
+        idle_noise(np.clip(np.rint(rng.normal(size=(400, 120))), 0.0, 255.0), READOUT).sigma_counts
+        for _ in range(4)
+    ]
+    assert np.mean(found) == pytest.approx(1.0, abs=0.012)
+
+
 def test_a_taxel_that_never_changes_and_missing_values_say_nothing():
     counts = idle()
     counts[:, 3], counts[:, 4] = 0.0, 255.0
@@ -66,6 +87,7 @@ def test_nothing_is_said_where_frames_cannot_tell():
         (idle(frames=40), READOUT),
         (np.zeros((3000, 16)), READOUT),
         (idle(), Readout(0.0, 255.0, False)),
+        (idle(), Readout(None, 255.0, True)),
         (idle(), Readout(0.0, 255.0, True, rest_subtracted=True)),
     ):
         assert not idle_noise(counts, readout).known
@@ -93,6 +115,17 @@ def test_holds_and_idle_frames_are_taken_together_where_they_agree():
 def test_holds_are_believed_where_something_drifts_at_rest():
     drifting = floor_of(IdleNoise(2.9, 0.02), holds(1.0))
     assert drifting.frame_from == "hold frames" and drifting.frame_counts == pytest.approx(1.0, rel=0.05)
+
+
+def test_few_holds_are_not_known_better_than_their_frames_tell():
+    for count in (1, 2):
+        few = np.full(count, 100.0 * (1.02**2 + 1 / 12)), np.full(count, 100.0)
+        found = floor_of(IdleNoise(1.0, 0.005), few)
+        assert found.frame_from == "hold and idle frames" and found.frame_counts == pytest.approx(
+            1.0, abs=0.003
+        )
+        alone = floor_of(None, few)
+        assert alone.frame_interval[0] < 0.95 and alone.frame_interval[1] > 1.09
 
 
 def test_idle_frames_do_where_no_hold_can_be_read():

@@ -62,6 +62,16 @@ def test_the_form_that_learns_most_is_scored():
     assert len(single) == 3
     best = int(np.argmax([s[0][0] for s in single]))
     assert (learned[0], scored[0]) == (single[best][0][0], single[best][1][0])
+    # Where what was learned by that form does not hold on the presses that score, the one that holds best does.
+    against = residuals[0], -residuals[1]
+    single = [
+        Library({"hysteresis": (form,)}).falls("hysteresis", views, against)
+        for form in library.columns["hysteresis"]
+    ]
+    assert single[best][1][0] < 0
+    learned, scored = library.falls("hysteresis", views, against)
+    best = int(np.argmax([s[1][0] for s in single]))
+    assert (learned[0], scored[0]) == (single[best][0][0], single[best][1][0])
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from skincal.cli.common import plain
 from skincal.diagnose.summary import summary
 from skincal.effects import EFFECTS
 from skincal.report.diagnosis import PAGE, SECTIONS, SUMMARY, _page, write_diagnosis_report
-from skincal.report.diagnosis_candidates import critical_score, units
+from skincal.report.diagnosis_candidates import candidates_figure, critical_score, units
 from skincal.report.diagnosis_curves import curves_figure, explained, views_of
 from skincal.report.diagnosis_gap import heldout_names, press_rms
 from skincal.report.diagnosis_left import Part, edges_of, left_by, line_of
@@ -260,6 +260,22 @@ def test_critical_score_is_where_p_becomes_significant():
     assert null.p_value(name, 1.001 * critical * null.unit(name)) <= limit
     assert null.p_value(name, 0.999 * critical * null.unit(name)) > limit
     assert units(null, found.choice.rounds[0]).max() > critical
+
+
+def test_how_a_round_ended_stands_above_it():
+    found = diagnosed("hysteresis")[0]
+    first, second = found.choice.rounds[:2]
+    best = second.found[0].effect
+    rounds = (first, replace(second, passed_over=best), replace(second, taken=best), second)
+    ended = replace(found, choice=replace(found.choice, rounds=rounds))
+    titles = [axes.get_title(loc="left") or axes.get_title() for axes in candidates_figure(ended).axes]
+    assert titles[1] == "Round 1: beside the base model"
+    assert titles[2].endswith(f"{best} passed over, of a kind with what was added")
+    assert titles[3].endswith(f"{best} was added, and dropped at the end")
+    assert titles[4].endswith("nothing was added")
+    listed = summary(ended)["candidates"]
+    assert [c["name"] for c in listed[1] if c["passed_over"]] == [best]
+    assert not any(c["passed_over"] for c in (*listed[0], *listed[2], *listed[3]))
 
 
 @pytest.mark.parametrize(
