@@ -34,7 +34,7 @@ class DiagnoseOptions:
     misfit: float = 1.0
     unexplained: float = 0.12
     much: float = 0.5
-    negligible: float = 0.15
+    negligible: float = 0.2
     background: float = 0.25
     reach_m: float = 2e-3
 
