@@ -168,7 +168,7 @@ def _weighted(
     if session.has_frames:
         return session, floor.frame_counts
     sigma, mean = floor.frame_counts, floor.mean_counts
-    if floor.frame_from not in ("hold frames", "clipped rest"):
+    if floor.frame_from != "clipped rest":
         # Nothing shows the noise of a frame: what the fit found is that of a hold's mean.
         sigma = mean = _positive(calibration.loss.extra.get("noise_sigma_counts"), mean)
     full = float(np.hypot(sigma, rounding(model.readout)))

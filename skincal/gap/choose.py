@@ -279,18 +279,18 @@ def _searched(
     scene = scene_of(model, material)
     views = scene.part(material.learn), scene.part(material.score)
     residuals = views[0].residual, views[1].residual
+    done = {*model.names, *passed}
     first = {
         name: float(library.falls(name, views, residuals)[0][0])
         for name in library.columns
-        if name not in model.names and name not in passed
+        if name not in done
     }
     order = sorted(first, key=lambda n: -first[n])[: options.searched]
     names = [
         n for i, n in enumerate(order) if i < options.contenders or first[n] > options.near * first[order[0]]
     ]
     found = [one for name in names if (one := best_of(scene, name, *views)) is not None]
-    extra = {name: start for name, start in extra.items() if name not in model.names and name not in passed}
-    found += [search(scene, start, *views) for start in extra.values()]
+    found += [search(scene, start, *views) for name, start in extra.items() if name not in done]
     return sorted(found, key=lambda f: -f.scored)
 
 

@@ -34,7 +34,9 @@ pulls harder, and its stretch is left out."""
 _ROUNDS = 4
 _STEPS = 30
 _LEAST_SIGMA, _MOST_SIGMA = 0.05, 20.0
+"""Sigmas that are looked at [counts]."""
 _USELESS = 0.2
+"""A standard error that is this part of sigma, or more, tells nothing."""
 _APART = 0.02
 """Relative step for the curvature of the likelihood."""
 
