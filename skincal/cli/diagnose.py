@@ -7,6 +7,7 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,7 +79,8 @@ def diagnose(
         found = diagnosed(data, cal, options, seed, heard, Cache(default_folder() if cache else None))
         heard("report")
         command = shlex.join(["skincal", *sys.argv[1:]])
-        provenance = replace(found.calibration.provenance, command=command, seed=seed)
+        now = datetime.now(UTC).replace(microsecond=0)
+        provenance = replace(found.calibration.provenance, command=command, seed=seed, time=now)
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         plan = None if found.next_plan is None else str(out / PLAN_FILE)
         told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out)})

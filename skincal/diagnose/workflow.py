@@ -179,8 +179,9 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
     reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
     reading = without_stuck(reading, ready.full, list(base.stuck))
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
-    ends = [_settled(model.hypothesis, ready, base) for model in (choice.before, choice.after)]
-    return gap_closed(ends[0], ends[1], ready.full, reading, rows, rng)
+    before = _settled(choice.before.hypothesis, ready, base)
+    after = before if choice.after is choice.before else _settled(choice.after.hypothesis, ready, base)
+    return gap_closed(before, after, ready.full, reading, rows, rng)
 
 
 def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:

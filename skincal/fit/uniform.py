@@ -86,9 +86,10 @@ def fit_scales(loads_n: Floats, values: Floats, use: Bools, least_counts: float)
 
 def _medians(off: Floats, use: Bools) -> Floats:
     """Median (J,) of each column of (K, J) over what is used; 0 where nothing is."""
-    return np.array(
-        [np.median(column[own]) if own.any() else 0.0 for column, own in zip(off.T, use.T, strict=True)]
-    )
+    ranked = np.sort(np.where(use, off, np.inf), axis=0)
+    number = use.sum(axis=0)
+    middle = np.stack([np.maximum(number - 1, 0) // 2, number // 2]).clip(max=len(off) - 1)
+    return np.where(number, np.take_along_axis(ranked, middle, axis=0).mean(axis=0), 0.0)
 
 
 def common_draws(

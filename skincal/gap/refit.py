@@ -30,6 +30,8 @@ _STEPS = np.array([5e-5, 5e-5, 0.01, 0.02, 0.02])
 """Steps of differences: across, along [m], alpha [rad], logarithms of E and S."""
 _MOST = np.array([5e-4, 5e-4, 0.05, 0.4, 0.7])
 """The longest step of the base model at a time."""
+_OF_PLACE = np.array([0, 0, 3])
+"""Those for the place of a press along u and v, and for the logarithm of its force."""
 _MOST_PLACE_M = 3e-4
 _MOST_COORDINATE = 1.0
 _COORDINATE_STEP = 0.03
@@ -124,26 +126,42 @@ def refit(
     """
     problem = _Problem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
     x = np.zeros(len(coords)) if x is None else clipped(coords, x)
-    here = problem.at(start, x)
-    slopes = problem.slopes(here, x)
-    best = problem.objective(here, x, slopes.residual)
+    here = problem.look(start, x)
+    whole = problem.wants_base(0)
+    slopes = problem.slopes(here, base=whole)
+    best = problem.objective(here)
     damping = 0.3
     for step in range(options.steps):
         free = options.base and step >= options.settle
-        proposal = problem.step(here, x, slopes, damping if step < options.settle else 0.0, free=free)
-        there, y = problem.moved(here, x, *proposal)
-        value, share = problem.objective(there, y), 1.0
+        proposal = problem.step(here, slopes, damping if step < options.settle else 0.0, free=free)
+        there = problem.moved(here, *proposal)
+        value, share = problem.objective(there), 1.0
         while value > best and share > 0.1 and step >= options.settle:
             share /= 3
-            there, y = problem.moved(here, x, *(share * part for part in proposal))
-            value = problem.objective(there, y)
+            there = problem.moved(here, *(share * part for part in proposal))
+            value = problem.objective(there)
         if value > best and step >= options.settle:
             break
-        fall, here, x, best = best - value, there, y, value
-        slopes = problem.slopes(here, x)
-        if step > options.settle and fall < options.enough:
+        fall, here, best = best - value, there, value
+        found = step > options.settle and fall < options.enough
+        whole = found or problem.wants_base(step + 1)
+        slopes = problem.slopes(here, base=whole)
+        if found:
             break
-    return Refit(here, x, slopes, best, problem.covariance(here, slopes))
+    if not whole:
+        slopes = problem.slopes(here)
+    covariance = problem.covariance(here.hypothesis, slopes)
+    return Refit(here.hypothesis, here.x, slopes, best, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A hypothesis with what its presses do: every slope starts from there."""
+
+    hypothesis: Hypothesis
+    x: FloatArray
+    contacted: Contacted
+    values: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +176,17 @@ class _Problem:
     def at(self, hypothesis: Hypothesis, x: FloatArray) -> Hypothesis:
         return hypothesis.with_effects(parameters_at(self.coords, x, self.fixed))
 
-    def moved(
-        self, here: Hypothesis, x: FloatArray, base: FloatArray, coords: FloatArray, places: FloatArray
-    ) -> tuple[Hypothesis, FloatArray]:
+    def look(self, hypothesis: Hypothesis, x: FloatArray) -> _Look:
+        here = self.at(hypothesis, x)
+        contacted = self._contact(here)
+        return _Look(here, x, contacted, self.session.means(here.skin.finish(contacted)))
+
+    def wants_base(self, step: int) -> bool:
+        """Whether a step, or what comes out after the last one, needs slopes by the base model."""
+        return step >= self.options.steps or (self.options.base and step >= self.options.settle)
+
+    def moved(self, look: _Look, base: FloatArray, coords: FloatArray, places: FloatArray) -> _Look:
+        here, x = look.hypothesis, look.x
         y = clipped(self.coords, x + coords) if len(x) else x
         there = here.moved(base) if base.any() else here
         # Tactile points and what was worked out of them stay where the sensor did.
@@ -169,30 +195,37 @@ class _Problem:
             if not base.any()
             else replace(there, places=here.places + places)
         )
-        return self.at(there, y), y
+        return self.look(there, y)
 
-    def objective(self, here: Hypothesis, x: FloatArray, residual: FloatArray | None = None) -> float:
+    def objective(self, look: _Look) -> float:
         """Over what is learned from only: other presses have no say, not even in whether a step is taken."""
-        if residual is None:
-            residual = self.reading.residual(here.values(self.session))
-        places = (here.places / self.options.place_prior) ** 2
+        residual, x = self.reading.residual(look.values), look.x
+        places = (look.hypothesis.places / self.options.place_prior) ** 2
         if self.learn is not None:
             residual = residual[self.learn]
             places = places[np.unique(self.session.press[self.learn & (self.session.press >= 0)])]
         total = float((residual**2).sum()) + float(places.sum())
         return total + (float(((x / priors(self.coords)) ** 2).sum()) if len(x) else 0.0)
 
-    def slopes(self, here: Hypothesis, x: FloatArray) -> Slopes:
-        contacted = self._contact(here)
-        values = self.session.means(here.skin.finish(contacted))
+    def slopes(self, look: _Look, *, base: bool = True) -> Slopes:
+        """Slopes there; those by the base model are zero where they are not asked for."""
+        here, x, contacted, values = look.hypothesis, look.x, look.contacted, look.values
         weight = self.reading.weight(values)[..., None]
-        place, base = self._of_sensor(here, contacted, values)
+        pressed = [
+            self._contact(here.with_places(here.places + step * np.eye(PLACE)[k]))
+            for k, step in enumerate(_STEPS[_OF_PLACE])
+        ]
+        place = [
+            self._change(one, here.skin, values, step)
+            for one, step in zip(pressed, _STEPS[_OF_PLACE], strict=True)
+        ]
+        sensor = self._of_sensor(look, place, pressed[-1]) if base else [np.zeros_like(values)] * BASE_SIZE
         effect = [self._effect(here, x, k, contacted, values) for k in range(len(x))]
         columns = np.zeros((*values.shape, 0)) if not effect else np.stack(effect, axis=-1)
         return Slopes(
             values,
             self.reading.residual(values),
-            np.nan_to_num(np.stack(base, axis=-1)) * weight,
+            np.nan_to_num(np.stack(sensor, axis=-1)) * weight,
             np.nan_to_num(np.stack(place, axis=-1)) * weight,
             np.nan_to_num(columns) * weight,
         )
@@ -200,20 +233,19 @@ class _Problem:
     def _contact(self, here: Hypothesis) -> Contacted:
         return here.skin.contact(memory_samples(here, here.placed(self.session)))
 
-    def _of_sensor(
-        self, here: Hypothesis, contacted: Contacted, values: FloatArray
-    ) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Slopes (N, J) by the three numbers of each press, and by the five of the sensor."""
+    def _change(self, contact: Contacted, skin: EffectSkin, values: FloatArray, step: float) -> FloatArray:
+        return as_floats((self.session.means(skin.finish(contact)) - values) / step)
 
-        def change(contact: Contacted, skin: EffectSkin, step: float) -> FloatArray:
-            return (self.session.means(skin.finish(contact)) - values) / step
+    def _of_sensor(self, look: _Look, place: list[FloatArray], forced: Contacted) -> list[FloatArray]:
+        """Slopes (N, J) by the five numbers of the sensor.
 
-        unit, skin = np.eye(BASE_SIZE), here.skin
-        pressed = [
-            self._contact(here.with_places(here.places + step * np.eye(PLACE)[k]))
-            for k, step in enumerate((_STEPS[0], _STEPS[0], _STEPS[3]))
-        ]
-        place = [change(c, skin, step) for c, step in zip(pressed, _STEPS[[0, 0, 3]].tolist(), strict=True)]
+        Args:
+            look: where.
+            place: slopes by the three numbers of each press.
+            forced: all presses with a force that is larger by the step of log E.
+        """
+        here, values = look.hypothesis, look.values
+        unit, skin, step = np.eye(BASE_SIZE), here.skin, float(_STEPS[3])
         moved = [-place[0], -place[1]]
         if not isinstance(here.model.surface, Cylinder | Plane):
             moved = [self._explicit(here, k, values) for k in (0, 1)]
@@ -222,11 +254,12 @@ class _Problem:
             base.append(self._explicit(here, 3, values))
         else:
             # Loads are F times a function of F / E: on softer skin they are those of a larger force, made smaller.
-            softer = replace(contacted, loads_n=pressed[2].loads_n * np.exp(-_STEPS[3]))
-            base.append(change(softer, skin, -float(_STEPS[3])))
+            softer = replace(look.contacted, loads_n=forced.loads_n * np.exp(-step))
+            base.append(self._change(softer, skin, values, -step))
         scaled = replace(skin.skin.parameters, scale_per_n=here.moved(_STEPS[4] * unit[4]).model.scale_per_n)
-        base.append(change(contacted, replace(skin, skin=replace(skin.skin, parameters=scaled)), _STEPS[4]))
-        return place, base
+        other = replace(skin, skin=replace(skin.skin, parameters=scaled))
+        base.append(self._change(look.contacted, other, values, float(_STEPS[4])))
+        return base
 
     def _explicit(self, here: Hypothesis, k: int, values: FloatArray) -> FloatArray:
         other = here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k])
@@ -248,9 +281,10 @@ class _Problem:
         return (after - values) / step
 
     def step(
-        self, here: Hypothesis, x: FloatArray, slopes: Slopes, damping: float, *, free: bool
+        self, look: _Look, slopes: Slopes, damping: float, *, free: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps of base (5,), coordinates (n,) and places (P, 3)."""
+        here, x = look.hypothesis, look.x
         normal, right, presses = self._normal(here, slopes, damping)
         shared = np.zeros(len(right))
         which = np.arange(len(right)) if free else np.arange(BASE_SIZE, len(right))

@@ -16,10 +16,10 @@ from skincal.model.patch import Patch
 from skincal.model.strokes import Reached, deepest, reached, strokes
 from skincal.model.touch import Pressing, Touch, touch
 
-_CHUNK = 16
-"""Contacts worked on at once, so that their arrays stay in the processor's cache."""
-_ROOM = 2**22
-"""Fewer at once if all points of that many contacts would be more than this."""
+_MOST_AT_ONCE = 64
+"""Contacts worked on at once, at most."""
+_ROOM = 240_000
+"""Fewer at once on a patch of many points, so that their arrays stay in the processor's cache."""
 
 
 class Status(IntEnum):
@@ -182,7 +182,7 @@ def touches(
         # Alike forces together: the presses of a chunk share the number of tiles that they look at.
         pressed = pressed[np.argsort(contacts.force_n[pressed], kind="stable")]
     pressing = Pressing.of(contacts, pressed, indenter, elasticity_pa_per_m)
-    chunk = int(min(max(_ROOM // len(patch), 1), _CHUNK))
+    chunk = int(min(max(_ROOM // len(patch), 1), _MOST_AT_ONCE))
     for k in range(0, len(pressed), chunk):
         rows = slice(k, k + chunk)
         part = pressing[rows] if chunk < len(pressed) else pressing
