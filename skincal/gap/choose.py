@@ -151,6 +151,16 @@ class Choice:
         """Root mean square of what is left, in units of the noise."""
         return (max(self.excess[1], 0.0) / self.values) ** 0.5
 
+    @property
+    def closest(self) -> tuple[str, float] | None:
+        """The effect that came closest to being named in the last round, and the part of what was left it explains.
+
+        None where the last round had none that scored better than in null sessions.
+        """
+        falls = self.rounds[-1].falls if self.rounds and self.rounds[-1].taken is None else {}
+        name, fall = max(falls.items(), key=lambda item: item[1], default=("", 0.0))
+        return (name, fall / self.rounds[-1].excess) if fall > 0 else None
+
 
 PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""

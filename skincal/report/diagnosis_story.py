@@ -83,10 +83,12 @@ def verdict_sentences(found: Diagnosis) -> list[str]:
     lines += [_effect_sentence(e, found) for e in found.effects]
     lines.append(_gap_sentence(found))
     if found.unexplained:
-        lines.append(
-            f"{percent(1 - found.choice.explained)} of the excess residual is left that no known effect explains: "
-            "something else is missing, too."
-        )
+        near = "that no known effect explains"
+        if found.choice.closest is not None:
+            name, part = found.choice.closest
+            near = f"(what comes closest, {name}, explains {percent(part)} of that)"
+        left = f"{percent(1 - found.choice.explained)} of the excess residual is left"
+        lines.append(f"{left} {near}: something else is missing, too.")
     return [*lines, *_not_shown(found), _calibration_sentence(found)]
 
 

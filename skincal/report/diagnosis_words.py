@@ -23,7 +23,11 @@ def verdict_lines(found: Diagnosis) -> list[str]:
     lines += _gap(found)
     if found.unexplained and found.verdict == "effects":
         share = 100 * (1 - found.choice.explained)
-        lines.append(f"{share:.0f} % of the excess residual is left, and no known effect explains it")
+        near = "no known effect explains it"
+        if found.choice.closest is not None:
+            name, part = found.choice.closest
+            near = f"{name} comes closest, and explains {100 * part:.0f} % of that"
+        lines.append(f"{share:.0f} % of the excess residual is left; {near}")
     if found.audit.cannot_see:
         lines.append("these presses could not show: " + ", ".join(found.audit.cannot_see))
     lines += [f"{finding.severity}: {finding.text}. {finding.advice}".rstrip() for finding in found.findings]

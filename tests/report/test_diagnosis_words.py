@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from report.diagnosis_cases import diagnosed
 
+from skincal.gap.choose import Round
 from skincal.report.diagnosis_story import verdict_sentences
 from skincal.report.diagnosis_words import verdict_lines
 
@@ -30,3 +31,20 @@ def test_what_shows_in_the_places_is_said_to():
 
 def test_nothing_missing():
     assert verdict_lines(diagnosed("none")[0])[0] == "Nothing is missing that these presses could show."
+
+
+def test_what_comes_closest_to_what_is_left_is_told():
+    found, _ = diagnosed("hysteresis")
+    last = Round((), 200.0, {"creep": 50.0, "rate": 20.0})
+    choice = replace(found.choice, rounds=(*found.choice.rounds, last))
+    left = replace(found, choice=choice, unexplained=True)
+    assert choice.closest == ("creep", 0.25)
+    assert any(
+        line.endswith("is left; creep comes closest, and explains 25 % of that")
+        for line in verdict_lines(left)
+    )
+    assert "what comes closest, creep, explains 25 % of that" in " ".join(verdict_sentences(left))
+    taken = replace(choice, rounds=(*found.choice.rounds, replace(last, taken="creep")))
+    assert taken.closest is None
+    bare = replace(left, choice=replace(choice, rounds=(*found.choice.rounds, Round((), 200.0, {}))))
+    assert any(line.endswith("is left; no known effect explains it") for line in verdict_lines(bare))
