@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--retry", action="store_true", help="run again what failed")
     add("--keep", action="store_true", help="keep datasets and calibrations")
     add("--timeout", type=float, default=3600.0, help="seconds for a command (default 3600)")
-    default = "--no-cache --no-report"
+    default = "--no-cache --no-report --workers 1"
     help_text = f"for the diagnosis, such as --diagnose-options=--thorough (default {default})"
     add("--diagnose-options", default=default, metavar="TEXT", help=help_text)
     return parser

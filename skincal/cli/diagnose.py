@@ -51,6 +51,9 @@ def diagnose(
         ),
     ] = True,
     seed: SeedOption = 0,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+    ] = None,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -76,7 +79,8 @@ def diagnose(
     warn((*data.warnings, *cal.warnings))
     options = thoroughly() if thorough else DiagnoseOptions()
     with _stages() as heard:
-        found = diagnosed(data, cal, options, seed, heard, Cache(default_folder() if cache else None))
+        kept = Cache(default_folder() if cache else None)
+        found = diagnosed(data, cal, options, seed, heard, kept, workers)
         heard("report")
         command = shlex.join(["skincal", *sys.argv[1:]])
         now = datetime.now(UTC).replace(microsecond=0)

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
@@ -25,6 +26,7 @@ from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
+from skincal.fit.tasks import Mapper
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
@@ -56,6 +58,7 @@ def diagnose(
     seed: int = 0,
     heard: Heard = lambda _: None,
     cache: Cache | None = None,
+    workers: int | None = 1,
 ) -> Diagnosis:
     """Finds what a calibrated simulation lacks against a dataset.
 
@@ -66,17 +69,35 @@ def diagnose(
         seed: of all chance.
         heard: told which stage begins.
         cache: of what was worked out before; None: nothing is kept.
+        workers: processes for what can be done side by side; None for one a core, or none but this one where there are
+            no frames and little to do. The result does not depend on it.
 
     Raises:
         InputError: the calibration is of another sensor.
         WorkError: too few presses, or a base model that fits nowhere.
     """
-    options = options or DiagnoseOptions()
     check_same_sensor(calibration, dataset)
+    with mapper(1 if workers is None and dataset.frames is None else workers) as spread:
+        found = _diagnosed(dataset, calibration, options or DiagnoseOptions(), seed, heard, cache, spread)
+        # The processes end here: what is fitted later is fitted without them.
+        alone = replace(found.material.options, mapper=map)
+        return replace(found, material=replace(found.material, options=alone))
+
+
+def _diagnosed(
+    dataset: Dataset,
+    calibration: Calibration,
+    options: DiagnoseOptions,
+    seed: int,
+    heard: Heard,
+    cache: Cache | None,
+    spread: Mapper,
+) -> Diagnosis:
     # A generator for each use: what is taken from a cache must not change what comes after it.
     rng, audited, drawn, again, further, swapped = np.random.default_rng(seed).spawn(6)
     heard("noise floor and places")
     ready = prepare(dataset, calibration, options, rng)
+    ready = replace(ready, options=replace(ready.options, mapper=spread))
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
     heard("base model")

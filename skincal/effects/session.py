@@ -157,6 +157,10 @@ class EffectSkin:
                 pressures.append((rows, self._law_skin.pressures(indenter, contacts)))
         return Contacted(felt, loads, tuple(pressures), self._front)
 
+    def own(self, contacted: Contacted) -> Contacted:
+        """A contact that a copy of this skin made, as in another process, as this one's."""
+        return replace(contacted, key=self._front)
+
     def loads(self, contacted: Contacted) -> FloatArray:
         """Loads (K, J) that the taxels feel at once [N], after the spread.
 

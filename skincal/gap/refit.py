@@ -13,11 +13,12 @@ sensor; they only find their own place.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skincal.effects import EFFECTS, Contacted, EffectSkin, Stage
+from skincal.effects import EFFECTS, Contacted, EffectSkin, Samples, Stage
+from skincal.fit.tasks import Mapper
 from skincal.gap.free import Coordinate, clipped, parameters_at, priors
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters, memory_samples
 from skincal.gap.reading import Reading
@@ -49,6 +50,8 @@ class RefitOptions:
         settle: steps in which only presses move.
         enough: the objective's fall in a step below which it is found, absolute.
         base: whether the base model may move.
+        mapper: works out contacts that do not depend on each other; that of a pool of processes uses more cores. What
+            is found does not depend on it.
     """
 
     position_sigma_m: float = 1e-3
@@ -57,6 +60,7 @@ class RefitOptions:
     settle: int = 2
     enough: float = 2.0
     base: bool = True
+    mapper: Mapper = field(default=map, repr=False, compare=False)
 
     @property
     def place_prior(self) -> FloatArray:
@@ -209,18 +213,33 @@ class _Problem:
 
     def slopes(self, look: _Look, *, base: bool = True) -> Slopes:
         """Slopes there; those by the base model are zero where they are not asked for."""
-        here, x, contacted, values = look.hypothesis, look.x, look.contacted, look.values
+        here, values = look.hypothesis, look.values
         weight = self.reading.weight(values)[..., None]
-        pressed = [
-            self._contact(here.with_places(here.places + step * np.eye(PLACE)[k]))
+        changed = [
+            here.with_places(here.places + step * np.eye(PLACE)[k])
             for k, step in enumerate(_STEPS[_OF_PLACE])
         ]
-        place = [
-            self._change(one, here.skin, values, step)
-            for one, step in zip(pressed, _STEPS[_OF_PLACE], strict=True)
+        explicit = self._explicit(here) if base else []
+        changed += [here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k]) for k in explicit]
+        effects = [self._changed(look, k) for k in range(len(look.x))]
+        early = [k for k, coord in enumerate(self.coords) if EFFECTS[coord.effect].stage <= Stage.SPREAD]
+        contacts = self._contacts([*changed, *(effects[k][0] for k in early)])
+        moved = [
+            self._change(contact, other.skin, values, step)
+            for contact, other, step in zip(
+                contacts, changed, [*_STEPS[_OF_PLACE], *_STEPS[explicit]], strict=False
+            )
         ]
-        sensor = self._of_sensor(look, place, pressed[-1]) if base else [np.zeros_like(values)] * BASE_SIZE
-        effect = [self._effect(here, x, k, contacted, values) for k in range(len(x))]
+        place, by_sensor = moved[:PLACE], dict(zip(explicit, moved[PLACE:], strict=True))
+        sensor = [np.zeros_like(values)] * BASE_SIZE
+        if base:
+            sensor = self._of_sensor(look, place, by_sensor, contacts[PLACE - 1])
+        felt = dict(zip(early, contacts[len(changed) :], strict=True))
+        # What acts after the contact needs no new one.
+        effect = [
+            self._change(felt.get(k, look.contacted), other.skin, values, step)
+            for k, (other, step) in enumerate(effects)
+        ]
         columns = np.zeros((*values.shape, 0)) if not effect else np.stack(effect, axis=-1)
         return Slopes(
             values,
@@ -233,52 +252,54 @@ class _Problem:
     def _contact(self, here: Hypothesis) -> Contacted:
         return here.skin.contact(memory_samples(here, here.placed(self.session)))
 
+    def _contacts(self, those: Sequence[Hypothesis]) -> list[Contacted]:
+        pairs = [(one.skin, memory_samples(one, one.placed(self.session))) for one in those]
+        # Loads point by point, which a spread needs, are too many to be sent from one process to another.
+        spread = any(a.effect.stage == Stage.SPREAD for one in those for a in one.skin.effects)
+        found = (map if spread else self.options.mapper)(_contact_of, pairs)
+        return [one.skin.own(contact) for one, contact in zip(those, found, strict=True)]
+
     def _change(self, contact: Contacted, skin: EffectSkin, values: FloatArray, step: float) -> FloatArray:
         return as_floats((self.session.means(skin.finish(contact)) - values) / step)
 
-    def _of_sensor(self, look: _Look, place: list[FloatArray], forced: Contacted) -> list[FloatArray]:
+    def _explicit(self, here: Hypothesis) -> list[int]:
+        """Numbers of the base model that need contacts of their own."""
+        shifts = [] if isinstance(here.model.surface, Cylinder | Plane) else [0, 1]
+        soft = [3] if any(a.effect.stage <= Stage.SPREAD for a in here.skin.effects) else []
+        return [*shifts, 2, *soft]
+
+    def _of_sensor(
+        self, look: _Look, place: list[FloatArray], explicit: Mapping[int, FloatArray], forced: Contacted
+    ) -> list[FloatArray]:
         """Slopes (N, J) by the five numbers of the sensor.
 
         Args:
             look: where.
             place: slopes by the three numbers of each press.
+            explicit: slopes by numbers of the sensor that are known already.
             forced: all presses with a force that is larger by the step of log E.
         """
-        here, values = look.hypothesis, look.values
-        unit, skin, step = np.eye(BASE_SIZE), here.skin, float(_STEPS[3])
-        moved = [-place[0], -place[1]]
-        if not isinstance(here.model.surface, Cylinder | Plane):
-            moved = [self._explicit(here, k, values) for k in (0, 1)]
-        base = [*moved, self._explicit(here, 2, values)]
-        if any(a.effect.stage <= Stage.SPREAD for a in skin.effects):
-            base.append(self._explicit(here, 3, values))
-        else:
+        here, values, step = look.hypothesis, look.values, float(_STEPS[3])
+        skin = here.skin
+        # On a cylinder or a plane a sensor that moves is a press that moves the other way.
+        found = {0: -place[0], 1: -place[1], **explicit}
+        if 3 not in found:
             # Loads are F times a function of F / E: on softer skin they are those of a larger force, made smaller.
             softer = replace(look.contacted, loads_n=forced.loads_n * np.exp(-step))
-            base.append(self._change(softer, skin, values, -step))
-        scaled = replace(skin.skin.parameters, scale_per_n=here.moved(_STEPS[4] * unit[4]).model.scale_per_n)
+            found[3] = self._change(softer, skin, values, -step)
+        scale = here.moved(_STEPS[4] * np.eye(BASE_SIZE)[4]).model.scale_per_n
+        scaled = replace(skin.skin.parameters, scale_per_n=scale)
         other = replace(skin, skin=replace(skin.skin, parameters=scaled))
-        base.append(self._change(look.contacted, other, values, float(_STEPS[4])))
-        return base
+        found[4] = self._change(look.contacted, other, values, float(_STEPS[4]))
+        return [found[k] for k in range(BASE_SIZE)]
 
-    def _explicit(self, here: Hypothesis, k: int, values: FloatArray) -> FloatArray:
-        other = here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k])
-        return (other.values(self.session) - values) / _STEPS[k]
-
-    def _effect(
-        self, here: Hypothesis, x: FloatArray, k: int, contacted: Contacted, values: FloatArray
-    ) -> FloatArray:
-        """Slope by one coordinate; what acts after the contact needs no new one."""
+    def _changed(self, look: _Look, k: int) -> tuple[Hypothesis, float]:
+        """A hypothesis with one coordinate changed, and by how much."""
+        x = look.x
         step = _COORDINATE_STEP if x[k] + _COORDINATE_STEP <= self.coords[k].bounds[1] else -_COORDINATE_STEP
         y = x.copy()
         y[k] += step
-        other = self.at(here, y)
-        if EFFECTS[self.coords[k].effect].stage > Stage.SPREAD:
-            session = here.placed(self.session)
-            after = session.means(other.skin.finish(contacted))
-        else:
-            after = other.values(self.session)
-        return (after - values) / step
+        return self.at(look.hypothesis, y), step
 
     def step(
         self, look: _Look, slopes: Slopes, damping: float, *, free: bool
@@ -333,3 +354,8 @@ class _Problem:
         if self.coords:
             normal[BASE_SIZE:, BASE_SIZE:] += np.diag(1 / priors(self.coords) ** 2)
         return as_floats(np.linalg.pinv(normal, hermitian=True))
+
+
+def _contact_of(pair: tuple[EffectSkin, Samples]) -> Contacted:
+    skin, samples = pair
+    return skin.contact(samples)

@@ -10,6 +10,7 @@ from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Made, arrays, held, made, 
 from model.model_shapes import cylinder_mesh, surface_of
 from scipy.stats import chi2
 
+from skincal.calibrate.workers import mapper
 from skincal.effects import EFFECTS, Stage
 from skincal.gap.base import BaseModel
 from skincal.gap.free import coordinates, parameters_at, priors
@@ -263,3 +264,15 @@ def test_static_presses_are_fitted_too():
 
 def test_priors_are_what_the_options_say():
     assert (RefitOptions(2e-4, 0.01).place_prior == [2e-4, 2e-4, 0.01]).all()
+
+
+def test_processes_change_nothing():
+    one = made()
+    # One effect before the contact, which needs contacts of its own, and one after it.
+    coords = [*coordinates(EFFECTS["stiffening"], SIZES), *coordinates(EFFECTS["crosstalk"], SIZES)]
+    with mapper(2) as spread:
+        far = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4, mapper=spread), coords)
+    near = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4), coords)
+    for name in ("values", "residual", "base", "place", "effect"):
+        assert np.array_equal(getattr(far.slopes, name), getattr(near.slopes, name)), name
+    assert np.array_equal(far.x, near.x) and far.objective == near.objective
