@@ -157,10 +157,11 @@ class Choice:
 
         None where the last round had none that scored better than in null sessions.
         """
-        last = self.rounds[-1] if self.rounds and self.rounds[-1].taken is None else None
-        falls = dict[str, float]() if last is None else last.falls
-        name, fall = max(falls.items(), key=lambda item: item[1], default=("", 0.0))
-        return (name, fall / self.rounds[-1].excess) if fall > 0 else None
+        last = self.rounds[-1] if self.rounds else None
+        if last is None or last.taken is not None:
+            return None
+        name, fall = max(last.falls.items(), key=lambda item: item[1], default=("", 0.0))
+        return (name, fall / last.excess) if fall > 0 else None
 
 
 PValue = Callable[[str, float], float]

@@ -220,15 +220,14 @@ class _Problem:
             for k, step in enumerate(_STEPS[_OF_PLACE])
         ]
         explicit = self._explicit(here) if base else []
+        steps = [*_STEPS[_OF_PLACE], *_STEPS[explicit]]
         changed += [here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k]) for k in explicit]
         effects = [self._changed(look, k) for k in range(len(look.x))]
         early = [k for k, coord in enumerate(self.coords) if EFFECTS[coord.effect].stage <= Stage.SPREAD]
         contacts = self._contacts([*changed, *(effects[k][0] for k in early)])
         moved = [
             self._change(contact, other.skin, values, step)
-            for contact, other, step in zip(
-                contacts, changed, [*_STEPS[_OF_PLACE], *_STEPS[explicit]], strict=False
-            )
+            for contact, other, step in zip(contacts[: len(changed)], changed, steps, strict=True)
         ]
         place, by_sensor = moved[:PLACE], dict(zip(explicit, moved[PLACE:], strict=True))
         sensor = [np.zeros_like(values)] * BASE_SIZE
