@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.diagnose.prepare import OFFSET, SELECTION, TRAIN, Prepared, force_variance
+from skincal.gap import null
 from skincal.gap.faults import Stuck, jumps_under_load, rests_rarely, stuck_taxels, without_stuck
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.law import law_directions
 from skincal.gap.models import Material, Model, excess_of, scene_of
-from skincal.gap.null import law_error
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, RefitOptions, refit
 from skincal.gap.relocate import relocated
@@ -23,6 +23,7 @@ from skincal.gap.robust import (
     dominating,
     glitches,
     jumps,
+    others_differ,
     without_jumps,
     without_presses,
 )
@@ -51,12 +52,17 @@ class Base:
     stuck: tuple[Stuck, ...] = ()
 
 
-def fit_base(ready: Prepared) -> Base:
-    """Fits the base model, and again with the noise of the force, and without glitches and jumps."""
+def fit_base(ready: Prepared, leave_out: bool = True) -> Base:
+    """Fits the base model, and again with the noise of the force, and without glitches and jumps.
+
+    Args:
+        ready: the session.
+        leave_out: whether presses may be left out as glitches.
+    """
     known, beside, session = ready.is_part(TRAIN, SELECTION), _beside(ready), ready.session
     reading, stuck, shifted = _of_staircase(ready, beside)
     first = _first_look(ready, reading, beside)
-    wild = glitches(first.slopes.residual, reading.seen, session.press)
+    wild = glitches(first.slopes.residual, reading.seen, session.press)[: None if leave_out else 0]
     reading = without_presses(reading, session.press, wild)
     if len(wild):
         # They have drawn sensor and places after them: from the beginning, without them.
@@ -125,32 +131,48 @@ def _first_look(ready: Prepared, reading: Reading, beside: dict[str, Parameters]
 
 def law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArray]:
     """What each contact law leaves of the base model (N, J), whitened; the fitted one nothing."""
-    hypothesis, material = base.model.hypothesis, base.material
-    errors = {"fitted": np.zeros_like(base.model.refit.slopes.values)}
-    for twin in twins_for(hypothesis, material.session):
-        heard(f"null sessions: {twin.name}")
-        errors[twin.name] = law_error(hypothesis, material, twin)
-    return errors
+    twins = twins_for(base.model.hypothesis, base.material.session)
+    heard(f"null sessions: {', '.join(twin.name for twin in twins)}")
+    nothing = {"fitted": np.zeros_like(base.model.refit.slopes.values)}
+    return nothing | null.law_errors(scene_of(base.model, base.material), base.material, twins)
 
 
-def fit_base_and_law(ready: Prepared, heard: Callable[[str], None]) -> tuple[Base, dict[str, FloatArray]]:
-    """The base model beside what its law may be wrong in, and what each contact law leaves of it (N, J)."""
-    base = fit_base(ready)
+def fit_base_and_law(
+    ready: Prepared, heard: Callable[[str], None], leave_out: bool = True
+) -> tuple[Base, dict[str, FloatArray]]:
+    """The base model beside what its law may be wrong in, and what each contact law leaves of it (N, J).
+
+    Args:
+        ready: the session.
+        heard: told what is being done.
+        leave_out: whether presses may be left out as glitches.
+    """
+    base = fit_base(ready, leave_out)
     errors = law_errors(base, heard)
     base = with_law(base, errors)
-    alone = _dominating(base)
-    if len(alone):
+    alone = dominating(*_left(base.model, base.material))
+    if leave_out and len(alone):
         base = _without(ready, base, alone)
         errors = law_errors(base, heard)
         base = with_law(base, errors)
     return base, errors
 
 
-def _dominating(base: Base) -> IntArray:
-    m = base.material
-    view = scene_of(base.model, m).part(m.known)
+def may_be_effect(base: Base) -> bool:
+    """Whether presses were left out as glitches, though others differ as well."""
+    return bool(len(base.glitches)) and others_differ(*_left(base.model, base.material))
+
+
+def explains(model: Model, base: Base, presses: IntArray) -> bool:
+    """Whether some presses, of which nothing was left out, are no glitches under a model."""
+    return not np.isin(presses, glitches(*_left(model, base.material))).any()
+
+
+def _left(model: Model, m: Material) -> tuple[FloatArray, BoolArray, IntArray]:
+    """What a model leaves (n, J), whitened and projected, of what choice and fit see; where read; the presses."""
+    view = scene_of(model, m).part(m.known)
     seen = m.reading.seen[view.rows]
-    return dominating(view.residual.reshape(seen.shape), seen, m.session.press[view.rows])
+    return view.residual.reshape(seen.shape), seen, m.session.press[view.rows]
 
 
 def _without(ready: Prepared, base: Base, presses: IntArray) -> Base:

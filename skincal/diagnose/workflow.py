@@ -7,7 +7,7 @@ one. What was named is fitted once more to all presses for the calibration that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,37 +16,28 @@ from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
+from skincal.diagnose.answer import Question
 from skincal.diagnose.audit import audit_dataset
-from skincal.diagnose.base_fit import Base, fit_base_and_law, of_law
+from skincal.diagnose.base_fit import Base, of_law
 from skincal.diagnose.cache import Cache
-from skincal.diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
+from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnose.findings import findings_of
-from skincal.diagnose.kept import Kept
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
-from skincal.gap.candidates import Scene, Start
-from skincal.gap.choose import Choice, choose
-from skincal.gap.dying import NAME as DEAD_TAXEL
-from skincal.gap.dying import dead_start
+from skincal.gap.choose import Choice
 from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.library import Library
-from skincal.gap.models import Model, scene_of
-from skincal.gap.null import Null
-from skincal.gap.places import NAME as PLACES
-from skincal.gap.places import with_places
+from skincal.gap.models import Model
 from skincal.gap.refit import refit
 from skincal.gap.robust import without_jumps
-from skincal.gap.signatures import Signature, signature_columns, signature_falls, where_text
-from skincal.model.arrays import FloatArray
+from skincal.gap.signatures import where_text
 
 Heard = Callable[[str], None]
-_LEAST_FALL = 20.0
 _PLACE_STEPS = 6
 _WIDTH = 1.96
 
@@ -94,55 +85,31 @@ def _diagnosed(
     spread: Mapper,
 ) -> Diagnosis:
     # A generator for each use: what is taken from a cache must not change what comes after it.
-    rng, audited, drawn, again, further, swapped = np.random.default_rng(seed).spawn(6)
+    rng, audited, asked, again, further = np.random.default_rng(seed).spawn(5)
     heard("noise floor and places")
     ready = prepare(dataset, calibration, options, rng)
     ready = replace(ready, options=replace(ready.options, mapper=spread))
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
-    heard("base model")
-    base, errors = fit_base_and_law(ready, heard)
-    scene = scene_of(base.model, base.material)
-    heard("sensitivities of the effects")
-    library = Library.of(scene)
-    signs = signature_columns(base.model.refit.slopes, ready.session, dataset.layout())
-    columns = {name: own for name, (_, own) in signs.items()}
-    heard("null sessions: scores")
-    kept = Kept(cache or Cache(), base.model, base.material, seed)
-    null = kept.null(scene, library, errors, options.null_draws, drawn, columns)
-    start = dead_start(scene.bench, base.dead)
-    extra: dict[str, Start] = {} if start is None else {DEAD_TAXEL: start}
-    choice = choose(
-        base.model,
-        base.material,
-        library,
-        null.p_value,
-        null.mean_square,
-        options.choice,
-        extra,
-        heard,
-        () if ready.rest_counts is None else (OFFSET,),
-    )
-    heard("places")
-    choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
+    answer = Question(ready, dataset, options, seed, cache or Cache(), heard).answer(asked)
+    base, choice = answer.base, answer.choice
     heard("gap on presses nobody has fitted")
     gap = _gap(ready, base, choice, again)
-    told = _signatures(scene, base, null, signs)
-    verdict, unexplained = judged(choice, null, told, options)
-    effects = () if verdict != "effects" else _named(choice, ready, base, dataset)
+    named = answer.verdict == "effects"
+    effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
-    final = calibration if verdict != "effects" else _refitted(ready, base, choice, calibration, dataset)
+    final = _refitted(ready, base, choice, calibration, dataset) if named else calibration
     found = Diagnosis(
-        verdict,
+        answer.verdict,
         effects,
-        unexplained,
+        answer.unexplained,
         _where(base, base.model, dataset),
         gap,
         ready.floor,
         audit,
-        null,
+        answer.null,
         choice,
-        told,
+        answer.signatures,
         findings_of(
             dataset.layout(),
             dataset.presses.press,
@@ -164,33 +131,6 @@ def _diagnosed(
     )
     heard("next presses")
     return with_next_presses(found, dataset, further)
-
-
-def judged(
-    choice: Choice, null: Null, signatures: Sequence[Signature], options: DiagnoseOptions
-) -> tuple[Verdict, bool]:
-    """The verdict, and whether something significant is left unexplained.
-
-    Something is missing where an effect scores as none does in null sessions, or where the residual depends on
-    something far more than in any of them, or is simply far larger. It is named if what was named explains most of it.
-    """
-    little = choice.left <= options.negligible
-    # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave.
-    least = options.choice.least(choice.values)
-    clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
-    strongest = max(clear, default=0.0)
-    in_images = [one for one in choice.named if one.name != PLACES]
-    no_more = choice.left <= options.background
-    if in_images and (no_more or choice.explained >= options.explained):
-        much = 1 - choice.explained > options.unexplained or choice.left > options.much
-        return "effects", not no_more and much
-    misfit = options.misfits(choice.left, null.times_most(choice.excess[1]))
-    if choice.named and not in_images and strongest < options.structure and not misfit:
-        # What lives in the places is taken up by them: the images say nothing for it or against it.
-        return "effects", False
-    if choice.named or misfit or (strongest >= options.structure and not little):
-        return "unknown", True
-    return "none", False
 
 
 def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) -> Gap:
@@ -239,21 +179,6 @@ def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tup
 def _where(base: Base, model: Model, dataset: Dataset) -> str:
     m = base.material
     return where_text(model.refit.slopes.residual, m.reading.seen, m.session, dataset.layout(), m.known)
-
-
-def _signatures(
-    scene: Scene, base: Base, null: Null, signs: Mapping[str, tuple[str, FloatArray]]
-) -> tuple[Signature, ...]:
-    whole = scene.part(base.material.known)
-    excess = max(1.0, float((whole.residual**2).sum()) - null.mean_square * whole.residual.size)
-    found: list[Signature] = []
-    for name, (meaning, columns) in signs.items():
-        fall = float(signature_falls(whole, columns, whole.residual)[0])
-        own = null.signatures[name]
-        chance = (1 + int((own >= fall).sum())) / (1 + len(null.laws))
-        most = max(_LEAST_FALL, float(own.max(initial=0.0)))
-        found.append(Signature(name, meaning, fall / excess, chance, fall / most))
-    return tuple(sorted(found, key=lambda s: -s.share))
 
 
 def _refitted(

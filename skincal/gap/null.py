@@ -12,7 +12,7 @@ it reaches itself in one null session of twenty: a list of 22 effects is then no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,14 +21,19 @@ from skincal.gap.candidates import Scene
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material
+from skincal.gap.projection import Projection
 from skincal.gap.signatures import signature_falls
 from skincal.gap.twin import Twin
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, as_floats
 
 _UNIT_QUANTILE = 0.95
 _LEAST_UNIT = 30.0
 """Less is nothing in any session: a noise that is found two percent too low, or a ramp that is averaged in a bin, makes
 scores of ten or twenty."""
+_MOVES, _LONGEST = 2, 0.7
+"""Steps of a twin's sensor to that of the next, and how long one is at most, in logarithms of E and S."""
+_OF_SIZE = 3
+"""Where these begin among a sensor's steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +75,40 @@ class Null:
         return (1 + beaten) / (1 + len(self.laws))
 
 
-def law_error(hypothesis: Hypothesis, material: Material, twin: Twin) -> FloatArray:
-    """Whitened residual (N, J) of the base model where a twin's law holds and there is no noise, nothing fitted again.
+def law_errors(scene: Scene, material: Material, twins: Sequence[Twin]) -> dict[str, FloatArray]:
+    """What twins leave (N, J) of the base model, whitened: of each the sensor whose fit is this very model.
 
-    Twins are as wide as the fitted law, so that sensor and places move by little, which a projection takes out.
+    A twin that is as wide as the fitted law is fitted by another sensor, that of a thick layer by one with half the E,
+    and what *that* one leaves is something else. So each twin's sensor is moved until the slopes of the base model
+    explain nothing of what it differs by, from where that of the twin before ended.
+
+    Args:
+        scene: of the base model's fit.
+        material: the session.
+        twins: laws, best in an order in which one is like the next.
     """
-    plain = hypothesis.with_effects({})
-    expected = material.reading.expected(twin.values(plain, material.session))
-    return material.reading.with_counts(expected).residual(plain.values(material.session))
+    fitted = scene.bench.hypothesis.with_effects({})
+    values, rows = fitted.values(material.session), material.known
+    slopes, place = scene.slopes.base[rows], scene.slopes.place[rows] * scene.prior
+    free = Projection.of(
+        scene.press[rows], place, np.zeros_like(slopes[..., 0]), np.zeros_like(slopes[..., :1])
+    )
+    bare = free.apply(slopes.reshape(-1, slopes.shape[-1]))
+    found: dict[str, FloatArray] = {}
+    other = fitted
+    for twin in twins:
+        for _ in range(_MOVES):
+            error = _differs(values, other, material, twin)[rows].reshape(-1, 1)
+            step = as_floats(np.linalg.lstsq(bare, free.apply(error)[:, 0], rcond=None)[0])
+            longest = max(float(np.abs(step[_OF_SIZE:]).max()), 1e-12)
+            other = other.moved(-step * min(1.0, _LONGEST / longest))
+        found[twin.name] = _differs(values, other, material, twin)
+    return found
+
+
+def _differs(values: FloatArray, other: Hypothesis, material: Material, twin: Twin) -> FloatArray:
+    expected = material.reading.expected(twin.values(other, material.session))
+    return material.reading.with_counts(expected).residual(values)
 
 
 def _misplaced(scene: Scene, draws: int, rng: np.random.Generator) -> FloatArray:

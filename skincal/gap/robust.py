@@ -26,6 +26,9 @@ _SURE = 200.0
 """Fall of the squared residual that makes a dead taxel or a jump sure."""
 _LEAST_JUMP = 1.5
 _FEWEST = 8
+_OTHERS = 16.0
+"""A press differs if its squared residual is so many standard deviations beyond that of noise: of three hundred values
+more than twice as large."""
 _MOST_DOMINATING, _FAR_BEYOND, _MUCH_OF_ALL = 2, 3.0, 0.15
 """Presses that dominate: so many at most, so far beyond the worst tenth, and with so much of what all presses leave."""
 
@@ -101,6 +104,21 @@ def dominating(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArr
     most = np.argsort(-excess)[:_MOST_DOMINATING]
     much = max(_SURE, _FAR_BEYOND * usual, _MUCH_OF_ALL * whole)
     return np.sort(rows[most[excess[most] > much]])
+
+
+def others_differ(residual: FloatArray, seen: BoolArray, press: IntArray) -> bool:
+    """Whether any press that was kept differs by far more than noise.
+
+    Where glitches were left out and all others fit, they were that. Where others differ as well, if less, those that
+    were left out may be the ones that show an effect best.
+
+    Args:
+        residual: (N, J) whitened, of a fitted model; what may be off in sensor, places and law projected out.
+        seen: (N, J) where something was read; nowhere in what was left out.
+        press: (N,) row of the press of each observation.
+    """
+    _, squares, read = _by_press(residual, seen, press)
+    return bool((squares - read > _OTHERS * np.sqrt(2 * read)).any())
 
 
 def _by_press(

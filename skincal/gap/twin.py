@@ -55,7 +55,7 @@ def twins_for(hypothesis: Hypothesis, session: GapSession) -> tuple[Twin, ...]:
     if all_balls and len(force) and isinstance(surface, Cylinder | Plane):
         stiffness, middle = hypothesis.model.elasticity_pa_per_m, float(np.median(force))
         layers = [alike_layer(surface, balls[0].radius_m, stiffness, middle, h) for h in THICKNESSES_M]
-        return tuple(_layer(layer) for layer in layers)
+        return tuple(_layer(layer, stiffness) for layer in layers)
     return tuple(_power(n) for n in POWERS)
 
 
@@ -67,10 +67,13 @@ def _power(exponent: float) -> Twin:
     return Twin(f"power {exponent:g}", values)
 
 
-def _layer(layer: Layer) -> Twin:
+def _layer(layer: Layer, alike_pa_per_m: float) -> Twin:
     def values(hypothesis: Hypothesis, session: GapSession) -> FloatArray:
         placed = hypothesis.placed(session).samples
-        return session.means(layer_loads(hypothesis, placed, layer) * hypothesis.model.scale_per_n)
+        # A sensor with another E has a layer that is stiffer by as much.
+        stiffer = hypothesis.model.elasticity_pa_per_m / alike_pa_per_m
+        own = Layer(layer.thickness_m, layer.shear_modulus_pa * stiffer, layer.poisson)
+        return session.means(layer_loads(hypothesis, placed, own) * hypothesis.model.scale_per_n)
 
     return Twin(f"layer {1e3 * layer.thickness_m:g} mm", values)
 

@@ -21,12 +21,13 @@ from report.diagnosis_cases import LOOP, calibration, diagnosed, session
 
 from skincal.calibration import Effect
 from skincal.dataset import HOLD, Dataset
+from skincal.diagnose.answer import judged
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.diagnose.summary import summary
-from skincal.diagnose.workflow import diagnose, judged
+from skincal.diagnose.workflow import diagnose
 from skincal.errors import InputError, WorkError
 from skincal.gap.choose import Choice, ChoiceOptions, Named
 from skincal.gap.null import Null

@@ -12,14 +12,15 @@ from skincal.gap.candidates import Scene, best_of
 from skincal.gap.elastic_layer import Layer
 from skincal.gap.law import MOST, law_directions
 from skincal.gap.models import excess_of, scene_of
-from skincal.gap.null import law_error
+from skincal.gap.null import law_errors
 from skincal.gap.twin import Twin, alike_layer, layer_loads, twins_for
 from skincal.model import Cylinder
 
 
 def errors_of(of: Case) -> list[np.ndarray]:
-    model, material = of.model.hypothesis, of.made.material
-    return [law_error(model, material, twin) for twin in twins_for(model, of.made.session)]
+    return list(
+        law_errors(of.scene, of.made.material, twins_for(of.model.hypothesis, of.made.session)).values()
+    )
 
 
 def with_law(of: Case) -> Scene:
@@ -53,7 +54,7 @@ def test_a_law_between_them_is_held_as_well():
         "between",
         lambda h, s: s.means(layer_loads(h, h.placed(s).samples, between) * h.model.scale_per_n),
     )
-    error = law_error(model, of.made.material, twin)
+    error = law_errors(of.scene, of.made.material, [twin])["between"]
     # More than the least unit of a score before, less than that after.
     assert length(of.scene, of, error) > 100
     assert length(with_law(of), of, error) < 30
@@ -80,3 +81,20 @@ def test_what_a_law_explains_is_not_in_the_excess():
     law = with_law(of).law
     without = excess_of(of.model, of.made.material, 1.0)
     assert excess_of(of.model, replace(of.made.material, law=law), 1.0) <= without + 1e-6
+
+
+def test_the_sensor_of_a_twin_is_the_one_whose_fit_is_this_model():
+    of = case("none")
+    twins = twins_for(of.model.hypothesis, of.made.session)
+    thick = law_errors(of.scene, of.made.material, twins)[twins[-1].name]
+    rows = of.made.material.known
+    view = of.scene.part(rows)
+    free = replace(view.projection, basis=np.zeros((thick[rows].size, 0)))
+    own = free.apply(thick[rows].reshape(-1, 1))
+    slopes = free.apply(of.scene.slopes.base[rows].reshape(own.shape[0], -1))
+    step = np.linalg.lstsq(slopes, own[:, 0], rcond=None)[0]
+    as_wide = of.made.material.reading.expected(twins[-1].values(of.model.hypothesis, of.made.session))
+    error = of.made.material.reading.with_counts(as_wide).residual(of.scene.zero)
+    there = np.linalg.lstsq(slopes, free.apply(error[rows].reshape(-1, 1))[:, 0], rcond=None)[0]
+    # E and S of what would fit it are these; a twin as wide as the fitted law is fitted by others.
+    assert np.abs(step[3:]).max() < 0.3 * np.abs(there[3:]).max()

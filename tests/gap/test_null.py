@@ -9,7 +9,7 @@ from gap.made_sessions import OPTIONS, Case, based, case, made, scene_of
 from skincal.gap.candidates import Scene
 from skincal.gap.library import Library
 from skincal.gap.models import Material
-from skincal.gap.null import Null, law_error, simulate_null
+from skincal.gap.null import Null, law_errors, simulate_null
 from skincal.gap.signatures import signature_columns
 from skincal.gap.twin import Twin, twins_for
 
@@ -92,11 +92,11 @@ def test_same_seed_same_null():
 def test_the_fitted_law_has_no_error_and_another_one_has():
     of = case("none")
     model, material = of.model.hypothesis, of.made.material
-    same = law_error(model, material, Twin("same", lambda h, s: h.values(s)))
+    same = law_errors(of.scene, material, [Twin("same", lambda h, s: h.values(s))])["same"]
     # Presses and sensor stay where they are; one count in a thousand is less than anything.
     assert np.abs(same).max() < 0.02
     twin = twins_for(model, of.made.session)[1]
-    other = law_error(model, material, twin)
+    other = law_errors(of.scene, material, [twin])[twin.name]
     assert other.shape == same.shape and np.sqrt((other**2).mean()) > 0.2
     scored = null_of(of, 30, 4, {"fitted": np.zeros_like(other), twin.name: other})
     assert scored.best[30:].max() > scored.best[:30].max()

@@ -19,6 +19,7 @@ from skincal.gap.robust import (
     dominating,
     glitches,
     jumps,
+    others_differ,
     without_jumps,
     without_presses,
 )
@@ -95,6 +96,18 @@ def test_a_press_counts_by_what_was_read_of_it():
     assert glitches(residual, seen, press).tolist() == [7]
     seen[press == 7], residual[press == 7] = False, 0.0
     assert glitches(residual, seen, press).tolist() == []
+
+
+def test_others_differ_by_far_more_than_noise_or_not_at_all():
+    scale = np.ones(3 * PRESSES)
+    assert not others_differ(*noise_of(scale))
+    scale[7] = 1.6
+    assert not others_differ(*noise_of(scale))
+    scale[7] = 2.2
+    residual, seen, press = noise_of(scale)
+    assert others_differ(residual, seen, press)
+    seen[press == 7], residual[press == 7] = False, 0.0
+    assert not others_differ(residual, seen, press)
 
 
 def test_a_reading_without_presses_has_none_of_them():

@@ -1,0 +1,164 @@
+"""What a session says of its sensor: the base model, null sessions, the effects that are named, and the verdict.
+
+Presses that are out of all proportion are left out. An effect that is steep in place or time shows in few presses,
+and those are the first to be left out then. So where others differ as well and nothing explains them, the session is
+asked again with all its presses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.dataset import Dataset
+from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, may_be_effect
+from skincal.diagnose.cache import Cache
+from skincal.diagnose.diagnosis import Verdict
+from skincal.diagnose.kept import Kept
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.prepare import OFFSET, Prepared
+from skincal.gap.candidates import Scene, Start
+from skincal.gap.choose import Choice, choose
+from skincal.gap.dying import NAME as DEAD_TAXEL
+from skincal.gap.dying import dead_start
+from skincal.gap.library import Library
+from skincal.gap.models import scene_of
+from skincal.gap.null import Null
+from skincal.gap.places import NAME as PLACES
+from skincal.gap.places import with_places
+from skincal.gap.signatures import Signature, signature_columns, signature_falls
+from skincal.model.arrays import FloatArray
+
+Heard = Callable[[str], None]
+_LEAST_FALL = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a session says.
+
+    Attributes:
+        base: the base model about it.
+        null: sessions in which nothing is missing.
+        choice: the effects that are named.
+        signatures: on what the residual depends, strongest first.
+        verdict: as of a diagnosis.
+        unexplained: whether something significant is left beside what was named.
+    """
+
+    base: Base
+    null: Null
+    choice: Choice
+    signatures: tuple[Signature, ...]
+    verdict: Verdict
+    unexplained: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A session that is asked, and how.
+
+    Attributes:
+        ready: the session.
+        dataset: gives the layout of its taxels.
+        options: settings.
+        seed: of all chance.
+        cache: of what was worked out before.
+        heard: told which stage begins.
+    """
+
+    ready: Prepared
+    dataset: Dataset
+    options: DiagnoseOptions
+    seed: int
+    cache: Cache
+    heard: Heard
+
+    def answer(self, rng: np.random.Generator) -> Answer:
+        """What the session says, without glitches, or with all presses if those may be an effect."""
+        whole = rng.spawn(1)[0]
+        first = self._answer(rng, leave_out=True)
+        settled = first.verdict == "effects" and not first.unexplained
+        if settled or not may_be_effect(first.base):
+            return first
+        self.heard("again, with all presses")
+        again = self._answer(whole, leave_out=False)
+        if again.verdict == "effects" and explains(again.choice.after, again.base, first.base.glitches):
+            return again
+        # What glitches do is not to be named, nor to take away what is.
+        return again if first.verdict != "effects" and again.verdict == "unknown" else first
+
+    def _answer(self, rng: np.random.Generator, *, leave_out: bool) -> Answer:
+        drawn, swapped = rng.spawn(2)
+        ready, heard = self.ready, self.heard
+        heard("base model")
+        base, errors = fit_base_and_law(ready, heard, leave_out)
+        scene = scene_of(base.model, base.material)
+        heard("sensitivities of the effects")
+        library = Library.of(scene)
+        signs = signature_columns(base.model.refit.slopes, ready.session, self.dataset.layout())
+        columns = {name: own for name, (_, own) in signs.items()}
+        heard("null sessions: scores")
+        kept = Kept(self.cache, base.model, base.material, self.seed)
+        null = kept.null(scene, library, errors, self.options.null_draws, drawn, columns)
+        start = dead_start(scene.bench, base.dead)
+        extra: dict[str, Start] = {} if start is None else {DEAD_TAXEL: start}
+        choice = choose(
+            base.model,
+            base.material,
+            library,
+            null.p_value,
+            null.mean_square,
+            self.options.choice,
+            extra,
+            heard,
+            () if ready.rest_counts is None else (OFFSET,),
+        )
+        heard("places")
+        choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
+        told = _signatures(scene, base, null, signs)
+        return Answer(base, null, choice, told, *judged(choice, null, told, self.options))
+
+
+def judged(
+    choice: Choice, null: Null, signatures: Sequence[Signature], options: DiagnoseOptions
+) -> tuple[Verdict, bool]:
+    """The verdict, and whether something significant is left unexplained.
+
+    Something is missing where an effect scores as none does in null sessions, or where the residual depends on
+    something far more than in any of them, or is simply far larger. It is named if what was named explains most of it.
+    """
+    little = choice.left <= options.negligible
+    # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave.
+    least = options.choice.least(choice.values)
+    clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
+    strongest = max(clear, default=0.0)
+    in_images = [one for one in choice.named if one.name != PLACES]
+    no_more = choice.left <= options.background
+    if in_images and (no_more or choice.explained >= options.explained):
+        much = 1 - choice.explained > options.unexplained or choice.left > options.much
+        return "effects", not no_more and much
+    misfit = options.misfits(choice.left, null.times_most(choice.excess[1]))
+    if choice.named and not in_images and strongest < options.structure and not misfit:
+        # What lives in the places is taken up by them: the images say nothing for it or against it.
+        return "effects", False
+    if choice.named or misfit or (strongest >= options.structure and not little):
+        return "unknown", True
+    return "none", False
+
+
+def _signatures(
+    scene: Scene, base: Base, null: Null, signs: Mapping[str, tuple[str, FloatArray]]
+) -> tuple[Signature, ...]:
+    whole = scene.part(base.material.known)
+    excess = max(1.0, float((whole.residual**2).sum()) - null.mean_square * whole.residual.size)
+    found: list[Signature] = []
+    for name, (meaning, columns) in signs.items():
+        fall = float(signature_falls(whole, columns, whole.residual)[0])
+        own = null.signatures[name]
+        chance = (1 + int((own >= fall).sum())) / (1 + len(null.laws))
+        most = max(_LEAST_FALL, float(own.max(initial=0.0)))
+        found.append(Signature(name, meaning, fall / excess, chance, fall / most))
+    return tuple(sorted(found, key=lambda s: -s.share))
