@@ -8,12 +8,12 @@ asked again with all its presses.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from skincal.dataset import Dataset
-from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, may_be_effect
+from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, may_be_effect, of_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Verdict
 from skincal.diagnose.kept import Kept
@@ -29,7 +29,7 @@ from skincal.gap.null import Null
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.places import with_places
 from skincal.gap.signatures import Signature, signature_columns, signature_falls
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, IntArray
 
 Heard = Callable[[str], None]
 _LEAST_FALL = 20.0
@@ -46,6 +46,7 @@ class Answer:
         signatures: on what the residual depends, strongest first.
         verdict: as of a diagnosis.
         unexplained: whether something significant is left beside what was named.
+        doubted: rows of presses that had been left out at first.
     """
 
     base: Base
@@ -54,6 +55,7 @@ class Answer:
     signatures: tuple[Signature, ...]
     verdict: Verdict
     unexplained: bool
+    doubted: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ class Question:
         if settled or not may_be_effect(first.base):
             return first
         self.heard("again, with all presses")
-        again = self._answer(whole, leave_out=False)
+        again = replace(self._answer(whole, leave_out=False), doubted=first.base.glitches)
         if again.verdict == "effects" and explains(again.choice.after, again.base, first.base.glitches):
             return again
         # What glitches do is not to be named, nor to take away what is.
@@ -115,6 +117,7 @@ class Question:
             extra,
             heard,
             () if ready.rest_counts is None else (OFFSET,),
+            of_law(base),
         )
         heard("places")
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
@@ -132,7 +135,7 @@ def judged(
     """
     little = choice.left <= options.negligible
     # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave.
-    least = options.choice.least(choice.values)
+    least = options.choice.least(choice.values, choice.law)
     clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
     strongest = max(clear, default=0.0)
     in_images = [one for one in choice.named if one.name != PLACES]

@@ -14,6 +14,7 @@ from skincal.model.arrays import BoolArray, IntArray
 
 LAW = 0.15
 """What a law explains is told from this on, in units of the noise."""
+_LOOK = "Look at its frames; press there again."
 
 
 def taxel_name(layout: TaxelLayout, taxel: int) -> str:
@@ -32,6 +33,7 @@ def findings_of(
     of_law: float = 0.0,
     stuck: Sequence[Stuck] = (),
     all_taxels: int | None = None,
+    doubted: Sequence[int] = (),
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -46,13 +48,18 @@ def findings_of(
         stuck: taxels that sit at a bound for a while.
         all_taxels: how many taxels the sensor has; None: as many as were looked at.
         of_law: root mean square of what another contact law would explain, in units of the noise.
+        doubted: rows of presses that look like glitches, though others differ as well.
     """
     looked: list[int] = list(range(seen.shape[1])) if taxels is None else taxels.tolist()
     found: list[Finding] = []
     if len(glitches):
-        numbers = ", ".join(str(presses[row]) for row in glitches)
+        numbers = _numbers(presses, glitches)
         text = f"press {numbers}: the image is out of all proportion to that of other presses; left out"
-        found.append(Finding("glitch", "warning", text, "Look at its frames; press there again."))
+        found.append(Finding("glitch", "warning", text, _LOOK))
+    if len(doubted):
+        numbers = _numbers(presses, doubted)
+        text = f"press {numbers}: the image differs most; others differ as well, so nothing was left out"
+        found.append(Finding("doubted", "info", text, _LOOK))
     for jump in jumps:
         names = ", ".join(taxel_name(layout, looked[t]) for t in jump.taxels)
         back = f" and back at {jump.until_s:.1f} s" if np.isfinite(jump.until_s) else ""
@@ -92,6 +99,10 @@ def findings_of(
         names = ", ".join(taxel_name(layout, looked[t]) for t in never)
         found.append(Finding("never_read", "warning", f"{names}: never read (NaN throughout); left out", ""))
     return tuple(found)
+
+
+def _numbers(presses: IntArray, rows: Sequence[int]) -> str:
+    return ", ".join(str(presses[row]) for row in rows)
 
 
 def _together(stuck: Sequence[Stuck]) -> dict[tuple[float, float, float], list[int]]:

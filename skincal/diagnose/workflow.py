@@ -18,7 +18,7 @@ from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.answer import Question
 from skincal.diagnose.audit import audit_dataset
-from skincal.diagnose.base_fit import Base, of_law
+from skincal.diagnose.base_fit import Base
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnose.findings import findings_of
@@ -118,9 +118,10 @@ def _diagnosed(
             base.dead,
             ready.reading.seen,
             ready.session.taxels,
-            of_law(base),
+            choice.law,
             base.stuck,
             dataset.presses.counts.shape[1],
+            answer.doubted.tolist(),
         ),
         ready.split,
         ready.session,

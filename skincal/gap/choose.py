@@ -54,6 +54,9 @@ class ChoiceOptions:
             one was.
         weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
             tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
+        beside_law: the same where another contact law explains much: what is not quite right in it leaves nearly as
+            much.
+        of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
     """
 
     most: int = 4
@@ -68,13 +71,20 @@ class ChoiceOptions:
     near: float = 0.1
     enough: float = 0.03
     weakest: float = 0.15
+    beside_law: float = 0.25
+    of_law: float = 0.8
     clear: float = 0.4
     related: float = 0.3
     of_related: float = 0.25
 
-    def least(self, values: int) -> float:
-        """By how much the weakest effect lowers the squared residual of so many values."""
-        return self.weakest**2 * values
+    def least(self, values: int, law: float = 0.0) -> float:
+        """By how much the weakest effect lowers the squared residual of so many values.
+
+        Args:
+            values: that were read.
+            law: root mean square of what another contact law explains, in units of the noise.
+        """
+        return max(self.weakest, min(self.of_law * law, self.beside_law)) ** 2 * values
 
     def later(self, share: float, first: float, values: int) -> float:
         """A share of the first round's excess, but no more than is clear."""
@@ -131,6 +141,7 @@ class Choice:
         rounds: what was tried.
         excess: squared residual beyond noise, before and after.
         values: that were read and looked at.
+        law: root mean square of what another contact law explains, in units of the noise.
     """
 
     before: Model
@@ -139,6 +150,7 @@ class Choice:
     rounds: tuple[Round, ...]
     excess: tuple[float, float]
     values: int = 1
+    law: float = 0.0
 
     @property
     def explained(self) -> float:
@@ -178,6 +190,7 @@ def choose(
     extra: Mapping[str, Start] | None = None,
     heard: Heard = lambda _: None,
     plain: Collection[str] = (),
+    law: float = 0.0,
 ) -> Choice:
     """Names effects one by one.
 
@@ -192,11 +205,12 @@ def choose(
         heard: told what is being done.
         plain: effects that can be read off without a model, such as a high level at rest. What comes after them is
             measured against what they leave.
+        law: root mean square of what another contact law explains, in units of the noise.
     """
     options = options or ChoiceOptions()
     model, named, rounds, told, passed = before, list[Named](), list[Round](), 0, set[str]()
     seen = int((material.reading.seen & material.known[:, None]).sum())
-    least = options.least(seen)
+    least = options.least(seen, law)
     whole = first = left = excess_of(before, material, null_mean)
     while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
         number = len(rounds) + 1
@@ -234,7 +248,7 @@ def choose(
             first, told = left, told + 1
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
-    return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen)
+    return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
 
 
 def of_one_kind(name: str, known: Collection[str]) -> bool:

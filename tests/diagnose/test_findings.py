@@ -45,6 +45,13 @@ def test_glitches_are_told_by_the_number_of_the_press():
     assert "press 100, 107:" in one.text and "left out" in one.text
 
 
+def test_presses_that_may_be_an_effect_are_told_but_not_as_glitches():
+    seen = np.ones((4, LAYOUT.taxels), dtype=bool)
+    (one,) = findings_of(LAYOUT, PRESSES, [], [], [], seen, doubted=[0, 2])
+    assert one.code == "doubted" and f"press {PRESSES[0]}, {PRESSES[2]}:" in one.text
+    assert "nothing was left out" in one.text
+
+
 def test_a_jump_says_which_taxels_when_and_how_much():
     (one,) = found(jumps=(Jump((1, 4), 61.25, (3.04, -2.0)),))
     assert one.code == "jump"
