@@ -1,8 +1,9 @@
 """What a session says of its sensor: the base model, null sessions, the effects that are named, and the verdict.
 
 Presses that are out of all proportion are left out. An effect that is steep in place or time shows in few presses,
-and those are the first to be left out then. So where others differ as well and nothing explains them, the session is
-asked again with all its presses.
+and those are the first to be left out then. So where others differ as well and are not explained, the session is
+asked again with all its presses. That answer counts if effects are named that explain the doubted presses, too, or if
+it is "unknown" and the first one named nothing.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ class Question:
         drawn, swapped = rng.spawn(2)
         ready, heard = self.ready, self.heard
         heard("base model")
-        base, errors = fit_base_and_law(ready, heard, leave_out)
+        base, errors = fit_base_and_law(ready, heard, leave_out=leave_out)
         scene = scene_of(base.model, base.material)
         heard("sensitivities of the effects")
         library = Library.of(scene)
@@ -134,7 +135,7 @@ def judged(
     something far more than in any of them, or is simply far larger. It is named if what was named explains most of it.
     """
     little = choice.left <= options.negligible
-    # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave.
+    # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave, or a law.
     least = options.choice.least(choice.values, choice.law)
     clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
     strongest = max(clear, default=0.0)

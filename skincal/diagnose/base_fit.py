@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.diagnose.prepare import OFFSET, SELECTION, TRAIN, Prepared, force_variance
-from skincal.gap import null
+from skincal.diagnose.prepare import FINAL, OFFSET, SELECTION, TRAIN, Prepared, force_variance
 from skincal.gap.faults import Stuck, jumps_under_load, rests_rarely, stuck_taxels, without_stuck
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.law import law_directions
 from skincal.gap.models import Material, Model, excess_of, scene_of
+from skincal.gap.null import law_errors
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, RefitOptions, refit
 from skincal.gap.relocate import relocated
@@ -21,6 +21,7 @@ from skincal.gap.robust import (
     Jump,
     dead_taxels,
     dominating,
+    explained,
     glitches,
     jumps,
     others_differ,
@@ -52,17 +53,19 @@ class Base:
     stuck: tuple[Stuck, ...] = ()
 
 
-def fit_base(ready: Prepared, leave_out: bool = True) -> Base:
+def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     """Fits the base model, and again with the noise of the force, and without glitches and jumps.
 
     Args:
         ready: the session.
-        leave_out: whether presses may be left out as glitches.
+        leave_out: whether presses may be left out as glitches; those of the end may in any case.
     """
     known, beside, session = ready.is_part(TRAIN, SELECTION), _beside(ready), ready.session
     reading, stuck, shifted = _of_staircase(ready, beside)
     first = _first_look(ready, reading, beside)
-    wild = glitches(first.slopes.residual, reading.seen, session.press)[: None if leave_out else 0]
+    wild = glitches(first.slopes.residual, reading.seen, session.press)
+    if not leave_out:
+        wild = wild[ready.split.part[wild] == FINAL]
     reading = without_presses(reading, session.press, wild)
     if len(wild):
         # They have drawn sensor and places after them: from the beginning, without them.
@@ -129,43 +132,46 @@ def _first_look(ready: Prepared, reading: Reading, beside: dict[str, Parameters]
     return refit(placed, session, reading, options, learn=known, fixed=beside)
 
 
-def law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArray]:
+def _law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArray]:
     """What each contact law leaves of the base model (N, J), whitened; the fitted one nothing."""
     twins = twins_for(base.model.hypothesis, base.material.session)
     heard(f"null sessions: {', '.join(twin.name for twin in twins)}")
     nothing = {"fitted": np.zeros_like(base.model.refit.slopes.values)}
-    return nothing | null.law_errors(scene_of(base.model, base.material), base.material, twins)
+    return nothing | law_errors(scene_of(base.model, base.material), base.material, twins)
 
 
 def fit_base_and_law(
-    ready: Prepared, heard: Callable[[str], None], leave_out: bool = True
+    ready: Prepared, heard: Callable[[str], None], *, leave_out: bool = True
 ) -> tuple[Base, dict[str, FloatArray]]:
     """The base model beside what its law may be wrong in, and what each contact law leaves of it (N, J).
 
     Args:
         ready: the session.
         heard: told what is being done.
-        leave_out: whether presses may be left out as glitches.
+        leave_out: whether presses may be left out of fit and choice as glitches.
     """
-    base = fit_base(ready, leave_out)
-    errors = law_errors(base, heard)
+    base = fit_base(ready, leave_out=leave_out)
+    errors = _law_errors(base, heard)
     base = with_law(base, errors)
     alone = dominating(*_left(base.model, base.material))
     if leave_out and len(alone):
         base = _without(ready, base, alone)
-        errors = law_errors(base, heard)
+        errors = _law_errors(base, heard)
         base = with_law(base, errors)
     return base, errors
 
 
 def may_be_effect(base: Base) -> bool:
-    """Whether presses were left out as glitches, though others differ as well."""
-    return bool(len(base.glitches)) and others_differ(*_left(base.model, base.material))
+    """Whether presses were left out of fit and choice as glitches, though others differ as well."""
+    m = base.material
+    left_out = np.isin(base.glitches, m.session.press[m.known]).any()
+    return bool(left_out) and others_differ(*_left(base.model, m))
 
 
 def explains(model: Model, base: Base, presses: IntArray) -> bool:
-    """Whether some presses, of which nothing was left out, are no glitches under a model."""
-    return not np.isin(presses, glitches(*_left(model, base.material))).any()
+    """Whether some presses are no glitches under a model, beside a base of which they were not left out."""
+    before, seen, press = _left(base.model, base.material)
+    return explained(before, _left(model, base.material)[0], seen, press, presses)
 
 
 def _left(model: Model, m: Material) -> tuple[FloatArray, BoolArray, IntArray]:
@@ -191,7 +197,9 @@ def _without(ready: Prepared, base: Base, presses: IntArray) -> Base:
 
 def with_law(base: Base, errors: Mapping[str, FloatArray]) -> Base:
     """A base whose contact law may err as twins do."""
-    law = law_directions(scene_of(base.model, base.material), base.material.known, list(errors.values()))
+    # Directions that are there already would be projected out, and nothing be left of any law.
+    bare = scene_of(base.model, replace(base.material, law=None))
+    law = law_directions(bare, base.material.known, list(errors.values()))
     if not base.material.options.base:
         law = np.concatenate([law, _own_scales(base.model.refit.slopes.base[..., -1])], axis=-1)
     return replace(base, material=replace(base.material, law=law))

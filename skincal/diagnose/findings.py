@@ -58,8 +58,8 @@ def findings_of(
         found.append(Finding("glitch", "warning", text, _LOOK))
     if len(doubted):
         numbers = _numbers(presses, doubted)
-        text = f"press {numbers}: the image differs most; others differ as well, so nothing was left out"
-        found.append(Finding("doubted", "info", text, _LOOK))
+        text = f"press {numbers}: the image differs most; others differ as well, so they were kept"
+        found.append(Finding("kept_presses", "info", text, _LOOK))
     for jump in jumps:
         names = ", ".join(taxel_name(layout, looked[t]) for t in jump.taxels)
         back = f" and back at {jump.until_s:.1f} s" if np.isfinite(jump.until_s) else ""

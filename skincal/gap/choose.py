@@ -56,7 +56,7 @@ class ChoiceOptions:
             tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
         beside_law: the same where another contact law explains much: what is not quite right in it leaves nearly as
             much.
-        of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
+        share_of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
     """
 
     most: int = 4
@@ -72,7 +72,7 @@ class ChoiceOptions:
     enough: float = 0.03
     weakest: float = 0.15
     beside_law: float = 0.25
-    of_law: float = 0.8
+    share_of_law: float = 0.8
     clear: float = 0.4
     related: float = 0.3
     of_related: float = 0.25
@@ -84,7 +84,15 @@ class ChoiceOptions:
             values: that were read.
             law: root mean square of what another contact law explains, in units of the noise.
         """
-        return max(self.weakest, min(self.of_law * law, self.beside_law)) ** 2 * values
+        return self.weakest_beside(law) ** 2 * values
+
+    def weakest_beside(self, law: float) -> float:
+        """Root mean square of the weakest effect that is named, in units of the noise.
+
+        Args:
+            law: root mean square of what another contact law explains, in units of the noise.
+        """
+        return max(self.weakest, min(self.share_of_law * law, self.beside_law))
 
     def later(self, share: float, first: float, values: int) -> float:
         """A share of the first round's excess, but no more than is clear."""

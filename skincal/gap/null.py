@@ -1,10 +1,10 @@
 """What scores come out where nothing is missing: simulated sessions of this protocol, under several contact laws.
 
-A null session is the fitted sensor under its own law or a twin's (:mod:`skincal.gap.twin`), with noise, rounding and
-clipping, and with places and forces off as their priors say. What sensor, places and the law's own directions
-(:mod:`skincal.gap.law`) can take up is projected out, as it is of data. All sessions share the linearised, whitened
-sensitivities of the effects, so a hundred of them cost no more than one: an effect's score is that of its best form,
-found on the training presses and scored on the selection presses as with data.
+A null session is the fitted sensor, or one under a twin's law (:mod:`skincal.gap.twin`) that it would fit, with noise,
+rounding and clipping, and with places and forces off as their priors say. What sensor, places and the law's own
+directions (:mod:`skincal.gap.law`) can take up is projected out, as it is of data. All sessions share the linearised,
+whitened sensitivities of the effects, so a hundred of them cost no more than one: an effect's score is that of its best
+form, found on the training presses and scored on the selection presses as with data.
 
 The p-value of a score is the share of null sessions in which *any* effect does as well, each counted in units of what
 it reaches itself in one null session of twenty: a list of 22 effects is then no more prone to false alarms than one.
@@ -22,6 +22,7 @@ from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material
 from skincal.gap.projection import Projection
+from skincal.gap.refit import MOST_STEP
 from skincal.gap.signatures import signature_falls
 from skincal.gap.twin import Twin
 from skincal.model.arrays import FloatArray, as_floats
@@ -30,10 +31,8 @@ _UNIT_QUANTILE = 0.95
 _LEAST_UNIT = 30.0
 """Less is nothing in any session: a noise that is found two percent too low, or a ramp that is averaged in a bin, makes
 scores of ten or twenty."""
-_MOVES, _LONGEST = 2, 0.7
-"""Steps of a twin's sensor to that of the next, and how long one is at most, in logarithms of E and S."""
-_OF_SIZE = 3
-"""Where these begin among a sensor's steps."""
+_MOVES = 2
+"""Steps from a twin's sensor to that of the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +78,9 @@ def law_errors(scene: Scene, material: Material, twins: Sequence[Twin]) -> dict[
     """What twins leave (N, J) of the base model, whitened: of each the sensor whose fit is this very model.
 
     A twin that is as wide as the fitted law is fitted by another sensor, that of a thick layer by one with half the E,
-    and what *that* one leaves is something else. So each twin's sensor is moved until the slopes of the base model
-    explain nothing of what it differs by, from where that of the twin before ended.
+    and what *that* one leaves is something else. So each twin's sensor is moved towards the one of which the slopes of
+    the base model explain nothing, in two steps from where that of the twin before ended. Effects of a calibration are
+    in the slopes but not in the twins: beside strong ones the steps are a little too long or too short.
 
     Args:
         scene: of the base model's fit.
@@ -101,8 +101,7 @@ def law_errors(scene: Scene, material: Material, twins: Sequence[Twin]) -> dict[
         for _ in range(_MOVES if material.options.base else 0):
             error = _differs(values, other, material, twin)[rows].reshape(-1, 1)
             step = as_floats(np.linalg.lstsq(bare, free.apply(error)[:, 0], rcond=None)[0])
-            longest = max(float(np.abs(step[_OF_SIZE:]).max()), 1e-12)
-            other = other.moved(-step * min(1.0, _LONGEST / longest))
+            other = other.moved(-step / max(1.0, float(np.max(np.abs(step) / MOST_STEP))))
         found[twin.name] = _differs(values, other, material, twin)
     return found
 

@@ -29,7 +29,7 @@ from skincal.model.arrays import BoolArray, FloatArray, as_floats
 BASE_SIZE = 5
 _STEPS = np.array([5e-5, 5e-5, 0.01, 0.02, 0.02])
 """Steps of differences: across, along [m], alpha [rad], logarithms of E and S."""
-_MOST = np.array([5e-4, 5e-4, 0.05, 0.4, 0.7])
+MOST_STEP = np.array([5e-4, 5e-4, 0.05, 0.4, 0.7])
 """The longest step of the base model at a time."""
 _OF_PLACE = np.array([0, 0, 3])
 """Those for the place of a press along u and v, and for the logarithm of its force."""
@@ -316,7 +316,7 @@ class _Problem:
             part = normal[np.ix_(which, which)]
             part = part + _RIDGE * np.diag(np.diag(part) + 1e-12)
             shared[which] = np.linalg.solve(part, right[which])
-        most = np.concatenate([_MOST, np.full(len(x), _MOST_COORDINATE)])
+        most = np.concatenate([MOST_STEP, np.full(len(x), _MOST_COORDINATE)])
         shared /= max(1.0, float(np.max(np.abs(shared) / most, initial=0.0)))
         places = np.zeros_like(here.places)
         for row, (inverse, cross, own) in presses.items():

@@ -26,6 +26,8 @@ _SURE = 200.0
 """Fall of the squared residual that makes a dead taxel or a jump sure."""
 _LEAST_JUMP = 1.5
 _FEWEST = 8
+_TAKEN = 0.5
+"""What explains a press takes this part of its squared residual beyond noise."""
 _OTHERS = 16.0
 """A press differs if its squared residual is so many standard deviations beyond that of noise: of three hundred values
 more than twice as large."""
@@ -68,7 +70,7 @@ class Jump:
 
 
 def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
-    """Rows of presses whose residual is out of all proportion to that of the others.
+    """Rows of presses whose residual is out of all proportion to that of the others; none where they are many.
 
     Args:
         residual: (N, J) whitened, of a fitted model.
@@ -76,12 +78,36 @@ def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray
         press: (N,) row of the press of each observation.
     """
     rows, squares, read = _by_press(residual, seen, press)
-    if len(rows) < _FEWEST:
-        return rows[:0]
+    wild = _wild(squares, read)
+    few = len(rows) >= _FEWEST and wild.sum() <= max(1, _MOST_GLITCHES * len(rows))
+    return rows[wild] if few else rows[:0]
+
+
+def _wild(squares: FloatArray, read: FloatArray) -> BoolArray:
+    """Presses whose mean square is out of all proportion."""
     mean = squares / np.maximum(read, 1)
-    usual = max(1.0, float(np.quantile(mean, 0.9)))
-    wild = mean > _GLITCH * usual
-    return rows[wild] if wild.sum() <= max(1, _MOST_GLITCHES * len(rows)) else rows[:0]
+    return mean > _GLITCH * max(1.0, float(np.quantile(mean, 0.9)) if len(mean) else 0.0)
+
+
+def explained(
+    before: FloatArray, after: FloatArray, seen: BoolArray, press: IntArray, doubted: IntArray
+) -> bool:
+    """Whether all of some presses are no glitches under a model.
+
+    They are not if it takes most of what another one leaves of them, and if they are in proportion with others then.
+
+    Args:
+        before: (N, J) whitened residual of the other model.
+        after: the same of the model.
+        seen: (N, J) where something was read.
+        press: (N,) row of the press of each observation.
+        doubted: rows of the presses; those of which nothing was read do not count.
+    """
+    rows, first, read = _by_press(before, seen, press)
+    _, last, _ = _by_press(after, seen, press)
+    own = np.isin(rows, doubted) & (read > 0)
+    taken = first - last >= _TAKEN * (first - read)
+    return bool((taken & ~_wild(last, read))[own].all())
 
 
 def dominating(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:

@@ -1,9 +1,10 @@
-"""Twins: the same sensor under a contact law that is not the fitted one, so that the law's own error is not named.
+"""Twins: sensors under a contact law that is not the fitted one, so that the law's own error is not named.
 
 Where the surface is a cylinder or a plane and all indenters are spheres, the twins are elastic layers
 (:mod:`skincal.gap.elastic_layer`), whose pressure about a contact is the same wherever it is pressed: it is tabled over
 the force once. A layer has the stiffness that spreads the pressure of a press of middling force as far as the fitted
-foundation does; the sensor that fits it is then nearly the same. For other shapes the twin is the foundation with a
+foundation does, which is where the search for the one that the fitted sensor fits begins
+(:func:`skincal.gap.null.law_errors`). For other shapes the twin is the foundation with a
 stress that grows as another power of the penetration.
 """
 
@@ -39,7 +40,7 @@ _ALIKE, _TRIES = 0.01, 16
 
 @dataclass(frozen=True)
 class Twin:
-    """A law, and what observations (N, J) [counts] of a session it gives for a sensor."""
+    """A law, and what observations (N, J) [counts] of a session it gives for a sensor, whatever its pose, E and S."""
 
     name: str
     values: Callable[[Hypothesis, GapSession], FloatArray]
@@ -187,7 +188,8 @@ def _solved(press: Press, layer: Layer, most_n: float) -> _Table:
         try:
             fields = press.fields(layer, forces)
         except ContactError:
-            # At the largest forces the ball sinks in beyond the grid. Twice as stiff is as good a twin.
+            # At the largest forces the ball sinks in beyond the grid. Twice as stiff is a twin, too, though with
+            # another E than asked for.
             layer = Layer.of_stiffness(2 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
             continue
         felt = np.stack([f.felt_pa for f in fields])

@@ -121,10 +121,11 @@ def _no_score(found: Diagnosis) -> str:
             f"({p_words(p, count)}; {asked:g} is asked for)."
         )
     strongest = max((s.times_null for s in found.signatures), default=0.0)
+    weakest = found.options.choice.weakest_beside(found.choice.law)
     return (
         f"The effect that does best, {best.effect}, scores better than in sessions with nothing hidden "
         f"({p_words(p, count)}), but no effect explains a fair part of what is left, or more than "
-        f"{found.options.choice.weakest:g} times the noise, and what is left depends on nothing much more than in "
+        f"{weakest:.2g} times the noise, and what is left depends on nothing much more than in "
         f"those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked for)."
     )
 

@@ -3,64 +3,109 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from gap.made_sessions import case
 
+from skincal.diagnose import answer, base_fit
 from skincal.diagnose.answer import Answer, Question
+from skincal.diagnose.base_fit import Base, may_be_effect, with_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.options import DiagnoseOptions
+from skincal.gap.null import law_errors
+from skincal.gap.twin import twins_for
 
-WITHOUT, ALL = "without", "all"
+NOTHING = cast("Any", None)
 
 
-def asked(
+def of(verdict: str, unexplained: bool = False) -> Answer:
+    base, choice = SimpleNamespace(glitches=np.array([3])), SimpleNamespace(after=object())
+    return Answer(cast("Any", base), NOTHING, cast("Any", choice), (), cast("Any", verdict), unexplained)
+
+
+def counts(
     monkeypatch: pytest.MonkeyPatch,
-    without: tuple[str, bool],
-    everything: str,
+    without: Answer,
+    everything: Answer,
     *,
     differ: bool = True,
     explained: bool = True,
 ) -> str:
-    """The answer that counts, of two with these verdicts."""
-    base = cast("Any", type("Base", (), {"glitches": np.array([3])})())
-    one = Answer(base, *([cast("Any", None)] * 3), *cast("Any", without))
-    answers = {True: one, False: replace(one, verdict=cast("Any", everything), unexplained=False)}
-    choice = cast("Any", type("Choice", (), {"after": None})())
-
-    def answer(self: Question, rng: np.random.Generator, *, leave_out: bool) -> Answer:
-        return replace(answers[leave_out], choice=choice)
-
-    monkeypatch.setattr(Question, "_answer", answer)
-    monkeypatch.setattr("skincal.diagnose.answer.may_be_effect", lambda _: differ)
-    monkeypatch.setattr("skincal.diagnose.answer.explains", lambda *_: explained)
+    """Which of two answers counts."""
     heard: list[str] = []
-    question = Question(cast("Any", None), cast("Any", None), DiagnoseOptions(), 0, Cache(), heard.append)
+
+    def explains(*given: object) -> bool:
+        model, base, presses = given
+        assert model is everything.choice.after and base is everything.base
+        assert presses is without.base.glitches
+        return explained
+
+    monkeypatch.setattr(
+        Question, "_answer", lambda self, rng, *, leave_out: without if leave_out else everything
+    )
+    monkeypatch.setattr(answer, "may_be_effect", lambda base: differ and base is without.base)
+    monkeypatch.setattr(answer, "explains", explains)
+    question = Question(NOTHING, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
     found = question.answer(np.random.default_rng(0))
-    assert bool(heard) == (differ and without != ("effects", False))
-    return ALL if (found.verdict, found.unexplained) == (everything, False) else WITHOUT
+    settled = without.verdict == "effects" and not without.unexplained
+    assert bool(heard) == (differ and not settled)
+    if found is without:
+        return "without"
+    assert found.base is everything.base and found.doubted.tolist() == [3]
+    return "all"
 
 
 def test_presses_that_stand_alone_were_glitches(monkeypatch: pytest.MonkeyPatch):
-    assert asked(monkeypatch, ("none", False), "effects", differ=False) == WITHOUT
+    assert counts(monkeypatch, of("none"), of("effects"), differ=False) == "without"
 
 
 def test_an_effect_that_explains_all_presses_is_named(monkeypatch: pytest.MonkeyPatch):
-    for without in (("none", False), ("unknown", True), ("effects", True)):
-        assert asked(monkeypatch, without, "effects") == ALL
+    for without in (of("none"), of("unknown", True), of("effects", True)):
+        assert counts(monkeypatch, without, of("effects")) == "all"
 
 
 def test_what_leaves_them_out_of_proportion_is_not(monkeypatch: pytest.MonkeyPatch):
-    for without in (("none", False), ("unknown", True), ("effects", True)):
-        assert asked(monkeypatch, without, "effects", explained=False) == WITHOUT
+    for without in (of("none"), of("unknown", True), of("effects", True)):
+        assert counts(monkeypatch, without, of("effects"), explained=False) == "without"
 
 
 def test_what_all_presses_show_and_nothing_explains_is_unknown(monkeypatch: pytest.MonkeyPatch):
-    assert asked(monkeypatch, ("none", False), "unknown") == ALL
-    assert asked(monkeypatch, ("effects", True), "unknown") == WITHOUT
-    assert asked(monkeypatch, ("unknown", True), "none") == WITHOUT
+    assert counts(monkeypatch, of("none"), of("unknown", True)) == "all"
+    assert counts(monkeypatch, of("unknown", True), of("unknown", True)) == "all"
+    assert counts(monkeypatch, of("effects", True), of("unknown", True)) == "without"
+    assert counts(monkeypatch, of("unknown", True), of("none")) == "without"
 
 
 def test_an_effect_that_explains_the_others_stays(monkeypatch: pytest.MonkeyPatch):
-    assert asked(monkeypatch, ("effects", False), "unknown") == WITHOUT
+    assert counts(monkeypatch, of("effects"), of("unknown", True)) == "without"
+
+
+def based(glitches: list[int]) -> Base:
+    made = case("none")
+    return Base(made.model, made.made.material, np.array(glitches, dtype=np.int64), (), ())
+
+
+def test_only_a_press_that_has_a_say_is_asked_again(monkeypatch: pytest.MonkeyPatch):
+    m = case("none").made.material
+    press = m.session.press
+    learned = int(press[m.known & (press >= 0)][0])
+    kept = [int(p) for p in np.unique(press[press >= 0]) if not (m.known & (press == p)).any()]
+    assert not may_be_effect(based([learned]))
+    monkeypatch.setattr(base_fit, "others_differ", lambda *_: True)
+    assert may_be_effect(based([learned])) and not may_be_effect(based([]))
+    assert not may_be_effect(based(kept))
+
+
+def test_a_law_that_is_allowed_for_twice_is_allowed_for_once():
+    base = based([])
+    m = base.material
+    errors = law_errors(case("none").scene, m, twins_for(base.model.hypothesis, m.session))
+    once = with_law(base, errors)
+    law = once.material.law
+    assert law is not None and law.shape[-1] > 0
+    again = with_law(replace(once, material=replace(once.material)), errors)
+    assert again.material.law is not None
+    np.testing.assert_allclose(again.material.law, law)

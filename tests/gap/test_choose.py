@@ -194,7 +194,7 @@ def test_what_a_later_effect_must_explain_grows_with_the_first_but_not_without_e
 
 
 def test_beside_a_law_that_explains_much_an_effect_must_be_stronger():
-    options = ChoiceOptions(weakest=0.1, beside_law=0.25, of_law=0.5)
+    options = ChoiceOptions(weakest=0.1, beside_law=0.25, share_of_law=0.5)
     for law, least in ((0.0, 0.1), (0.1, 0.1), (0.4, 0.2), (2.0, 0.25)):
         assert options.least(10_000, law) == pytest.approx(10_000 * least**2)
 

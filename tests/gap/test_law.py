@@ -10,9 +10,11 @@ from gap.made_sessions import Case, case
 
 from skincal.gap.candidates import Scene, best_of
 from skincal.gap.elastic_layer import Layer
+from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.law import MOST, law_directions
 from skincal.gap.models import excess_of, scene_of
 from skincal.gap.null import law_errors
+from skincal.gap.session import GapSession
 from skincal.gap.twin import Twin, alike_layer, layer_loads, twins_for
 from skincal.model import Cylinder
 
@@ -49,11 +51,13 @@ def test_a_law_between_them_is_held_as_well():
     force = of.made.session.samples.contacts.force_n
     middle = float(np.median(force[of.made.session.samples.touching]))
     layer = alike_layer(surface, 0.006, model.model.elasticity_pa_per_m, middle, 2.3e-3)
-    between = Layer(layer.thickness_m, layer.shear_modulus_pa, 0.43)
-    twin = Twin(
-        "between",
-        lambda h, s: s.means(layer_loads(h, h.placed(s).samples, between) * h.model.scale_per_n),
-    )
+
+    def values(h: Hypothesis, s: GapSession) -> np.ndarray:
+        stiffer = h.model.elasticity_pa_per_m / model.model.elasticity_pa_per_m
+        between = Layer(layer.thickness_m, layer.shear_modulus_pa * stiffer, 0.43)
+        return s.means(layer_loads(h, h.placed(s).samples, between) * h.model.scale_per_n)
+
+    twin = Twin("between", values)
     error = law_errors(of.scene, of.made.material, [twin])["between"]
     # More than the least unit of a score before, less than that after.
     assert length(of.scene, of, error) > 100

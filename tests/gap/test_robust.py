@@ -17,6 +17,7 @@ from skincal.gap.robust import (
     Jump,
     dead_taxels,
     dominating,
+    explained,
     glitches,
     jumps,
     others_differ,
@@ -108,6 +109,27 @@ def test_others_differ_by_far_more_than_noise_or_not_at_all():
     assert others_differ(residual, seen, press)
     seen[press == 7], residual[press == 7] = False, 0.0
     assert not others_differ(residual, seen, press)
+
+
+def test_presses_are_explained_by_what_takes_most_of_them_and_leaves_them_in_proportion():
+    scale = np.ones(2 * PRESSES)
+    scale[[3, 7, 9]] = 6.0
+    before, seen, press = noise_of(scale)
+    # So many are no glitches any more, but that does not explain them.
+    assert glitches(before, seen, press).tolist() == []
+    assert not explained(before, before, seen, press, np.array([3, 7, 9]))
+    for left, wanted in ((1.0, True), (3.0, True), (5.0, False)):
+        scale[[3, 7, 9]] = left
+        after = noise_of(scale)[0]
+        assert explained(before, after, seen, press, np.array([3, 7, 9])) is wanted
+    # Less than before, but still out of all proportion.
+    scale[[3, 7, 9]] = 10.0
+    before = noise_of(scale)[0]
+    scale[[3, 7, 9]] = 1.0, 1.0, 5.0
+    assert not explained(before, noise_of(scale)[0], seen, press, np.array([3, 7, 9]))
+    assert explained(before, noise_of(scale)[0], seen, press, np.array([3, 7]))
+    seen[press == 9] = False
+    assert explained(before, noise_of(scale)[0], seen, press, np.array([3, 9]))
 
 
 def test_a_reading_without_presses_has_none_of_them():
