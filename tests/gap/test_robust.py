@@ -123,9 +123,9 @@ def test_presses_are_explained_by_what_takes_most_of_them_and_leaves_them_in_pro
         after = noise_of(scale)[0]
         assert explained(before, after, seen, press, np.array([3, 7, 9])) is wanted
     # Less than before, but still out of all proportion.
-    scale[[3, 7, 9]] = 10.0
+    scale[[3, 7, 9]] = 20.0
     before = noise_of(scale)[0]
-    scale[[3, 7, 9]] = 1.0, 1.0, 5.0
+    scale[[3, 7, 9]] = 1.0, 1.0, 8.0
     assert not explained(before, noise_of(scale)[0], seen, press, np.array([3, 7, 9]))
     assert explained(before, noise_of(scale)[0], seen, press, np.array([3, 7]))
     seen[press == 9] = False
