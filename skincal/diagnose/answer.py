@@ -3,7 +3,7 @@
 Presses that are out of all proportion are left out. An effect that is steep in place or time shows in few presses,
 and those are the first to be left out then. So where others differ as well and are not explained, the session is
 asked again with all its presses. That answer counts if effects are named that explain the doubted presses, too, or if
-it is "unknown" and the first one named nothing.
+it is "unknown" and the first one "none".
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Question:
         if again.verdict == "effects" and explains(again.choice.after, again.base, first.base.glitches):
             return again
         # What glitches do is not to be named, nor to take away what is.
-        return again if first.verdict != "effects" and again.verdict == "unknown" else first
+        return again if first.verdict == "none" and again.verdict == "unknown" else first
 
     def _answer(self, rng: np.random.Generator, *, leave_out: bool) -> Answer:
         drawn, swapped = rng.spawn(2)

@@ -74,7 +74,7 @@ def test_what_leaves_them_out_of_proportion_is_not(monkeypatch: pytest.MonkeyPat
 
 def test_what_all_presses_show_and_nothing_explains_is_unknown(monkeypatch: pytest.MonkeyPatch):
     assert counts(monkeypatch, of("none"), of("unknown", True)) == "all"
-    assert counts(monkeypatch, of("unknown", True), of("unknown", True)) == "all"
+    assert counts(monkeypatch, of("unknown", True), of("unknown", True)) == "without"
     assert counts(monkeypatch, of("effects", True), of("unknown", True)) == "without"
     assert counts(monkeypatch, of("unknown", True), of("none")) == "without"
 
