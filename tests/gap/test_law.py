@@ -102,3 +102,14 @@ def test_the_sensor_of_a_twin_is_the_one_whose_fit_is_this_model():
     there = np.linalg.lstsq(slopes, free.apply(error[rows].reshape(-1, 1))[:, 0], rcond=None)[0]
     # E and S of what would fit it are these; a twin as wide as the fitted law is fitted by others.
     assert np.abs(step[3:]).max() < 0.3 * np.abs(there[3:]).max()
+
+
+def test_where_the_sensor_is_not_free_it_stays():
+    of = case("none")
+    m = of.made.material
+    (thick,) = twins_for(of.model.hypothesis, m.session)[-1:]
+    held = replace(m, options=replace(m.options, base=False))
+    there = m.reading.expected(thick.values(of.model.hypothesis, m.session))
+    stays = m.reading.with_counts(there).residual(of.model.hypothesis.values(m.session))
+    np.testing.assert_allclose(law_errors(of.scene, held, [thick])[thick.name], stays)
+    assert not np.allclose(law_errors(of.scene, m, [thick])[thick.name], stays)
