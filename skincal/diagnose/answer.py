@@ -8,7 +8,7 @@ it is "unknown" and the first one "none".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from skincal.diagnose.kept import Kept
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import OFFSET, Prepared
 from skincal.gap.candidates import Scene, Start
-from skincal.gap.choose import Choice, choose
+from skincal.gap.choose import Choice, Heard, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.dying import dead_start
 from skincal.gap.library import Library
@@ -32,7 +32,6 @@ from skincal.gap.places import with_places
 from skincal.gap.signatures import Signature, signature_columns, signature_falls
 from skincal.model.arrays import FloatArray, IntArray
 
-Heard = Callable[[str], None]
 _LEAST_FALL = 20.0
 
 

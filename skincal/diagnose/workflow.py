@@ -7,7 +7,6 @@ one. What was named is fitted once more to all presses for the calibration that 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +26,7 @@ from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
-from skincal.gap.choose import Choice
+from skincal.gap.choose import Choice, Heard
 from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
@@ -37,7 +36,6 @@ from skincal.gap.refit import refit
 from skincal.gap.robust import without_jumps
 from skincal.gap.signatures import where_text
 
-Heard = Callable[[str], None]
 _PLACE_STEPS = 6
 _WIDTH = 1.96
 

@@ -77,7 +77,7 @@ class Null:
 def law_errors(scene: Scene, material: Material, twins: Sequence[Twin]) -> dict[str, FloatArray]:
     """What twins leave (N, J) of the base model, whitened: of each the sensor whose fit is this very model.
 
-    A twin that is as wide as the fitted law is fitted by another sensor, that of a thick layer by one with half the E,
+    A twin that is as wide as the fitted law is fitted by another sensor, that of a thick layer by one with a smaller E,
     and what *that* one leaves is something else. So each twin's sensor is moved towards the one of which the slopes of
     the base model explain nothing, in two steps from where that of the twin before ended. Effects of a calibration are
     in the slopes but not in the twins: beside strong ones the steps are a little too long or too short.
