@@ -118,6 +118,7 @@ class Question:
             heard,
             () if ready.rest_counts is None else (OFFSET,),
             of_law(base),
+            ready.start if ready.options.base else None,
         )
         heard("places")
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)

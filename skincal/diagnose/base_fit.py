@@ -24,6 +24,7 @@ from skincal.gap.robust import (
     explained,
     glitches,
     jumps,
+    of_neither,
     others_differ,
     without_jumps,
     without_presses,
@@ -172,6 +173,21 @@ def explains(model: Model, base: Base, presses: IntArray) -> bool:
     """Whether some presses are no glitches under a model, beside a base of which they were not left out."""
     before, seen, press = _left(base.model, base.material)
     return explained(before, _left(model, base.material)[0], seen, press, presses)
+
+
+def without_hidden_glitches(base: Base, after: Model) -> Base:
+    """A base without presses that are out of all proportion once what was missing is in the model, too.
+
+    Only presses that were kept for the end are left out: the others had their say already.
+    """
+    m = base.material
+    seen, press = m.reading.seen, m.session.press
+    wild = of_neither(base.model.refit.slopes.residual, after.refit.slopes.residual, seen, press)
+    hidden = wild[~np.isin(wild, press[m.known])]
+    if not len(hidden):
+        return base
+    reading = without_presses(m.reading, press, hidden)
+    return replace(base, material=replace(m, reading=reading), glitches=np.union1d(base.glitches, hidden))
 
 
 def _left(model: Model, m: Material) -> tuple[FloatArray, BoolArray, IntArray]:

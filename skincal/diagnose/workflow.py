@@ -17,7 +17,7 @@ from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.answer import Question
 from skincal.diagnose.audit import audit_dataset
-from skincal.diagnose.base_fit import Base
+from skincal.diagnose.base_fit import Base, without_hidden_glitches
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnose.findings import findings_of
@@ -90,7 +90,8 @@ def _diagnosed(
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
     answer = Question(ready, dataset, options, seed, cache or Cache(), heard).answer(asked)
-    base, choice = answer.base, answer.choice
+    choice = answer.choice
+    base = without_hidden_glitches(answer.base, choice.after) if choice.named else answer.base
     heard("gap on presses nobody has fitted")
     gap = _gap(ready, base, choice, again)
     named = answer.verdict == "effects"

@@ -1,9 +1,10 @@
 """The response depends on the speed of loading.
 
-    y = x (v / v_0)^(n phi),    v_0 = 1 mm/s
+    y = x (1 + v / v_0)^(n phi)
 
-with v the speed of loading of the press. phi is one while the load rises, and decays as exp(-age / T) from the end of
-loading, so that a viscous stiffening may fade in the hold (small T) or stay for the whole press (large T).
+with v the speed of loading of the press, and v_0 the speed below which it hardly matters: as slowly as that, the
+response is the base model's. phi is one while the load rises, and decays as exp(-age / T) from the end of loading, so
+that a viscous stiffening may fade in the hold (small T) or stay for the whole press (large T).
 """
 
 from __future__ import annotations
@@ -16,10 +17,6 @@ from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import LOAD, UNKNOWN, Samples
 from skincal.model.arrays import FloatArray
-
-REFERENCE_M_PER_S = 1e-3
-"""v_0: the speed at which the response is the base model's [m/s]."""
-_SLOWEST_M_PER_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -47,11 +44,22 @@ class Rate(MemoryEffect):
             role="form",
             scale="log",
         ),
+        EffectParameter(
+            "slow_m_per_s",
+            "m/s",
+            1e-3,
+            1e-5,
+            0.1,
+            "v_0: speed below which it hardly matters",
+            role="form",
+            scale="log",
+        ),
     )
     covariates = ("speed", "phase", "time")
     source = (
         "Power law of the strain rate with fading memory: Pipkin, Rogers, J. Mech. Phys. Solids 16 (1968) 59; "
-        "Lakes, Viscoelastic Materials, 2009, chapter 2."
+        "Lakes, Viscoelastic Materials, 2009, chapter 2. A power law that ends at low rates: Cross, J. Colloid Sci. 20 "
+        "(1965) 417."
     )
 
     def run(
@@ -60,7 +68,7 @@ class Rate(MemoryEffect):
         """See :meth:`MemoryEffect.run`. A sample whose speed is not known is left as it is."""
         assert samples.speed_m_per_s is not None
         age, state = _age_s(samples, state)
-        relative = np.maximum(samples.speed_m_per_s, _SLOWEST_M_PER_S) / REFERENCE_M_PER_S
+        relative = 1 + np.maximum(samples.speed_m_per_s, 0.0) / values.number("slow_m_per_s")
         power = values.number("exponent") * np.exp(-age / values.number("fade_s"))
         power = np.where(np.isfinite(relative), power, 0.0)
         factor = np.power(np.where(np.isfinite(relative), relative, 1.0), power)

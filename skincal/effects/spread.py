@@ -1,22 +1,29 @@
 """A cover spreads the pressure sideways before it reaches the taxels.
 
-    p_felt(u, v) = integral of p(u', v') N(u - u', v - v'; w²)
+    p_felt(u, v) = integral of p(u', v') K(u - u', v - v')
 
-over the patch's own coordinates. What a taxel feels is the integral of that over its area, so a tactile point at
-(u, v) counts with the part of its Gaussian that lies on the taxel: a product of two differences of error functions.
-The force as a whole stays what it is.
+over the patch's own coordinates. K is a Gaussian of variance w² along each axis, or a mixture of Gaussians about the
+same centre whose variances are those of a gamma distribution with mean w² and variance c w⁴. With c = 1 that is the
+sheet of Pasternak, q - (w²/2) laplace q = p, which has shear stiffness only and carries a load farther; with c = 0 it
+is the one Gaussian. What a taxel feels is the integral of the pressure over its area, so a tactile point at (u, v)
+counts with the part of its kernel that lies on the taxel: products of two differences of error functions. The force as
+a whole stays what it is.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import erf
+from scipy.special import erf, roots_genlaguerre
 
 from skincal.effects.base import SpreadEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.errors import InputError, Problem
 from skincal.model import Patch
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, as_floats
+
+_NODES = 5
+_GAUSSIAN = 0.02
+"""A tail that is as small as this is none: the mixture is one Gaussian then, to a thousandth."""
 
 
 class Spread(SpreadEffect):
@@ -25,11 +32,14 @@ class Spread(SpreadEffect):
     name = "spread"
     meaning = "a cover spreads the pressure sideways before it reaches the taxels"
     parameters = (
-        EffectParameter("width_m", "m", 0.0, 0.0, 6e-3, "standard deviation of the Gaussian", typical=0.9e-3),
+        EffectParameter("width_m", "m", 0.0, 0.0, 6e-3, "standard deviation of the kernel", typical=0.9e-3),
+        EffectParameter(
+            "tail", "-", 0.0, 0.0, 1.0, "c: from a Gaussian (0) to Pasternak's sheet (1)", role="form"
+        ),
     )
     source = (
         "Elastic covers as blurring filters: Phillips, Johnson, J. Neurophysiol. 46 (1981) 1204; "
-        "Shimojo, IEEE Trans. Robot. Autom. 13 (1997) 128."
+        "Shimojo, IEEE Trans. Robot. Autom. 13 (1997) 128. The sheet: Kerr, J. Appl. Mech. 31 (1964) 491."
     )
 
     def weights(self, values: Values, patch: Patch) -> FloatArray:
@@ -40,10 +50,21 @@ class Spread(SpreadEffect):
         """
         if patch.uv_m is None:
             raise InputError([Problem("effect spread", "a patch cut from a surface", "one without uv_m")])
-        width = values.number("width_m") * np.sqrt(2)
         low = patch.layout.centres_m - patch.layout.sizes_m / 2
         high = patch.layout.centres_m + patch.layout.sizes_m / 2
-        return _part(patch.uv_m, low, high, width, 0) * _part(patch.uv_m, low, high, width, 1)
+        found = np.zeros((len(patch.uv_m), len(low)))
+        for variance, share in zip(*_mixture(values.number("tail")), strict=True):
+            width = values.number("width_m") * np.sqrt(2 * variance)
+            found += share * _part(patch.uv_m, low, high, width, 0) * _part(patch.uv_m, low, high, width, 1)
+        return found
+
+
+def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
+    """Variances, relative, and shares of the Gaussians; a gamma distribution by the nodes of its quadrature."""
+    if tail < _GAUSSIAN:
+        return np.ones(1), np.ones(1)
+    nodes, weights = roots_genlaguerre(_NODES, 1 / tail - 1)
+    return as_floats(nodes * tail), as_floats(weights / weights.sum())
 
 
 def _part(uv: FloatArray, low: FloatArray, high: FloatArray, width: float, axis: int) -> FloatArray:

@@ -35,7 +35,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
         {"time_constant_s": 30.0},
         {"time_constant_s": 2.0, "breadth": 2.0},
     ),
-    "rate": ({"fade_s": 0.2}, {"fade_s": 2.0}, {"fade_s": 100.0}),
+    "rate": ({"fade_s": 0.2}, {"fade_s": 2.0}, {"fade_s": 2.0, "slow_m_per_s": 1e-4}, {"fade_s": 100.0}),
     "first_cycle": ({"cycles": 0.3}, {"cycles": 1.5}, {"cycles": 6.0}),
     "baseline_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "gain_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
@@ -43,6 +43,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "dead_band": ({"recovery": 0.0}, {"recovery": 1.0}),
     "response_curve": ({"knee_n": 0.05}, {"knee_n": 0.3}, {"knee_n": 1.5}),
     "cover": ({"share": 0.2}, {"share": 0.9}),
+    "spread": ({"tail": 0.0}, {"tail": 1.0}),
 }
 """Forms from which an effect is searched; one start, the default, for all others."""
 

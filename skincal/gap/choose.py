@@ -15,8 +15,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.gap.candidates import Found, Scene, Start, best_of, search
+from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
-from skincal.gap.models import Material, Model, excess_of, extended, scene_of, without
+from skincal.gap.models import (
+    Material,
+    Model,
+    begun_again,
+    excess_of,
+    extended,
+    found_again,
+    scene_of,
+    without,
+)
 
 Heard = Callable[[str], None]
 
@@ -64,7 +74,7 @@ class ChoiceOptions:
     share_first: float = 0.25
     share_later: float = 0.4
     of_all: float = 0.06
-    alike: float = 0.93
+    alike: float = 0.88
     contenders: int = 3
     contend: float = 0.6
     searched: int = 8
@@ -199,6 +209,7 @@ def choose(
     heard: Heard = lambda _: None,
     plain: Collection[str] = (),
     law: float = 0.0,
+    fresh: Hypothesis | None = None,
 ) -> Choice:
     """Names effects one by one.
 
@@ -214,6 +225,7 @@ def choose(
         plain: effects that can be read off without a model, such as a high level at rest. What comes after them is
             measured against what they leave.
         law: root mean square of what another contact law explains, in units of the noise.
+        fresh: where a fit may begin again once an effect is named; None: only from where the last one ended.
     """
     options = options or ChoiceOptions()
     model, named, rounds, told, passed = before, list[Named](), list[Round](), 0, set[str]()
@@ -251,7 +263,11 @@ def choose(
         rounds[-1] = replace(rounds[-1], taken=name)
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
-        model, left = best, left - falls[name]
+        heard(f"round {number}: presses again, with {name}")
+        model = found_again(best, material)
+        if fresh is not None and excess_of(model, material, null_mean) > least:
+            model = min(model, begun_again(model, material, fresh), key=lambda m: m.refit.objective)
+        left = excess_of(model, material, null_mean)
         if name in plain and len(named) == told + 1:
             first, told = left, told + 1
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))

@@ -16,10 +16,15 @@ from skincal.gap.free import Coordinate
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.relocate import relocated
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray
 
 _SHARES = (1.0, 0.3)
+_SETTLE = 3
+_LOOKS = 2
+_MUCH = 20.0
+"""No further look where the last one lowered the objective by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +124,46 @@ def fitted(
     x: FloatArray,
     held: Mapping[str, Parameters],
     material: Material,
+    settle: int = 0,
 ) -> Model:
-    """A model from a start, learned from all that choice and fit may see."""
-    options = replace(material.options, settle=0)
+    """A model from a start, learned from all that choice and fit may see.
+
+    Args:
+        start: sensor and places.
+        coords: numbers of effects.
+        x: (n,) where they start.
+        held: parameters that are held.
+        material: the session.
+        settle: steps in which only presses move.
+    """
+    options = replace(material.options, settle=settle, steps=material.options.steps + settle)
     found = refit(start, material.session, material.reading, options, coords, x, material.known, held)
     return Model(found, coords, held)
+
+
+def found_again(model: Model, material: Material) -> Model:
+    """A model with presses found again that it left in the wrong valley; itself where it fits no worse.
+
+    What an effect does is taken for places, forces and a sensor that are not the true ones as long as the effect is not
+    in the model, and going downhill from there does not always lead back.
+    """
+    for _ in range(_LOOKS):
+        start = model.hypothesis
+        placed = relocated(start, material.session, material.reading, material.options)
+        if placed is start:
+            break
+        other = fitted(placed, model.coords, model.refit.x, model.held, material)
+        fall = model.refit.objective - other.refit.objective
+        model = other if fall > 0 else model
+        if fall < _MUCH:
+            break
+    return model
+
+
+def begun_again(model: Model, material: Material, fresh: Hypothesis) -> Model:
+    """A model fitted from another sensor and other places, with its effects as they are to begin with."""
+    other = fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
+    return found_again(other, material)
 
 
 def without(model: Model, name: str, material: Material) -> Model:

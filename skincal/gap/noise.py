@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.stats import chi2
 
 from skincal.fit.observe import Readout, clipped_share, expected_counts, noise_from_rest
@@ -22,6 +23,8 @@ ROUNDING_COUNTS = float(1 / np.sqrt(12))
 LEAST_COUNTS = 0.02
 _MARGIN = 4.0
 _FEWEST = 6
+_DEGREE, _FRAMES_A_DEGREE = 6, 4
+"""Of the polynomial that a hold follows, at most, and of how many frames it takes each degree."""
 _USUAL = 0.999
 """A group scatters by less than this part of groups do, or is left out."""
 _WIDTH = 1.96
@@ -76,7 +79,9 @@ def assumed_floor(readout: Readout, frame_counts: float = 1.0, hold_frames: floa
 
 
 def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
-    """Squares and degrees of freedom (G,) of the scatter of frames about a straight line, group by group.
+    """Squares and degrees of freedom (G,) of the scatter of frames about a smooth curve, group by group.
+
+    A skin that relaxes, or whose rate of loading fades, leaves no straight line in a hold.
 
     Args:
         counts: (M, J) frames in the hold.
@@ -98,11 +103,11 @@ def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tupl
         )
         if not inside.any():
             continue
-        x = np.linspace(-1.0, 1.0, len(values))
-        line = np.linalg.qr(np.stack([np.ones_like(x), x], axis=1))[0]
-        left = values[:, inside] - line @ (line.T @ values[:, inside])
+        degree = min(_DEGREE, len(values) // _FRAMES_A_DEGREE)
+        curves = np.linalg.qr(legvander(np.linspace(-1.0, 1.0, len(values)), degree))[0]
+        left = values[:, inside] - curves @ (curves.T @ values[:, inside])
         squares.append(float((left**2).sum()))
-        freedom.append(float((len(values) - 2) * inside.sum()))
+        freedom.append(float((len(values) - curves.shape[1]) * inside.sum()))
     return np.array(squares), np.array(freedom)
 
 

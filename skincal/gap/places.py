@@ -7,8 +7,9 @@ the sensor's pose does, Z:
 
     share = 1 - |y - Z a - X b|² / (m - p) : |y - Z c|² / (m - z)
 
-Its chance is that of a larger share where presses swap their moves (Freedman & Lane 1983). What another contact law
-does to places (:mod:`skincal.gap.law`) must explain much less.
+A press whose images are as right at another place (:mod:`skincal.gap.relocate`) is taken to be where its prior says,
+which is a trend of its own: such presses are left out. The chance is that of a larger share where presses swap their
+moves (Freedman & Lane 1983). What another contact law does to places (:mod:`skincal.gap.law`) must explain much less.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from skincal.gap.choose import Choice, Named
 from skincal.gap.free import clipped, parameters_at
 from skincal.gap.hypothesis import PLACE
 from skincal.gap.models import Material, Model, excess_of, extended
+from skincal.gap.relocate import ambiguous
 from skincal.model.arrays import BoolArray, FloatArray, as_floats
 
 NAME = "contact_offset"
@@ -60,7 +62,11 @@ class Trend:
 
 
 def place_trend(
-    model: Model, material: Material, errors: list[FloatArray], rng: np.random.Generator
+    model: Model,
+    material: Material,
+    errors: list[FloatArray],
+    rng: np.random.Generator,
+    doubtful: BoolArray | None = None,
 ) -> Trend | None:
     """The trend of the places of a fit; None where presses or pose do not allow one.
 
@@ -69,9 +75,11 @@ def place_trend(
         material: the session.
         errors: (N, J) whitened residual of each contact law.
         rng: swaps presses.
+        doubtful: (P,) presses whose images are as right elsewhere, which say nothing; None: no press.
     """
     starts = Bench(model.hypothesis, material.session).starts(NAME)
     rows = _told(model, material)
+    rows = rows if doubtful is None else rows[~doubtful[rows]]
     if not starts:
         return None
     (start,) = starts
@@ -107,7 +115,9 @@ def with_places(
     """
     if NAME in choice.after.names:
         return choice
-    trend = place_trend(choice.after, material, errors, rng)
+    found = choice.after.hypothesis
+    doubtful = ambiguous(found, material.session, material.reading, material.options)
+    trend = place_trend(choice.after, material, errors, rng, doubtful)
     if trend is None or trend.p_value > SIGNIFICANT or trend.share < SHARE:
         return choice
     model = extended(choice.after, trend.found, material)

@@ -2,8 +2,8 @@
 
 A press at the edge of a taxel, or off the sensor's border, can have more than one place at which its image is nearly
 right, and while the sensor is not yet where it belongs the wrong one may be the nearer. Once the sensor is found, every
-press is looked for again on a grid (:mod:`skincal.gap.start`); where that is another place, both are followed downhill
-with the sensor held, and the better one is kept.
+press is looked for again on a grid (:mod:`skincal.gap.start`); where there are other places, all are followed
+downhill with the sensor held, and the best one is kept.
 """
 
 from __future__ import annotations
@@ -16,12 +16,19 @@ from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.reading import Reading
 from skincal.gap.refit import RefitOptions, refit
 from skincal.gap.session import GapSession
-from skincal.gap.start import STEPS, start_places
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.gap.start import STEPS, valleys
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _REACH = 4.0
 """How far to look, in standard deviations of a measured place."""
 _STEPS = 4
+_VALLEYS = 3
+"""So many places of a press are followed at most."""
+_AS_RIGHT = 16.0
+"""A place is as right where it costs so much more at most: two images four deviations apart, with what is not right in
+a contact law."""
+_ELSEWHERE = 0.5
+"""So far off is another place [standard deviations of a measured one]."""
 _SAME = 1.5
 """Places nearer than so many steps of the grid are the same."""
 
@@ -38,24 +45,50 @@ def relocated(
         options: priors of the fit.
         reach_m: how far from its measured place a press is looked for at most [m].
     """
+    ends, costs = _ends(found, session, reading, options, reach_m)
+    best = np.argmin(costs, axis=1)
+    if not best.any():
+        return found
+    moved = np.take_along_axis(ends, best[:, None, None], axis=1)[:, 0]
+    return found.with_places(np.where((best > 0)[:, None], moved, found.places))
+
+
+def ambiguous(
+    found: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, reach_m: float = np.inf
+) -> BoolArray:
+    """Presses (P,) whose images are as right at another place; arguments as of :func:`relocated`."""
+    ends, costs = _ends(found, session, reading, options, reach_m)
+    apart = np.hypot(*np.moveaxis(ends[:, 1:, :2] - ends[:, :1, :2], -1, 0))
+    near = costs[:, 1:] < costs[:, :1] + _AS_RIGHT
+    return (near & (apart > _ELSEWHERE * options.position_sigma_m)).any(axis=1)
+
+
+def _ends(
+    found: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, reach_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Where presses end (P, 1 + n, 3) that go downhill from where they are and from other valleys, and their costs.
+
+    Presses with no other valley stay, and cost nothing; a valley that there is not costs infinitely much.
+    """
     sigma = options.position_sigma_m
     reach = min(_REACH * sigma, reach_m)
-    others = start_places(found.model, session, reading, sigma, reach)
-    apart = np.hypot(*(others - found.places)[:, :2].T)
-    rows = np.flatnonzero(apart > _SAME * 2 * reach / (STEPS - 1))
-    if not len(rows):
-        return found
-    part, read = of_presses(session, reading, rows)
+    others = valleys(found.skin, session, reading, sigma, reach, _VALLEYS)
+    apart = np.hypot(*np.moveaxis(others - found.places[:, None, :2], -1, 0))
+    wanted = apart > _SAME * 2 * reach / (STEPS - 1)
     settled = replace(options, base=False, settle=_STEPS, steps=_STEPS)
-    there = refit(found.with_places(others), part, read, settled, fixed=found.effects)
-    here = refit(found, part, read, settled, fixed=found.effects)
-    costs = [cost_of_presses(r.hypothesis, r.slopes.residual, part, options) for r in (here, there)]
-    better = rows[(costs[1] < costs[0])[rows]]
-    if not len(better):
-        return found
-    places = found.places.copy()
-    places[better] = there.hypothesis.places[better]
-    return found.with_places(places)
+    ends = np.repeat(found.places[:, None], 1 + _VALLEYS, axis=1)
+    costs = np.full(ends.shape[:2], np.inf)
+    costs[:, 0] = 0.0
+    ends[:, 1:, :2] = np.where(wanted[..., None], others, ends[:, 1:, :2])
+    ends[:, 1:, 2] = 0.0
+    for k, use in enumerate((wanted.any(axis=1), *wanted.T)):
+        rows = np.flatnonzero(use)
+        if len(rows):
+            part, read = of_presses(session, reading, rows)
+            end = refit(found.with_places(ends[:, k]), part, read, settled, fixed=found.effects)
+            ends[rows, k] = end.hypothesis.places[rows]
+            costs[rows, k] = cost_of_presses(end.hypothesis, end.slopes.residual, part, options)[rows]
+    return ends, costs
 
 
 def cost_of_presses(

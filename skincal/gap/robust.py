@@ -83,6 +83,27 @@ def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray
     return rows[wild] if few else rows[:0]
 
 
+def of_neither(before: FloatArray, after: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
+    """Rows of presses that are out of all proportion to what a better model leaves of the others, under both models.
+
+    A glitch hides where a model leaves much of every press. One that only the better model fails at is no glitch.
+
+    Args:
+        before: (N, J) whitened residual of a model.
+        after: the same of a better one.
+        seen: (N, J) where something was read.
+        press: (N,) row of the press of each observation.
+    """
+    rows, first, read = _by_press(before, seen, press)
+    _, last, _ = _by_press(after, seen, press)
+    wild = _wild(last, read)
+    if len(rows) < _FEWEST or wild.sum() > max(1, _MOST_GLITCHES * len(rows)):
+        return rows[:0]
+    usual = last[~wild] / np.maximum(read[~wild], 1)
+    least = _GLITCH * max(1.0, float(np.quantile(usual, 0.9)) if len(usual) else 0.0)
+    return rows[wild & (first > least * np.maximum(read, 1))]
+
+
 def _wild(squares: FloatArray, read: FloatArray) -> BoolArray:
     """Presses whose mean square is out of all proportion."""
     mean = squares / np.maximum(read, 1)

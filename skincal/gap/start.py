@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from skincal.effects import Samples
+import numpy as np
+from scipy.ndimage import minimum_filter
+
+from skincal.effects import EffectSkin, Samples
+from skincal.effects.base import MemoryEffect
 from skincal.effects.samples import HOLD
 from skincal.gap.base import BaseModel
 from skincal.gap.hypothesis import PLACE
@@ -12,10 +16,14 @@ from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
 
-STEPS = 11
+STEPS = 15
 """Places of the grid along each direction."""
 _IMAGE_ERROR = 0.03
 """What an image may be off anyway, in parts of its values: the place is looked for, not the last digit."""
+_FAR_WORSE = 10.0
+"""A valley is left alone from so many times the cost of the lowest one on."""
+_LITTLE = 50.0
+"""Costs on the grid, half a step from the bottom, that say nothing."""
 
 
 def start_places(
@@ -31,21 +39,33 @@ def start_places(
         reach_m: how far to look on each side [m].
     """
     places = np.zeros((session.presses, PLACE))
+    places[:, :2] = np.nan_to_num(valleys(model.skin, session, reading, sigma_m, reach_m, 1)[:, 0])
+    return places
+
+
+def valleys(
+    skin: EffectSkin, session: GapSession, reading: Reading, sigma_m: float, reach_m: float, most: int
+) -> FloatArray:
+    """Places (P, most, 2) at which the image of a press is more nearly right than at any around, best first; NaN: none.
+
+    Args:
+        skin: the sensor. What its effects remember is not looked at: presses are tried one sample at a time.
+        session: what was pressed.
+        reading: what was read.
+        sigma_m: of a measured place [m].
+        reach_m: how far to look on each side [m].
+        most: places of a press at most.
+    """
+    found = np.full((session.presses, most, 2), np.nan)
     seen = _observations(session)
     if not len(seen):
-        return places
+        return found
+    skin = replace(skin, effects=tuple(a for a in skin.effects if not isinstance(a.effect, MemoryEffect)))
     samples = _one_sample(session, seen)
     axis = np.linspace(-reach_m, reach_m, STEPS)
     across, along = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
     spots = len(across)
-    owner = np.repeat(np.arange(len(seen)), spots)
-    tried = Samples.of(
-        samples.contacts[owner],
-        (samples.indenters, samples.indenter[owner]),
-        touching=samples.touching[owner],
-        press=samples.press[owner],
-    )
-    skin = model.skin
+    tried = samples[np.repeat(np.arange(len(seen)), spots)]
     moved = skin.setting.moved(tried, np.tile(across, len(seen)), np.tile(along, len(seen)))
     values = skin.values(moved)[:, session.taxels] if session.taxels is not None else skin.values(moved)
     for i, row in enumerate(seen.tolist()):
@@ -53,9 +73,12 @@ def start_places(
         spread = np.hypot(reading.sigma_counts / np.sqrt(reading.frames[row]), _IMAGE_ERROR * expected)
         gone = np.where(reading.seen[row], reading.counts[row] - expected, 0.0) / spread
         cost = (gone**2).sum(axis=1) + (across**2 + along**2) / sigma_m**2
-        best = int(np.argmin(cost))
-        places[session.press[row], :2] = across[best], along[best]
-    return places
+        around = minimum_filter(cost.reshape(STEPS, STEPS), size=3, mode="nearest").ravel()
+        lowest = np.flatnonzero(cost <= around)
+        lowest = lowest[np.argsort(cost[lowest], kind="stable")][:most]
+        lowest = lowest[cost[lowest] <= _FAR_WORSE * (cost[lowest[0]] + _LITTLE)]
+        found[session.press[row], : len(lowest)] = np.stack([across[lowest], along[lowest]], axis=-1)
+    return found
 
 
 def _observations(session: GapSession) -> IntArray:

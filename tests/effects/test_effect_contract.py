@@ -32,6 +32,7 @@ SUFFIXES = {
     "m": "_m",
     "N": "_n",
     "m/N": "_m_per_n",
+    "m/s": "_m_per_s",
     "counts": "_counts",
     "1/counts": "_per_count",
     "counts/s": "_counts_per_s",

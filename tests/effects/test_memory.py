@@ -170,15 +170,20 @@ def rated(speed: float, phase: list[int] | int, **parameters: object) -> np.ndar
 
 def test_rate_is_a_power_of_the_speed():
     for speed in (1e-4, 1e-3, 1e-2):
-        expected = (speed / 1e-3) ** 0.1
+        expected = (1 + speed / 1e-3) ** 0.1
         np.testing.assert_allclose(rated(speed, phases(), exponent=0.1, fade_s=1000.0), expected, rtol=1e-3)
         np.testing.assert_allclose(rated(speed, UNKNOWN, exponent=0.1, fade_s=0.1), expected, rtol=1e-12)
+
+
+def test_slow_presses_are_those_of_the_base_model():
+    shown = rated(1e-4, phases(), exponent=0.3, slow_m_per_s=0.1)
+    np.testing.assert_allclose(shown, 1.0, atol=5e-4)
 
 
 def test_rate_fades_after_loading():
     shown = np.log(rated(1e-2, phases(), exponent=0.1, fade_s=0.2))
     age = np.r_[np.zeros(5), 0.04 * np.arange(1, 11)]
-    np.testing.assert_allclose(shown, 0.1 * np.log(10) * np.exp(-age / 0.2), rtol=1e-9)
+    np.testing.assert_allclose(shown, 0.1 * np.log(11) * np.exp(-age / 0.2), rtol=1e-9)
 
 
 def test_rate_begins_anew_with_every_press():

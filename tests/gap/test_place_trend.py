@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap.made_sessions import Case, case
+from gap.made_sessions import OPTIONS, Case, Effects, case, made, pressed
 
 from skincal.gap.choose import Choice
 from skincal.gap.models import Material, Model
 from skincal.gap.places import NAME, SHARE, SIGNIFICANT, place_trend, with_places
+from skincal.gap.refit import refit
 
 STRETCH = 0.15
 
@@ -78,13 +79,30 @@ def test_what_a_law_does_to_places_is_no_trend():
     assert place_trend(model, material_of(of), [error], np.random.default_rng(0)) is None
 
 
-def test_it_is_named_beside_what_the_images_show():
+def test_presses_that_may_be_elsewhere_say_nothing():
     of = case("none")
-    material = material_of(of)
-    plain = Choice(of.model, of.model, (), (), (10.0, 10.0))
+    model, material = moved(of, stretched(of, STRETCH) + noise(of, 0)), material_of(of)
+    doubtful = np.zeros(len(model.hypothesis.places), dtype=bool)
+    assert place_trend(model, material, [], np.random.default_rng(0), doubtful) is not None
+    doubtful[np.unique(of.made.session.press)[1:9]] = True
+    # Too few are left for nine numbers.
+    assert place_trend(model, material, [], np.random.default_rng(0), doubtful) is None
+
+
+def wide(effects: Effects) -> tuple[Choice, Material]:
+    """A session whose presses are told to a millimetre, and the fit of the base model."""
+    one = made(effects, pressed(48, 6), exact=True)
+    options = replace(OPTIONS, position_sigma_m=1e-3)
+    material = replace(one.material, options=options)
+    model = Model(refit(one.start, one.session, one.reading, options, learn=material.known))
+    return Choice(model, model, (), (), (10.0, 10.0)), material
+
+
+def test_it_is_named_beside_what_the_images_show():
+    plain, material = wide({})
     assert with_places(plain, material, [], 1.0, np.random.default_rng(0)) is plain
-    model = moved(of, stretched(of, STRETCH) + noise(of, 0))
-    found = with_places(replace(plain, after=model), material, [], 1.0, np.random.default_rng(0))
+    choice, material = wide({"contact_offset": {"stretch_across": STRETCH, "stretch_along": -STRETCH}})
+    found = with_places(choice, material, [], 1.0, np.random.default_rng(0))
     assert [one.name for one in found.named] == [NAME] and found.after.names == (NAME,)
     again = with_places(found, material, [], 1.0, np.random.default_rng(0))
     assert again is found

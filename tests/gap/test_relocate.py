@@ -10,7 +10,7 @@ from gap.made_sessions import OPTIONS, Made, held, made, pressed
 
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.refit import refit
-from skincal.gap.relocate import cost_of_presses, of_presses, relocated
+from skincal.gap.relocate import ambiguous, cost_of_presses, of_presses, relocated
 
 AGAIN = replace(OPTIONS, settle=0, steps=4)
 
@@ -89,3 +89,44 @@ def test_some_presses_of_a_session_are_what_they_are_in_it():
     static = made(session=held(12))
     part, _ = of_presses(static.session, static.reading, rows)
     assert static.truth.values(part) == pytest.approx(static.truth.values(static.session)[rows], abs=1e-9)
+
+
+WIDE = replace(OPTIONS, position_sigma_m=8e-4)
+
+
+def ends_from_around(one: Made, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where presses end (16, P, 2), and at what cost (16, P), that go downhill from two rings around the truth."""
+    down = replace(WIDE, base=False, settle=16, steps=16)
+    places, costs = [], []
+    for turn in range(16):
+        start = one.truth.places.copy()
+        way = np.pi * (turn % 8) / 4
+        start[:, :2] += reach_m * (1 + turn // 8) * np.array([np.cos(way), np.sin(way)])
+        end = refit(one.truth.with_places(start), one.session, one.reading, down)
+        places.append(end.hypothesis.places[:, :2])
+        costs.append(cost_of_presses(end.hypothesis, end.slopes.residual, one.session, WIDE))
+    return np.array(places), np.array(costs)
+
+
+def test_presses_are_ambiguous_that_end_elsewhere_from_other_starts():
+    one = made(session=pressed(30, 4))
+    places, costs = ends_from_around(one, 9e-4)
+    here = cost_of_presses(one.truth, one.reading.residual(one.truth.values(one.session)), one.session, WIDE)
+    apart = np.hypot(*np.moveaxis(places - one.truth.places[:, :2], -1, 0)) > WIDE.position_sigma_m
+    either = (apart & (costs < here + 8)).any(axis=0)
+    said = ambiguous(one.truth, one.session, one.reading, WIDE)
+    assert 3 <= either.sum() <= 24
+    assert said[either].mean() > 0.5
+    assert said[~either].mean() < 0.2
+
+
+def test_of_several_valleys_the_best_is_taken():
+    one = made(session=pressed(14, 2))
+    _, around = ends_from_around(one, 9e-4)
+    moved = one.truth.places.copy()
+    moved[:, :2] += [1.2e-3, 0.0]
+    back = relocated(one.truth.with_places(moved), one.session, one.reading, WIDE)
+    down = refit(back, one.session, one.reading, replace(WIDE, base=False, settle=8, steps=8))
+    costs = cost_of_presses(down.hypothesis, down.slopes.residual, one.session, WIDE)
+    # Two presses have no valley but the one that they are in.
+    assert (costs < around.min(axis=0) + 16).mean() > 0.85

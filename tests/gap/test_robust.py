@@ -20,6 +20,7 @@ from skincal.gap.robust import (
     explained,
     glitches,
     jumps,
+    of_neither,
     others_differ,
     without_jumps,
     without_presses,
@@ -52,6 +53,23 @@ def test_a_press_is_a_glitch_beside_the_others_not_by_itself():
     assert glitches(*noise_of(scale)).tolist() == []
     scale[7] = 20.0
     assert glitches(*noise_of(scale)).tolist() == [7]
+
+
+def test_a_glitch_that_hid_behind_what_was_missing_is_found_with_it():
+    much = np.full(PRESSES, 6.0)
+    much[[7, 15]] = 8.0
+    before, seen, press = noise_of(much)
+    assert glitches(before, seen, press).tolist() == []
+    little = np.ones(PRESSES)
+    little[7] = 8.0
+    assert of_neither(before, noise_of(little)[0], seen, press).tolist() == [7]
+    # Which the better model alone does not know is no glitch, nor is what many presses do.
+    few = np.ones(PRESSES)
+    few[7] = 1.2
+    assert of_neither(noise_of(few)[0], noise_of(little)[0], seen, press).tolist() == []
+    many = np.ones(PRESSES)
+    many[: PRESSES // 4] = 8.0
+    assert of_neither(before, noise_of(many)[0], seen, press).tolist() == []
 
 
 def test_what_many_presses_do_is_no_glitch():

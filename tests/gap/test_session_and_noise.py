@@ -125,6 +125,17 @@ def test_noise_of_frames_is_found(sigma: float, glitch: bool):
     assert floor.mean_counts == pytest.approx(np.hypot(sigma, 1 / np.sqrt(12)) / 5, rel=0.12)
 
 
+@pytest.mark.parametrize("fade_s", [0.15, 0.5, 3.0])
+def test_what_fades_in_a_hold_is_no_noise(fade_s: float):
+    rng = np.random.default_rng(2)
+    level = rng.uniform(20, 80, (40, 1, 5))
+    fading = 1 + 0.15 * np.exp(-0.04 * np.arange(25) / fade_s)[None, :, None]
+    counts = np.round(level * fading + rng.normal(0, 1.0, (40, 25, 5))).reshape(-1, 5)
+    scatter = frame_scatter(counts, np.repeat(np.arange(40), 25), READOUT)
+    floor = noise_floor(scatter, NOTHING, UNKNOWN, np.nan, 25, READOUT, np.random.default_rng(0))
+    assert floor.frame_counts == pytest.approx(1.0, rel=0.06)
+
+
 def test_noise_of_repeats_leaves_place_and_force_out():
     rng = np.random.default_rng(0)
     slopes = rng.normal(0, 10, (60, 16, 3))
