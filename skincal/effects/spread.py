@@ -21,7 +21,7 @@ from skincal.errors import InputError, Problem
 from skincal.model import Patch
 from skincal.model.arrays import FloatArray, as_floats
 
-_NODES = 5
+_NODES = 8
 _GAUSSIAN = 0.02
 """A tail that is as small as this is none: the mixture is one Gaussian then, to a thousandth."""
 

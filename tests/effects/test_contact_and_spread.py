@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,6 +60,41 @@ def test_spread_is_the_convolution_with_a_gaussian():
     ]
     assert weights[point, taxel] == pytest.approx(gauss[0] * gauss[1], rel=1e-4)
     assert weights[point, taxel] > 0.01
+
+
+def slender(places_m: np.ndarray, length_m: float) -> SimpleNamespace:
+    """What a spread needs of a patch: points on a line, and a taxel across it that is so long and very wide."""
+    sizes = np.array([[0.1, length_m]])
+    points = np.stack([np.zeros(len(places_m)), places_m], axis=-1)
+    return SimpleNamespace(uv_m=points, layout=SimpleNamespace(centres_m=np.zeros((1, 2)), sizes_m=sizes))
+
+
+def test_a_spread_with_a_tail_is_pasternaks_sheet():
+    """Across a long taxel, what a sheet carries sideways falls as exp(-|v| / l)."""
+    width = 1e-3
+    v = np.linspace(-6e-3, 6e-3, 49)
+    line = slender(v, 0.002)
+    low, high = -1e-3, 1e-3
+    shown = Spread().weights(Spread().checked({"width_m": width, "tail": 1.0}, 1), line)[:, 0]
+    length = width / np.sqrt(2)
+
+    def below(x: np.ndarray) -> np.ndarray:
+        return np.where(
+            x < 0, np.exp(np.minimum(x, 0) / length) / 2, 1 - np.exp(-np.maximum(x, 0) / length) / 2
+        )
+
+    np.testing.assert_allclose(shown, below(high - v) - below(low - v), atol=0.012)
+    gauss = Spread().weights(Spread().checked({"width_m": width}, 1), line)[:, 0]
+    assert np.abs(gauss - shown).max() > 0.03
+
+
+def test_a_tail_does_not_change_how_wide_a_spread_is():
+    places = np.linspace(-8e-3, 8e-3, 400)
+    line = slender(places, 0.0005)
+    for tail in (0.0, 0.03, 0.3, 1.0):
+        weights = Spread().weights(Spread().checked({"width_m": 1e-3, "tail": tail}, 1), line)[:, 0]
+        variance = (weights * places**2).sum() / weights.sum()
+        assert variance == pytest.approx(1e-6, rel=0.06)
 
 
 def test_a_narrow_spread_is_none():
