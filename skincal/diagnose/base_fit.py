@@ -11,7 +11,7 @@ from skincal.diagnose.prepare import FINAL, OFFSET, SELECTION, TRAIN, Prepared, 
 from skincal.gap.faults import Stuck, jumps_under_load, rests_rarely, stuck_taxels, without_stuck
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.law import law_directions
-from skincal.gap.models import Material, Model, excess_of, scene_of
+from skincal.gap.models import Material, Model, excess_of, found_again, scene_of
 from skincal.gap.null import law_errors
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, RefitOptions, refit
@@ -83,7 +83,8 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     first = _fitted_beside(ready, first.hypothesis, reading, known, options)
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
     material = Material(session, reading, learn, score, ready.options)
-    model = Model(first, (), ready.known_effects)
+    # Models with effects have their presses looked for again; what they are compared with deserves the same.
+    model = found_again(Model(first, (), ready.known_effects), material)
     return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck))
 
 
@@ -176,7 +177,7 @@ def explains(model: Model, base: Base, presses: IntArray) -> bool:
 
 
 def without_hidden_glitches(base: Base, after: Model) -> Base:
-    """A base without presses that are out of all proportion once what was missing is in the model, too.
+    """A base without presses that are still out of all proportion once what was missing is in the model.
 
     Only presses that were kept for the end are left out: the others had their say already.
     """

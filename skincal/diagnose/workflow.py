@@ -33,6 +33,7 @@ from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
 from skincal.gap.refit import refit
+from skincal.gap.relocate import relocated
 from skincal.gap.robust import without_jumps
 from skincal.gap.signatures import where_text
 
@@ -149,6 +150,8 @@ def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
     """The sensor as it is, every press at its best place: those of the end had no say in when a fit was done."""
     options = replace(ready.options, base=False, settle=_PLACE_STEPS, steps=_PLACE_STEPS)
     reading = base.material.reading
+    if ready.options.base:
+        hypothesis = relocated(hypothesis, ready.session, reading, ready.options)
     return refit(hypothesis, ready.session, reading, options, fixed=hypothesis.effects).hypothesis
 
 

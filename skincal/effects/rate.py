@@ -2,9 +2,9 @@
 
     y = x (1 + v / v_0)^(n phi)
 
-with v the speed of loading of the press, and v_0 the speed below which it hardly matters: as slowly as that, the
-response is the base model's. phi is one while the load rises, and decays as exp(-age / T) from the end of loading, so
-that a viscous stiffening may fade in the hold (small T) or stay for the whole press (large T).
+with v the speed of loading of the press, and v_0 that about which it begins to matter: far below it the response is the
+base model's, far above it a power of the speed. phi is one while the load rises, and decays as exp(-age / T) from the
+end of loading, so that a viscous stiffening may fade in the hold (small T) or stay for the whole press (large T).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Rate(MemoryEffect):
             1e-3,
             1e-5,
             0.1,
-            "v_0: speed below which it hardly matters",
+            "v_0: speed about which it begins to matter",
             role="form",
             scale="log",
         ),

@@ -22,8 +22,8 @@ from skincal.model import Patch
 from skincal.model.arrays import FloatArray, as_floats
 
 _NODES = 8
-_GAUSSIAN = 0.02
-"""A tail that is as small as this is none: the mixture is one Gaussian then, to a thousandth."""
+_LEAST_TAIL = 0.02
+"""Below this the nodes of a quadrature run together; what the tail does is a line there."""
 
 
 class Spread(SpreadEffect):
@@ -61,10 +61,14 @@ class Spread(SpreadEffect):
 
 def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
     """Variances, relative, and shares of the Gaussians; a gamma distribution by the nodes of its quadrature."""
-    if tail < _GAUSSIAN:
+    if tail <= 0:
         return np.ones(1), np.ones(1)
-    nodes, weights = roots_genlaguerre(_NODES, 1 / tail - 1)
-    return as_floats(nodes * tail), as_floats(weights / weights.sum())
+    least = max(tail, _LEAST_TAIL)
+    nodes, weights = roots_genlaguerre(_NODES, 1 / least - 1)
+    part = tail / least
+    return as_floats(np.append(nodes * least, 1.0)), as_floats(
+        np.append(part * weights / weights.sum(), 1 - part)
+    )
 
 
 def _part(uv: FloatArray, low: FloatArray, high: FloatArray, width: float, axis: int) -> FloatArray:

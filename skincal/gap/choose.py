@@ -133,7 +133,7 @@ class Round:
     Attributes:
         found: the search of each effect, best score first.
         excess: squared residual beyond noise before it, over the presses that choose.
-        falls: fall of the squared residual by a full fit, of the contenders.
+        falls: fall of the squared residual by a full fit, of the contenders; presses were not yet looked for again.
         fits: the full fits.
         taken: the effect that was added; None where none was.
         passed_over: the effect that explained most, but only what one of its own kind leaves over; None where that
@@ -313,6 +313,9 @@ def dropped(
     kept = list(named)
     for one in named[:-1]:
         other = without(model, one.name, material)
+        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) >= least:
+            # The model's presses were looked for with the effect; without it they deserve the same.
+            other = found_again(other, material)
         if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) < least:
             model, kept = other, [k for k in kept if k is not one]
     return model, kept

@@ -22,7 +22,9 @@ from skincal.model.arrays import BoolArray, FloatArray
 
 _SHARES = (1.0, 0.3)
 _SETTLE = 3
+"""Steps in which only presses move, from a new beginning."""
 _LOOKS = 2
+"""Presses are looked for so many times at most."""
 _MUCH = 20.0
 """No further look where the last one lowered the objective by less."""
 
@@ -161,7 +163,7 @@ def found_again(model: Model, material: Material) -> Model:
 
 
 def begun_again(model: Model, material: Material, fresh: Hypothesis) -> Model:
-    """A model fitted from another sensor and other places, with its effects as they are to begin with."""
+    """A model fitted from another sensor and other places, its effects starting where they are."""
     other = fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
     return found_again(other, material)
 

@@ -14,6 +14,7 @@ moves (Freedman & Lane 1983). What another contact law does to places (:mod:`ski
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +67,7 @@ def place_trend(
     material: Material,
     errors: list[FloatArray],
     rng: np.random.Generator,
-    doubtful: BoolArray | None = None,
+    doubtful: Callable[[], BoolArray] | None = None,
 ) -> Trend | None:
     """The trend of the places of a fit; None where presses or pose do not allow one.
 
@@ -75,13 +76,13 @@ def place_trend(
         material: the session.
         errors: (N, J) whitened residual of each contact law.
         rng: swaps presses.
-        doubtful: (P,) presses whose images are as right elsewhere, which say nothing; None: no press.
+        doubtful: says which presses (P,) have images that are as right elsewhere; those say nothing. None: no press.
     """
     starts = Bench(model.hypothesis, material.session).starts(NAME)
-    rows = _told(model, material)
-    rows = rows if doubtful is None else rows[~doubtful[rows]]
     if not starts:
         return None
+    rows = _told(model, material)
+    rows = rows if doubtful is None else rows[~doubtful()[rows]]
     (start,) = starts
     columns, turns = _moves(model, material, start)
     if len(rows) < _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2:
@@ -115,8 +116,10 @@ def with_places(
     """
     if NAME in choice.after.names:
         return choice
-    found = choice.after.hypothesis
-    doubtful = ambiguous(found, material.session, material.reading, material.options)
+
+    def doubtful() -> BoolArray:
+        return ambiguous(choice.after.hypothesis, material.session, material.reading, material.options)
+
     trend = place_trend(choice.after, material, errors, rng, doubtful)
     if trend is None or trend.p_value > SIGNIFICANT or trend.share < SHARE:
         return choice

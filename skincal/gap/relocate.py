@@ -2,8 +2,8 @@
 
 A press at the edge of a taxel, or off the sensor's border, can have more than one place at which its image is nearly
 right, and while the sensor is not yet where it belongs the wrong one may be the nearer. Once the sensor is found, every
-press is looked for again on a grid (:mod:`skincal.gap.start`); where there are other places, all are followed
-downhill with the sensor held, and the best one is kept.
+press is looked for again on a grid (:mod:`skincal.gap.start`); where there are other places, the three best are
+followed downhill with the sensor held, as is the present one, and the best of all is kept.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _STEPS = 4
 _VALLEYS = 3
 """So many places of a press are followed at most."""
 _AS_RIGHT = 16.0
-"""A place is as right where it costs so much more at most: two images four deviations apart, with what is not right in
-a contact law."""
+"""Another place is as right if it costs at most so much more: four standard deviations, to allow for an inexact contact
+law."""
 _ELSEWHERE = 0.5
 """So far off is another place [standard deviations of a measured one]."""
 _SAME = 1.5
@@ -68,7 +68,8 @@ def _ends(
 ) -> tuple[FloatArray, FloatArray]:
     """Where presses end (P, 1 + n, 3) that go downhill from where they are and from other valleys, and their costs.
 
-    Presses with no other valley stay, and cost nothing; a valley that there is not costs infinitely much.
+    The first is the present place. A press with no other valley stays there, and is said to cost nothing; a valley that
+    there is not costs infinitely much.
     """
     sigma = options.position_sigma_m
     reach = min(_REACH * sigma, reach_m)

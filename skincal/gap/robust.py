@@ -96,12 +96,14 @@ def of_neither(before: FloatArray, after: FloatArray, seen: BoolArray, press: In
     """
     rows, first, read = _by_press(before, seen, press)
     _, last, _ = _by_press(after, seen, press)
+    some = read > 0
+    rows, first, last, read = rows[some], first[some], last[some], read[some]
     wild = _wild(last, read)
     if len(rows) < _FEWEST or wild.sum() > max(1, _MOST_GLITCHES * len(rows)):
         return rows[:0]
-    usual = last[~wild] / np.maximum(read[~wild], 1)
+    usual = last[~wild] / read[~wild]
     least = _GLITCH * max(1.0, float(np.quantile(usual, 0.9)) if len(usual) else 0.0)
-    return rows[wild & (first > least * np.maximum(read, 1))]
+    return rows[wild & (first > least * read)]
 
 
 def _wild(squares: FloatArray, read: FloatArray) -> BoolArray:

@@ -21,9 +21,9 @@ STEPS = 15
 _IMAGE_ERROR = 0.03
 """What an image may be off anyway, in parts of its values: the place is looked for, not the last digit."""
 _FAR_WORSE = 10.0
-"""A valley is left alone from so many times the cost of the lowest one on."""
+"""A valley that costs more than so many times the lowest one is not followed."""
 _LITTLE = 50.0
-"""Costs on the grid, half a step from the bottom, that say nothing."""
+"""What a place of the grid costs merely for lying off the bottom."""
 
 
 def start_places(
@@ -48,6 +48,8 @@ def valleys(
 ) -> FloatArray:
     """Places (P, most, 2) at which the image of a press is more nearly right than at any around, best first; NaN: none.
 
+    Those on the border of the grid, whose image may be righter beyond it, count as well.
+
     Args:
         skin: the sensor. What its effects remember is not looked at: presses are tried one sample at a time.
         session: what was pressed.
@@ -60,7 +62,8 @@ def valleys(
     seen = _observations(session)
     if not len(seen):
         return found
-    skin = replace(skin, effects=tuple(a for a in skin.effects if not isinstance(a.effect, MemoryEffect)))
+    if skin.has_memory:
+        skin = replace(skin, effects=tuple(a for a in skin.effects if not isinstance(a.effect, MemoryEffect)))
     samples = _one_sample(session, seen)
     axis = np.linspace(-reach_m, reach_m, STEPS)
     across, along = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
@@ -73,10 +76,12 @@ def valleys(
         spread = np.hypot(reading.sigma_counts / np.sqrt(reading.frames[row]), _IMAGE_ERROR * expected)
         gone = np.where(reading.seen[row], reading.counts[row] - expected, 0.0) / spread
         cost = (gone**2).sum(axis=1) + (across**2 + along**2) / sigma_m**2
+        # Places beyond the rim of a mesh have no image.
+        cost = np.where(np.isfinite(cost), cost, np.inf)
         around = minimum_filter(cost.reshape(STEPS, STEPS), size=3, mode="nearest").ravel()
-        lowest = np.flatnonzero(cost <= around)
+        lowest = np.flatnonzero((cost <= around) & np.isfinite(cost))
         lowest = lowest[np.argsort(cost[lowest], kind="stable")][:most]
-        lowest = lowest[cost[lowest] <= _FAR_WORSE * (cost[lowest[0]] + _LITTLE)]
+        lowest = lowest[cost[lowest] <= _FAR_WORSE * (cost.min() + _LITTLE)]
         found[session.press[row], : len(lowest)] = np.stack([across[lowest], along[lowest]], axis=-1)
     return found
 

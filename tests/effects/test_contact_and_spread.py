@@ -97,6 +97,19 @@ def test_a_tail_does_not_change_how_wide_a_spread_is():
         assert variance == pytest.approx(1e-6, rel=0.06)
 
 
+def test_a_tail_begins_smoothly():
+    """A fit begins where there is none, with differences that are small."""
+    line = slender(np.linspace(-4e-3, 4e-3, 60), 0.002)
+
+    def weights(tail: float) -> np.ndarray:
+        return Spread().weights(Spread().checked({"width_m": 1e-3, "tail": tail}, 1), line)[:, 0]
+
+    far = (weights(0.05) - weights(0.0)) / 0.05
+    for step in (1e-4, 0.009, 0.019, 0.021):
+        near = (weights(step) - weights(0.0)) / step
+        assert np.linalg.norm(near - far) < 0.2 * np.linalg.norm(far)
+
+
 def test_a_narrow_spread_is_none():
     values = skin_with("spread", width_m=1e-6).values(SESSION)
     np.testing.assert_allclose(values, VALUES, atol=1e-9)

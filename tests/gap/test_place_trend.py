@@ -83,10 +83,10 @@ def test_presses_that_may_be_elsewhere_say_nothing():
     of = case("none")
     model, material = moved(of, stretched(of, STRETCH) + noise(of, 0)), material_of(of)
     doubtful = np.zeros(len(model.hypothesis.places), dtype=bool)
-    assert place_trend(model, material, [], np.random.default_rng(0), doubtful) is not None
+    assert place_trend(model, material, [], np.random.default_rng(0), lambda: doubtful) is not None
     doubtful[np.unique(of.made.session.press)[1:9]] = True
     # Too few are left for nine numbers.
-    assert place_trend(model, material, [], np.random.default_rng(0), doubtful) is None
+    assert place_trend(model, material, [], np.random.default_rng(0), lambda: doubtful) is None
 
 
 def wide(effects: Effects) -> tuple[Choice, Material]:

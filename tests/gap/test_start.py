@@ -9,10 +9,11 @@ import pytest
 from gap.gap_sessions import READOUT
 from gap.made_sessions import MODEL, SIGMA, Made, held, made, pressed, read
 
+from skincal.effects import EffectSkin, Samples
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
-from skincal.gap.start import start_places
+from skincal.gap.start import start_places, valleys
 
 SLACK_M = 0.8e-3
 
@@ -49,6 +50,37 @@ def test_places_are_found_from_some_taxels():
     one = displaced(pressed(), np.array([0, 1, 3, 4, 5, 7]))
     left = found(one) - one.truth.places
     assert np.median(np.hypot(*left[:, :2].T)) < 0.5e-3
+
+
+def test_valleys_come_best_first_and_are_as_many_as_there_are():
+    one = displaced(pressed())
+    many = valleys(MODEL.skin, one.session, one.reading, SLACK_M, 2e-3, 4)
+    assert many.shape == (one.session.presses, 4, 2)
+    there = np.isfinite(many).all(axis=-1)
+    assert there[:, 0].all() and not there.all()
+    assert (there[:, :-1] >= there[:, 1:]).all()
+    assert (many[:, 0] == found(one)[:, :2]).all()
+    steps = np.diff(many, axis=1)
+    assert not (np.abs(steps).max(axis=-1) < 1e-4).any()
+
+
+def test_places_without_an_image_are_no_valleys(monkeypatch: pytest.MonkeyPatch):
+    """On a mesh a walk can end beyond the rim."""
+    one, usual = displaced(pressed()), EffectSkin.values
+
+    def torn(skin: EffectSkin, samples: Samples) -> np.ndarray:
+        values = usual(skin, samples)
+        values[np.arange(len(values)) % 3 > 0] = np.nan
+        return values
+
+    monkeypatch.setattr(EffectSkin, "values", torn)
+    many = valleys(MODEL.skin, one.session, one.reading, SLACK_M, 2e-3, 3)
+    assert np.isfinite(many[:, 0]).all()
+    monkeypatch.setattr(
+        EffectSkin, "values", lambda skin, samples: np.full_like(usual(skin, samples), np.nan)
+    )
+    assert np.isnan(valleys(MODEL.skin, one.session, one.reading, SLACK_M, 2e-3, 3)).all()
+    assert not found(one).any()
 
 
 def test_a_sure_place_is_kept():
