@@ -73,7 +73,10 @@ def _ends(
     """
     sigma = options.position_sigma_m
     reach = min(_REACH * sigma, reach_m)
-    others = valleys(found.skin, session, reading, sigma, reach, _VALLEYS)
+    others = np.full((len(found.places), _VALLEYS, 2), np.nan)
+    if options.base:
+        # Under uniform pressure, where the sensor is not free, every place looks the same.
+        others = valleys(found.skin, session, reading, sigma, reach, _VALLEYS)
     apart = np.hypot(*np.moveaxis(others - found.places[:, None, :2], -1, 0))
     wanted = apart > _SAME * 2 * reach / (STEPS - 1)
     settled = replace(options, base=False, settle=_STEPS, steps=_STEPS)

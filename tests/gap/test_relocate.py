@@ -134,3 +134,12 @@ def test_of_several_valleys_the_best_is_taken():
     without = cost_of_presses(alone.hypothesis, alone.slopes.residual, one.session, WIDE)
     good, before = ((own < around.min(axis=0) + 16).mean() for own in (costs, without))
     assert good > 0.8 > before
+
+
+def test_under_uniform_pressure_no_press_is_looked_for():
+    one = made(session=pressed(14, 2))
+    places = one.truth.places.copy()
+    places[:, 0] += 1.2e-3
+    found, still = one.truth.with_places(places), replace(WIDE, base=False)
+    assert relocated(found, one.session, one.reading, still) is found
+    assert not ambiguous(found, one.session, one.reading, still).any()
