@@ -33,7 +33,7 @@ def test_what_makes_an_effect_is_seen():
     cross = signature("crosstalk").change
     assert (np.count_nonzero(np.abs(cross) > 5), np.count_nonzero(cross < -1e-9)) == (4, 0)
     slow, fast = signature("rate").curves
-    assert slow.changed[-1] < slow.base[-1] < fast.changed[-1]
+    assert slow.base[-1] < slow.changed[-1] < fast.changed[-1]
     late = signature("latency").curves[0]
     assert np.argmax(late.changed > 1) > np.argmax(late.base > 1)
     touches = signature("first_cycle").curves[0]
