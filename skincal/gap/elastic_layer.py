@@ -39,6 +39,10 @@ class ContactError(RuntimeError):
     """The contact could not be found: no convergence, or it reaches the border of the grid."""
 
 
+class SmallContactError(ContactError):
+    """The contact is too small for the cells of the grid."""
+
+
 @dataclass(frozen=True)
 class Layer:
     """An elastic layer, bonded to a rigid core.
@@ -134,8 +138,10 @@ class ContactProblem:
             moved = self.displacement(step)
             moved -= moved[touch].mean()
             curve = float((moved[touch] * step[touch]).sum())
-            if curve <= 0:
-                raise ContactError("the contact is smaller than two cells, or fills the grid")
+            if not curve > 0:
+                if touch.mean() < 0.5:
+                    raise SmallContactError("the contact is smaller than two cells")
+                raise ContactError("the contact fills the grid")
             length = float((apart[touch] * step[touch]).sum()) / curve
             overlap = reach & ~touch & (apart < 0)
             worst = max(float(np.abs(apart[touch]).max()), -float(apart[overlap].min(initial=0.0)))

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skincal.gap.candidates import Scene
+from skincal.gap.elastic_layer import ContactError
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material
@@ -98,11 +99,15 @@ def law_errors(scene: Scene, material: Material, twins: Sequence[Twin]) -> dict[
     other = fitted
     for twin in twins:
         # Where the sensor is not free, as under uniform pressure, its slopes say nothing.
-        for _ in range(_MOVES if material.options.base else 0):
-            error = _differs(values, other, material, twin)[rows].reshape(-1, 1)
-            step = as_floats(np.linalg.lstsq(bare, free.apply(error)[:, 0], rcond=None)[0])
-            other = other.moved(-step / max(1.0, float(np.max(np.abs(step) / MOST_STEP))))
-        found[twin.name] = _differs(values, other, material, twin)
+        try:
+            for _ in range(_MOVES if material.options.base else 0):
+                error = _differs(values, other, material, twin)[rows].reshape(-1, 1)
+                step = as_floats(np.linalg.lstsq(bare, free.apply(error)[:, 0], rcond=None)[0])
+                other = other.moved(-step / max(1.0, float(np.max(np.abs(step) / MOST_STEP))))
+            found[twin.name] = _differs(values, other, material, twin)
+        except ContactError:
+            # A layer as stiff and as thick as this cannot be pressed on the twin's grid: there is no such twin.
+            continue
     return found
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from skincal.effects import Samples
-from skincal.gap.elastic_layer import ContactError, Layer, Press
+from skincal.gap.elastic_layer import ContactError, Layer, Press, SmallContactError
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.session import GapSession
 from skincal.model import Cylinder, Indenter, Plane, Sphere, Surface
@@ -98,6 +98,8 @@ def alike_layer(
     for _ in range(_TRIES):
         try:
             wide = _width(press.axis_m, press.fields(layer, np.array([force_n]))[0].felt_pa) / wanted
+        except SmallContactError:
+            wide = 0.0
         except ContactError:
             # Soft: the ball sinks in beyond the grid.
             wide = np.inf
@@ -184,13 +186,18 @@ def _table(indenter: Indenter, surface: Surface, layer: Layer, most_n: float) ->
 @lru_cache(maxsize=32)
 def _solved(press: Press, layer: Layer, most_n: float) -> _Table:
     forces = np.geomspace(_LEAST_FORCE * most_n, most_n, _FORCES)
-    while True:
+    for _ in range(_TRIES):
         try:
             fields = press.fields(layer, forces)
+        except SmallContactError:
+            # At the smallest forces there is no cell in contact but one.
+            factor = 0.5
         except ContactError:
             # At the largest forces the ball sinks in beyond the grid. Twice as stiff is a twin, too, though with
             # another E than asked for.
-            layer = Layer.of_stiffness(2 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
-            continue
-        felt = np.stack([f.felt_pa for f in fields])
-        return _Table(felt, np.log(forces), float(press.axis_m[0]))
+            factor = 2.0
+        else:
+            felt = np.stack([f.felt_pa for f in fields])
+            return _Table(felt, np.log(forces), float(press.axis_m[0]))
+        layer = Layer.of_stiffness(factor * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
+    raise ContactError(f"no layer of {layer.thickness_m:g} m could be pressed on this grid")

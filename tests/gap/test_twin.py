@@ -9,9 +9,10 @@ import pytest
 from gap.made_sessions import LAYOUT, MODEL, held, pressed
 from model.model_shapes import FINGER, cylinder_mesh, sphere_mesh, surface_of
 
+import skincal.gap.twin as twin_module
 from skincal.effects import Samples
 from skincal.gap.base import BaseModel
-from skincal.gap.elastic_layer import Layer, Press
+from skincal.gap.elastic_layer import ContactError, Layer, Press
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.twin import THICKNESSES_M, alike_layer, layer_loads, twins_for
 from skincal.model import Contacts, Plane, SensorPose, Sphere, Surface, TaxelLayout
@@ -170,3 +171,17 @@ def test_a_foundation_on_a_grid_is_the_model():
     samples = pressing(FINGER, on_finger(0.0, 0.0235)[None], np.array([2.0]))
     loads = one.skin.skin.loads(samples.indenters[0], samples.contacts)
     assert felt.sum() * press.spacing_m**2 == pytest.approx(loads[0, 0], rel=0.01)
+
+
+def test_a_layer_too_stiff_for_the_grid_is_pressed_as_one_that_is_not_or_refused():
+    """It used to be made stiffer still, without end."""
+    press = twin_module._press(Plane(), 0.006)
+    for elasticity in (1e10, 1e12, 1e16):
+        layer = Layer.of_stiffness(elasticity, 0.01, 0.45)
+        try:
+            table = twin_module._solved(press, layer, 5.0)
+        except ContactError:
+            continue
+        assert np.isfinite(table.felt_pa).all() and table.felt_pa.max() > 0
+    with pytest.raises(ContactError, match="could be pressed"):
+        twin_module._solved(press, Layer.of_stiffness(1e20, 0.01, 0.45), 5.0)
