@@ -163,7 +163,10 @@ def test_rounds_tell_what_was_tried():
     assert scores == sorted(scores, reverse=True)
     assert first.excess == choice.excess[0]
     assert first.falls["hysteresis"] == max(first.falls.values())
-    assert first.falls["hysteresis"] == pytest.approx(choice.excess[0] - choice.excess[1], rel=0.01)
+    fallen = choice.excess[0] - choice.excess[1]
+    # Looking for presses again may only have gained, and here has little to gain.
+    assert first.falls["hysteresis"] <= fallen + 1e-6
+    assert first.falls["hysteresis"] == pytest.approx(fallen, rel=1e-3)
     assert choice.explained == pytest.approx(1 - max(choice.excess[1], 0) / choice.excess[0])
 
 
