@@ -10,6 +10,8 @@ from skincal.model.arrays import FloatArray
 
 _SMALL = 1e-4
 """Steps shorter than this part of the time constant use a series."""
+_FORGOTTEN = 1e-18
+"""What is left of a value that no longer counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,8 @@ def recursion(keep: FloatArray, add: FloatArray, start: FloatArray) -> FloatArra
     y, factor = add.copy(), keep.copy()
     y[:1] += keep[:1] * start
     reach = 1
-    while reach < len(y):
+    # What is forgotten by then to the last digit adds nothing.
+    while reach < len(y) and factor[reach:].max() > _FORGOTTEN:
         # Both sides at once: the right side must not see what the left side has already changed.
         y[reach:] += factor[reach:] * y[:-reach].copy()
         factor[reach:] *= factor[:-reach].copy()

@@ -8,6 +8,7 @@ that everything after works with unclipped values.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr
@@ -17,6 +18,9 @@ from skincal.model.rest import rest_from_presses
 
 _SPREAD = 8.0
 """Beyond so many sigmas from a bound of the converter, clipping does not matter."""
+
+_KNOTS = 200
+"""Knots of an interpolation for each sigma."""
 
 _MAX_CLIPPED_REST = 1.5
 """A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
@@ -85,11 +89,21 @@ def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
     if not integer:
         z = above / sigma
         return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
-    # Rounded: sum over the counts below zero of their distance times their probability, P(round(x) <= -k), k >= 1.
+    # Far below, all is lifted to zero; far above, nothing is.
+    knots, lifted = _rounded(sigma)
+    return np.where(above < knots[0], -above, np.interp(above, knots, lifted))
+
+
+@lru_cache(maxsize=64)
+def _rounded(sigma: float) -> tuple[Floats, Floats]:
+    """How much rounding and clipping at 0 lift the mean of values (K,) about it, on a grid for interpolation.
+
+    The sum over the counts below zero of their distance times their probability, P(round(x) <= -k), k >= 1. Between
+    the knots a line is right to 2e-5 sigma.
+    """
     steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
-    lifted = ndtr((-steps - above[..., None]) / sigma).sum(axis=-1)
-    far = above < -steps[-1]
-    return np.where(far, -above, lifted)
+    knots = np.arange(-steps[-1], _SPREAD * sigma, sigma / _KNOTS)
+    return knots, ndtr((-steps - knots[:, None]) / sigma).sum(axis=-1)
 
 
 def clipped_share(value: float, sigma: float, readout: Readout) -> float:

@@ -11,8 +11,9 @@ steps from a few forms of each effect. Parameters are found on some presses and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from skincal.gap.projection import Projection
 from skincal.gap.reading import Reading
 from skincal.gap.refit import RefitOptions, Slopes
 from skincal.gap.session import GapSession
+from skincal.gap.together import apart, together
 from skincal.model import FlatPunch, Sphere
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
@@ -60,6 +62,10 @@ _STEP = 0.03
 _FURTHEST = 1.2
 OF_PLACES = ("contact_offset", "shear")
 """Effects that move contacts: the places of presses have followed them already, and to first order only."""
+_OF_WAY = 0.5
+"""What the measured way of a contact within a press may be off, in parts of it; never more than the place itself."""
+_NO_WAY = 1e-9
+"""A way shorter than this is none [m]."""
 _SHORTEST, _SHORTER = 0.04, 0.4
 
 
@@ -223,12 +229,24 @@ class Scene:
             np.zeros((*slopes.values.shape, 0)) if law is None else law,
         )
 
+    @cached_property
+    def nuisance(self) -> FloatArray:
+        """(N, J, 3 or 5) what place and force of a press, and its way within the press, do at one standard deviation.
+
+        Where a contact moves as the force rises, joint angles do not tell that way much better than the place itself:
+        friction and errors of the joints go with it.
+        """
+        way = np.minimum(_OF_WAY * self.bench.session.paths_m, self.prior[:2].min())
+        place = self.slopes.place * self.prior
+        if way.max(initial=0.0) < _NO_WAY:
+            return place
+        return np.concatenate([place, self.slopes.place[..., :2] * way[:, None, None]], axis=-1)
+
     def part(self, rows: BoolArray) -> View:
         """The scene as some observations (N,) show it."""
         shared = np.concatenate([self.slopes.base, self.slopes.effect, self.law], axis=-1)
         press: IntArray = self.press[rows]
-        place: FloatArray = self.slopes.place[rows] * self.prior
-        projection = Projection.of(press, place, np.zeros_like(self.zero[rows]), shared[rows])
+        projection = Projection.of(press, self.nuisance[rows], np.zeros_like(self.zero[rows]), shared[rows])
         return View(rows, self.weight[rows], projection, projection.apply(self.residual[rows].reshape(-1, 1)))
 
 
@@ -286,10 +304,7 @@ def search(scene: Scene, start: Start, learn: View, score: View, steps: int = 5)
     for step in range(steps):
         free = np.flatnonzero(strong) if step == 0 else np.arange(len(x))
         lengths = _lengths(coords, x, first=step == 0)
-        slopes = np.stack(
-            [(change(_plus(x, k, lengths[k])) - now) / lengths[k] for k in free.tolist()], axis=-1
-        )
-        columns = learn.seen(slopes)
+        columns = learn.seen(_slopes(scene, change, coords, free, x, lengths, now))
         curve = columns.T @ columns + np.diag(1 / prior[free] ** 2)
         pull = columns.T @ (learn.residual - seen)[:, 0] - x[free] / prior[free] ** 2
         move = np.zeros(len(x))
@@ -312,10 +327,24 @@ def search(scene: Scene, start: Start, learn: View, score: View, steps: int = 5)
     return Found(start, x, learn.fall(now), score.fall(now))
 
 
-def _plus(x: FloatArray, k: int, length: float) -> FloatArray:
-    y = x.copy()
-    y[k] += length
-    return y
+def _slopes(
+    scene: Scene,
+    change: Callable[[FloatArray], FloatArray],
+    coords: Sequence[Coordinate],
+    which: IntArray,
+    x: FloatArray,
+    lengths: FloatArray,
+    now: FloatArray,
+) -> FloatArray:
+    """Slopes (N, J, k) of a change of the values by some coordinates, by differences of these lengths (n,)."""
+    found = np.zeros((*now.shape, len(which)))
+    for group in together([coords[k] for k in which.tolist()], scene.bench.hypothesis.effects):
+        own = which[group]
+        y = x.copy()
+        y[own] += lengths[own]
+        some = [coords[k] for k in own.tolist()]
+        found[..., group] = apart(change(y) - now, some, lengths[own], scene.bench.session.taxels)
+    return found
 
 
 def _lengths(coords: Sequence[Coordinate], x: FloatArray, *, first: bool) -> FloatArray:
@@ -338,7 +367,7 @@ def straight(scene: Scene, start: Start, learn: View, score: View) -> Found:
     An effect that moves contacts is in the places that the fit found, and so in the residual, to first order: there a
     change that is not has nothing to be compared with.
     """
-    columns = np.stack([secant(scene, start, k) for k in range(len(start.coords))], axis=-1)
+    columns = secants(scene, start, np.arange(len(start.coords)))
     seen, scored = learn.seen(columns), score.seen(columns)
     curve = seen.T @ seen + np.diag(1 / priors(start.coords) ** 2)
     x = clipped(start.coords, as_floats(np.linalg.solve(curve, seen.T @ learn.residual))[:, 0])
@@ -349,13 +378,18 @@ def straight(scene: Scene, start: Start, learn: View, score: View) -> Found:
     return Found(start, x, fall(learn, seen), fall(score, scored))
 
 
-def secant(scene: Scene, start: Start, k: int) -> FloatArray:
-    """Change of the values (N, J) by one number of an effect from neutral, over a quarter of its unit [counts]."""
-    x = np.zeros(len(start.coords))
-    low, high = start.coords[k].bounds
-    x[k] = FIRST_STEP if high >= FIRST_STEP else max(-FIRST_STEP, low)
-    change = scene.bench.values(parameters_at(start.coords, x, start.held)) - scene.zero
-    return np.nan_to_num(change) / x[k]
+def secants(scene: Scene, start: Start, which: IntArray) -> FloatArray:
+    """Change of the values (N, J, k) by some numbers of an effect from neutral, over a quarter of its unit [counts]."""
+    coords = start.coords
+    highest = np.array([c.bounds[1] for c in coords])
+    lowest = np.array([c.bounds[0] for c in coords])
+    lengths = np.where(highest >= FIRST_STEP, FIRST_STEP, np.maximum(-FIRST_STEP, lowest))
+
+    def change(at: FloatArray) -> FloatArray:
+        return np.nan_to_num(scene.bench.values(parameters_at(coords, at, start.held)) - scene.zero)
+
+    none = np.zeros(len(coords))
+    return _slopes(scene, change, coords, which, none, lengths, np.zeros_like(scene.zero))
 
 
 def best_of(scene: Scene, name: str, learn: View, score: View) -> Found | None:

@@ -6,8 +6,10 @@ its range. Each has a broad Gaussian prior about zero, so that numbers which the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -44,7 +46,7 @@ class Coordinate:
         """Whether it brings the effect in."""
         return self.parameter.role == "strength"
 
-    @property
+    @cached_property
     def unit(self) -> float:
         """What one stands for, on the scale of the parameter."""
         p = self.parameter
@@ -61,9 +63,11 @@ class Coordinate:
         """The parameter at a coordinate, within its bounds."""
         p = self.parameter
         logarithmic = not self.is_strength and p.scale == "log"
-        x = float(np.clip(x, *self.bounds))
-        raw = self.start * float(np.exp(x)) if logarithmic else self.start + x * self.unit
-        return float(np.clip(raw, p.low, p.high))
+        # Plain numbers, not arrays: a fit asks a million times.
+        low, high = self.bounds
+        x = min(max(x, low), high)
+        raw = self.start * math.exp(x) if logarithmic else self.start + x * self.unit
+        return min(max(raw, p.low), p.high)
 
     def at(self, value: float) -> float:
         """The coordinate of a parameter's value."""
@@ -72,7 +76,7 @@ class Coordinate:
             return float(np.log(value / self.start))
         return (value - self.start) / self.unit
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[float, float]:
         """Least and largest coordinate."""
         p = self.parameter

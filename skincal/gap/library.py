@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.effects import EFFECTS
-from skincal.gap.candidates import Scene, Start, View, secant
+from skincal.gap.candidates import Scene, Start, View, secants
 from skincal.gap.free import priors, strengths
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -73,5 +73,4 @@ def _falls(start: Start, columns: FloatArray, views: tuple[View, View], residual
 
 def columns_of(scene: Scene, start: Start) -> FloatArray:
     """Change of the values (N, J, n) by each strength of an effect, a secant from neutral [counts]."""
-    strong = np.flatnonzero(strengths(start.coords)).tolist()
-    return np.stack([secant(scene, start, k) for k in strong], axis=-1)
+    return secants(scene, start, np.flatnonzero(strengths(start.coords)))

@@ -90,7 +90,7 @@ def law_errors(scene: Scene, material: Material, twins: Sequence[Twin]) -> dict[
     """
     fitted = scene.bench.hypothesis.with_effects({})
     values, rows = fitted.values(material.session), material.known
-    slopes, place = scene.slopes.base[rows], scene.slopes.place[rows] * scene.prior
+    slopes, place = scene.slopes.base[rows], scene.nuisance[rows]
     free = Projection.of(
         scene.press[rows], place, np.zeros_like(slopes[..., 0]), np.zeros_like(slopes[..., :1])
     )
@@ -118,10 +118,9 @@ def _differs(values: FloatArray, other: Hypothesis, material: Material, twin: Tw
 
 def _misplaced(scene: Scene, draws: int, rng: np.random.Generator) -> FloatArray:
     """What errors of measured places and forces, drawn from their priors, do to residuals (N, J, draws)."""
-    presses = scene.bench.session.presses
-    moved = rng.standard_normal((presses, len(scene.prior), draws)) * scene.prior[:, None]
+    moved = rng.standard_normal((scene.bench.session.presses, scene.nuisance.shape[-1], draws))
     moved = np.where((scene.press >= 0)[:, None, None], moved[np.maximum(scene.press, 0)], 0.0)
-    return np.einsum("njk,nkd->njd", scene.slopes.place, moved)
+    return np.einsum("njk,nkd->njd", scene.nuisance, moved)
 
 
 def simulate_null(

@@ -23,6 +23,7 @@ from skincal.gap.free import Coordinate, clipped, parameters_at, priors
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters, memory_samples
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
+from skincal.gap.together import apart, together
 from skincal.model import Cylinder, Plane
 from skincal.model.arrays import BoolArray, FloatArray, as_floats
 
@@ -222,8 +223,10 @@ class _Problem:
         explicit = self._explicit(here) if base else []
         steps = [*_STEPS[_OF_PLACE], *_STEPS[explicit]]
         changed += [here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k]) for k in explicit]
-        effects = [self._changed(look, k) for k in range(len(look.x))]
-        early = [k for k, coord in enumerate(self.coords) if EFFECTS[coord.effect].stage <= Stage.SPREAD]
+        groups = together(self.coords, here.effects)
+        effects = [self._changed(look, group) for group in groups]
+        # What acts after the contact needs no new one.
+        early = [k for k, group in enumerate(groups) if self._stage(group[0]) <= Stage.SPREAD]
         contacts = self._contacts([*changed, *(effects[k][0] for k in early)])
         moved = [
             self._change(contact, other.skin, values, step)
@@ -234,12 +237,11 @@ class _Problem:
         if base:
             sensor = self._of_sensor(look, place, by_sensor, contacts[PLACE - 1])
         felt = dict(zip(early, contacts[len(changed) :], strict=True))
-        # What acts after the contact needs no new one.
-        effect = [
-            self._change(felt.get(k, look.contacted), other.skin, values, step)
-            for k, (other, step) in enumerate(effects)
-        ]
-        columns = np.zeros((*values.shape, 0)) if not effect else np.stack(effect, axis=-1)
+        columns = np.zeros((*values.shape, len(look.x)))
+        for k, (group, (other, steps)) in enumerate(zip(groups, effects, strict=True)):
+            change = self._change(felt.get(k, look.contacted), other.skin, values, 1.0)
+            coords = [self.coords[n] for n in group]
+            columns[..., group] = apart(change, coords, steps, self.session.taxels)
         return Slopes(
             values,
             self.reading.residual(values),
@@ -292,13 +294,16 @@ class _Problem:
         found[4] = self._change(look.contacted, other, values, float(_STEPS[4]))
         return [found[k] for k in range(BASE_SIZE)]
 
-    def _changed(self, look: _Look, k: int) -> tuple[Hypothesis, float]:
-        """A hypothesis with one coordinate changed, and by how much."""
-        x = look.x
-        step = _COORDINATE_STEP if x[k] + _COORDINATE_STEP <= self.coords[k].bounds[1] else -_COORDINATE_STEP
-        y = x.copy()
-        y[k] += step
-        return self.at(look.hypothesis, y), step
+    def _stage(self, k: int) -> Stage:
+        return EFFECTS[self.coords[k].effect].stage
+
+    def _changed(self, look: _Look, group: Sequence[int]) -> tuple[Hypothesis, FloatArray]:
+        """A hypothesis with some coordinates changed, and by how much each of them."""
+        y = look.x.copy()
+        highest = np.array([self.coords[k].bounds[1] for k in group])
+        steps = np.where(y[group] + _COORDINATE_STEP <= highest, _COORDINATE_STEP, -_COORDINATE_STEP)
+        y[group] += steps
+        return self.at(look.hypothesis, y), steps
 
     def step(
         self, look: _Look, slopes: Slopes, damping: float, *, free: bool

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -87,6 +88,22 @@ class GapSession:
         # The pause is before the moment of rest that ends a press: after it, loading would seem to last as long.
         number = np.append(number[1:], number[-1:])
         return replace(self.samples, time_s=self.samples.time_s + _APART_S * number)
+
+    @cached_property
+    def paths_m(self) -> FloatArray:
+        """How far (N,) the contact is from where it is in the hold of its press, as measured [m]; zero at rest."""
+        own = (self.observation >= 0) & self.samples.touching
+        points = np.nan_to_num(self.samples.contacts.points_m[own])
+        rows = self.observation[own]
+        count = np.maximum(np.bincount(rows, minlength=len(self)), 1)
+        place = np.stack([np.bincount(rows, axis, len(self)) / count for axis in points.T], axis=-1)
+        found = np.zeros(len(self))
+        for press in np.unique(self.press[self.press >= 0]).tolist():
+            mine = self.press == press
+            held = mine & (self.phase == HOLD)
+            middle = place[held if held.any() else mine].mean(axis=0)
+            found[mine] = np.linalg.norm(place[mine] - middle, axis=1)
+        return found
 
     def of_taxels(self, taxels: IntArray) -> GapSession:
         """The session as some of the layout's taxels see it."""
