@@ -32,7 +32,7 @@ from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
-from skincal.gap.refit import refit
+from skincal.gap.refit import refit, settled
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import without_jumps
 from skincal.gap.signatures import where_text
@@ -148,11 +148,10 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
 
 def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
     """The sensor as it is, every press at its best place: those of the end had no say in when a fit was done."""
-    options = replace(ready.options, base=False, settle=_PLACE_STEPS, steps=_PLACE_STEPS)
     reading = base.material.reading
     if ready.options.base:
         hypothesis = relocated(hypothesis, ready.session, reading, ready.options)
-    return refit(hypothesis, ready.session, reading, options, fixed=hypothesis.effects).hypothesis
+    return settled(hypothesis, ready.session, reading, ready.options, _PLACE_STEPS)[0]
 
 
 def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tuple[NamedEffect, ...]:

@@ -22,6 +22,9 @@ _SPREAD = 8.0
 _KNOTS = 200
 """Knots of an interpolation for each sigma."""
 
+_MANY = 20_000
+"""So many values are interpolated."""
+
 _MAX_CLIPPED_REST = 1.5
 """A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
 
@@ -89,21 +92,26 @@ def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
     if not integer:
         z = above / sigma
         return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
-    # Far below, all is lifted to zero; far above, nothing is.
-    knots, lifted = _rounded(sigma)
-    return np.where(above < knots[0], -above, np.interp(above, knots, lifted))
+    steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
+    if above.size > _MANY:
+        knots, lifted = _table(sigma)
+        lifted = np.interp(above, knots, lifted)
+    else:
+        lifted = _rounded(above, sigma, steps)
+    return np.where(above < -steps[-1], -above, lifted)
 
 
-@lru_cache(maxsize=64)
-def _rounded(sigma: float) -> tuple[Floats, Floats]:
-    """How much rounding and clipping at 0 lift the mean of values (K,) about it, on a grid for interpolation.
+def _rounded(above: Floats, sigma: float, steps: Floats) -> Floats:
+    """The sum over the counts below zero of their distance times their probability, P(round(x) <= -k), k >= 1."""
+    return ndtr((-steps - above[..., None]) / sigma).sum(axis=-1)
 
-    The sum over the counts below zero of their distance times their probability, P(round(x) <= -k), k >= 1. Between
-    the knots a line is right to 2e-5 sigma.
-    """
+
+@lru_cache(maxsize=16)
+def _table(sigma: float) -> tuple[Floats, Floats]:
+    """Knots (K,), and how much values there are lifted: lines between them are right to 2e-5 sigma."""
     steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
     knots = np.arange(-steps[-1], _SPREAD * sigma, sigma / _KNOTS)
-    return knots, ndtr((-steps - knots[:, None]) / sigma).sum(axis=-1)
+    return knots, _rounded(knots, sigma, steps)
 
 
 def clipped_share(value: float, sigma: float, readout: Readout) -> float:

@@ -38,6 +38,7 @@ _MOST_PLACE_M = 3e-4
 _MOST_COORDINATE = 1.0
 _COORDINATE_STEP = 0.03
 _RIDGE = 1e-6
+_DAMPING = 0.3
 
 
 @dataclass(frozen=True)
@@ -135,10 +136,9 @@ def refit(
     whole = problem.wants_base(0)
     slopes = problem.slopes(here, base=whole)
     best = problem.objective(here)
-    damping = 0.3
     for step in range(options.steps):
         free = options.base and step >= options.settle
-        proposal = problem.step(here, slopes, damping if step < options.settle else 0.0, free=free)
+        proposal = problem.step(here, slopes, _DAMPING if step < options.settle else 0.0, free=free)
         there = problem.moved(here, *proposal)
         value, share = problem.objective(there), 1.0
         while value > best and share > 0.1 and step >= options.settle:
@@ -157,6 +157,27 @@ def refit(
         slopes = problem.slopes(here)
     covariance = problem.covariance(here.hypothesis, slopes)
     return Refit(here.hypothesis, here.x, slopes, best, covariance)
+
+
+def settled(
+    start: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, steps: int
+) -> tuple[Hypothesis, FloatArray]:
+    """The hypothesis with every press moved to where it fits best, and what it leaves (N, J), whitened.
+
+    Args:
+        start: sensor and effects stay as they are.
+        session: what was pressed.
+        reading: what was read.
+        options: priors of places.
+        steps: of every press.
+    """
+    alone = replace(options, base=False, settle=steps, steps=steps)
+    problem = _Problem(session, reading, alone, (), None, start.effects)
+    here = problem.look(start, np.zeros(0))
+    for _ in range(steps):
+        slopes = problem.slopes(here, base=False)
+        here = problem.moved(here, *problem.step(here, slopes, _DAMPING, free=False))
+    return here.hypothesis, reading.residual(here.values)
 
 
 @dataclass(frozen=True, eq=False)

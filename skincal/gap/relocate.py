@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.reading import Reading
-from skincal.gap.refit import RefitOptions, refit
+from skincal.gap.refit import RefitOptions, settled
 from skincal.gap.session import GapSession
 from skincal.gap.start import STEPS, valleys
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
@@ -79,7 +79,6 @@ def _ends(
         others = valleys(found.skin, session, reading, sigma, reach, _VALLEYS)
     apart = np.hypot(*np.moveaxis(others - found.places[:, None, :2], -1, 0))
     wanted = apart > _SAME * 2 * reach / (STEPS - 1)
-    settled = replace(options, base=False, settle=_STEPS, steps=_STEPS)
     ends = np.repeat(found.places[:, None], 1 + _VALLEYS, axis=1)
     costs = np.full(ends.shape[:2], np.inf)
     costs[:, 0] = 0.0
@@ -89,9 +88,9 @@ def _ends(
         rows = np.flatnonzero(use)
         if len(rows):
             part, read = of_presses(session, reading, rows)
-            end = refit(found.with_places(ends[:, k]), part, read, settled, fixed=found.effects)
-            ends[rows, k] = end.hypothesis.places[rows]
-            costs[rows, k] = cost_of_presses(end.hypothesis, end.slopes.residual, part, options)[rows]
+            end, left = settled(found.with_places(ends[:, k]), part, read, options, _STEPS)
+            ends[rows, k] = end.places[rows]
+            costs[rows, k] = cost_of_presses(end, left, part, options)[rows]
     return ends, costs
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skincal.fit.observe import Readout, clipped_share, expected_counts, noise_from_rest, observe
@@ -18,6 +18,15 @@ def test_expected_counts_are_the_mean_of_many_frames(sigma: float, integer: bool
     frames = values + sigma * rng.standard_normal((200_000, len(values)))
     read = np.clip(np.rint(frames) if integer else frames, 0, 255).mean(axis=0)
     assert expected_counts(values, sigma, Readout(0, 255, integer)) == pytest.approx(read, abs=0.03)
+
+
+@given(st.floats(0.1, 6.0), st.floats(-0.5, 0.5))
+@settings(deadline=None, max_examples=20)
+def test_many_values_are_interpolated_to_what_each_of_them_is_alone(sigma: float, shift: float) -> None:
+    values = np.linspace(-12 * sigma - 2, 300.0, 30_000) + shift
+    some = values[:: len(values) // 500]
+    many = expected_counts(values, sigma, CONVERTER)[:: len(values) // 500]
+    assert np.abs(many - expected_counts(some, sigma, CONVERTER)).max() < 5e-5 * sigma
 
 
 @given(st.floats(0.2, 3.0))
