@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from skincal.fit.observe import Readout, clipped_share, expected_counts, noise_from_rest
 from skincal.gap.idle_noise import IdleNoise
@@ -25,6 +26,10 @@ _MARGIN = 4.0
 _FEWEST = 6
 _DEGREE, _FRAMES_A_DEGREE = 6, 4
 """Of the polynomial that a hold follows, at most, and of how many frames it takes each degree."""
+_STRAIGHT = 0.01
+"""Chance of the bends that are left from which on they are noise."""
+_WILD = 4.0
+"""A hold that scatters by so much more than the others is a glitch."""
 _USUAL = 0.999
 """A group scatters by less than this part of groups do, or is left out."""
 _WIDTH = 1.96
@@ -88,8 +93,9 @@ def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tupl
         group: (M,) the hold that each belongs to, -1 for none.
         readout: taxels near its bounds do not count.
     """
-    squares: list[float] = []
-    freedom: list[float] = []
+    left: list[float] = []
+    bends: list[FloatArray] = []
+    sizes: list[tuple[int, int, int]] = []
     for number in np.unique(group[group >= 0]):
         values = counts[group == number]
         if len(values) < _FEWEST:
@@ -105,10 +111,41 @@ def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tupl
             continue
         degree = min(_DEGREE, len(values) // _FRAMES_A_DEGREE)
         curves = np.linalg.qr(legvander(np.linspace(-1.0, 1.0, len(values)), degree))[0]
-        left = values[:, inside] - curves @ (curves.T @ values[:, inside])
-        squares.append(float((left**2).sum()))
-        freedom.append(float((len(values) - curves.shape[1]) * inside.sum()))
-    return np.array(squares), np.array(freedom)
+        parts = curves.T @ values[:, inside]
+        left.append(float(((values[:, inside] - curves @ parts) ** 2).sum()))
+        bends.append(np.pad((parts**2).sum(axis=1), (0, _DEGREE - degree)))
+        sizes.append((len(values), degree, int(inside.sum())))
+    if not left:
+        return np.zeros(0), np.zeros(0)
+    frames, degrees, taxels = np.array(sizes).T
+    return _about_curves(np.array(left), np.array(bends), frames, degrees, taxels)
+
+
+def _about_curves(
+    left: FloatArray, bends: FloatArray, frames: IntArray, degrees: IntArray, taxels: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Squares and degrees of freedom (G,) about the simplest curve that the holds together allow.
+
+    A curve of a higher degree than there is leaves less to tell the noise from.
+
+    Args:
+        left: (G,) squares about the highest degree.
+        bends: (G, 1 + degree) squares that each degree explains.
+        frames: (G,) of each hold.
+        degrees: (G,) the highest of each hold.
+        taxels: (G,) that each looks at.
+    """
+    freedom = ((frames - 1 - degrees) * taxels).astype(np.float64)
+    # A glitch has no say in what the others look like.
+    usual = left / freedom <= _WILD * np.median(left / freedom)
+    noise, whole = float(left[usual].sum() / freedom[usual].sum()), float(freedom[usual].sum())
+    for degree in range(1, _DEGREE + 1):
+        spare = np.maximum(degrees - degree, 0) * taxels
+        more = bends[:, degree + 1 :].sum(axis=1)
+        many = float(spare[usual].sum())
+        if many == 0 or f_distribution.sf(more[usual].sum() / many / noise, many, whole) > _STRAIGHT:
+            break
+    return left + more, freedom + spare
 
 
 def force_scatter(force_n: FloatArray, group: IntArray) -> float:

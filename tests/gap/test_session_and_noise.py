@@ -136,6 +136,27 @@ def test_what_fades_in_a_hold_is_no_noise(fade_s: float):
     assert floor.frame_counts == pytest.approx(1.0, rel=0.06)
 
 
+def test_straight_holds_keep_their_degrees_of_freedom_and_a_glitch_takes_none():
+    rng = np.random.default_rng(3)
+    lines = (
+        rng.uniform(20, 80, (30, 1, 5)) + rng.uniform(-0.2, 0.2, (30, 1, 5)) * np.arange(25)[None, :, None]
+    )
+    counts = lines + rng.normal(0, 1.0, (30, 25, 5))
+    group = np.repeat(np.arange(30), 25)
+    squares, freedom = frame_scatter(counts.reshape(-1, 5), group, READOUT)
+    assert (freedom == 23 * 5).all()
+    assert np.sqrt(squares.sum() / freedom.sum()) == pytest.approx(1.0, rel=0.03)
+    # One hold in which the contact slips: the others stay straight.
+    counts[7, 12:] += 15.0
+    bent, same = frame_scatter(counts.reshape(-1, 5), group, READOUT)
+    assert (same == freedom).all() and np.delete(bent, 7) == pytest.approx(np.delete(squares, 7))
+    # All of them bend: the noise is still that of a frame.
+    counts += 10 * np.exp(-np.arange(25) / 4)[None, :, None]
+    curved, fewer = frame_scatter(np.delete(counts, 7, axis=0).reshape(-1, 5), group[:-25], READOUT)
+    assert (fewer < 23 * 5).all()
+    assert np.sqrt(curved.sum() / fewer.sum()) == pytest.approx(1.0, rel=0.05)
+
+
 def test_noise_of_repeats_leaves_place_and_force_out():
     rng = np.random.default_rng(0)
     slopes = rng.normal(0, 10, (60, 16, 3))

@@ -121,8 +121,7 @@ def test_named_effect_is_told_with_its_numbers():
     found, _ = diagnosed("hysteresis")
     assert [e.name for e in found.effects] == ["hysteresis"]
     assert headline(found) == "Missing: hysteresis."
-    # Whether a tenth of so short a session is left hangs on how its noise is found.
-    assert tone(replace(found, unexplained=False)) == "found"
+    assert tone(found) == "found"
     assert tone(replace(found, unexplained=True)) == "attention"
     words = " ".join(verdict_sentences(found))
     assert f"falls from {found.gap.before:.3g} to {found.gap.after:.3g} counts" in words
