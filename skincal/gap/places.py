@@ -41,6 +41,8 @@ _SAME = 1e-6
 """Columns less apart than this, relative, are one: offsets in all poses together are the sensor's pose."""
 SIGNIFICANT, SHARE = 0.002, 0.12
 """When a trend is named: its p-value at most, and its share at least."""
+_FAINT = 0.5
+"""Doubtful presses hide less than this part of a trend: where there is not even so much, they are not looked for."""
 _OF_LAW = 0.5
 """A law may move places by so much of what is found at most."""
 
@@ -82,12 +84,17 @@ def place_trend(
     if not starts:
         return None
     rows = _told(model, material)
-    rows = rows if doubtful is None else rows[~doubtful()[rows]]
     (start,) = starts
     columns, turns = _moves(model, material, start)
-    if len(rows) < _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2:
+    least = _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2
+    moves = model.hypothesis.places[:, :2]
+    if len(rows) < least:
         return None
-    moves = model.hypothesis.places[rows, :2]
+    if doubtful is not None and _explained(moves[rows], columns[rows], turns[rows])[1] > _FAINT * SHARE:
+        rows = rows[~doubtful()[rows]]
+        if len(rows) < least:
+            return None
+    moves = moves[rows]
     x, share = _explained(moves, columns[rows], turns[rows])
     drawn = [
         _explained(_swapped(moves, turns[rows], rng), columns[rows], turns[rows])[1] for _ in range(_SWAPS)

@@ -21,7 +21,10 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _REACH = 4.0
 """How far to look, in standard deviations of a measured place."""
-_STEPS = 4
+_STEPS = (2, 2)
+"""Steps downhill, first and further ones."""
+_HOPELESS = 5.0
+"""A place that costs more than so many times what the present one does is not followed beyond the first steps."""
 _VALLEYS = 3
 """So many places of a press are followed at most."""
 _AS_RIGHT = 16.0
@@ -86,11 +89,15 @@ def _ends(
     ends[:, 1:, 2] = 0.0
     for k, use in enumerate((wanted.any(axis=1), *wanted.T)):
         rows = np.flatnonzero(use)
-        if len(rows):
+        for steps in _STEPS:
+            if not len(rows):
+                break
             part, read = of_presses(session, reading, rows)
-            end, left = settled(found.with_places(ends[:, k]), part, read, options, _STEPS)
+            end, left = settled(found.with_places(ends[:, k]), part, read, options, steps)
             ends[rows, k] = end.places[rows]
             costs[rows, k] = cost_of_presses(end, left, part, options)[rows]
+            if k:
+                rows = rows[costs[rows, k] < _HOPELESS * (costs[rows, 0] + _AS_RIGHT)]
     return ends, costs
 
 
