@@ -57,7 +57,7 @@ class Kept:
         starts = [(name, [s.coords for s, _ in own]) for name, own in library.columns.items()]
         names = (*errors, starts, *signatures, draws, self.seed)
         found = self._cache.get(
-            "null", [names, *errors.values(), scene.law, scene.slopes.place, *self._protocol()], make
+            "null", [names, *errors.values(), scene.law, scene.nuisance, *self._protocol()], make
         )
         laws = tuple(law for law in errors for _ in range(draws))
         scores, signs = _part(found, _SCORE), _part(found, _SIGNATURE)

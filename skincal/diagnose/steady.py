@@ -69,7 +69,12 @@ def _tells(place_m: FloatArray, path: FloatArray, other: FloatArray, free: int) 
     """Whether a path with one more column, ``free`` degrees of freedom left, is more than chance (F test)."""
     if free < _FEWEST:
         return False
-    axes = place_m.shape[1]
     before, after = (float(((place_m - p) ** 2).sum()) for p in (path, other))
-    least = float((_EXACT_M**2) * place_m.size)
-    return (before - after) * free > max(after, least) * float(f_distribution.isf(_SURE, axes, axes * free))
+    if before - after <= _EXACT_M**2 * place_m.size:
+        return False
+    # Noise along a surface has two axes, that of a single joint hardly more than one.
+    spread = np.linalg.eigvalsh((place_m - other).T @ (place_m - other))
+    axes = float(spread.sum() ** 2 / max(float((spread**2).sum()), np.finfo(float).tiny))
+    return (before - after) * free > after * float(
+        f_distribution.isf(_SURE, max(axes, 1.0), max(axes, 1.0) * free)
+    )

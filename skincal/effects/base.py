@@ -33,11 +33,11 @@ class Stage(IntEnum):
     MEMORY = 3
     """Makes loads [N] depend on earlier ones."""
     TRANSFER = 4
-    """Changes loads [N] at once, before the scale turns them into counts."""
+    """Changes loads [N] at once, each taxel by itself, before the scale turns them into counts."""
     CROSSTALK = 5
     """Mixes the values of taxels [counts]."""
     CONVERTER = 6
-    """Changes values [counts] before they are rounded and clipped."""
+    """Changes values [counts], each taxel by itself, before they are rounded and clipped."""
 
 
 class Effect(ABC):

@@ -22,6 +22,9 @@ _SPREAD = 8.0
 _KNOTS = 200
 """Knots of an interpolation for each sigma."""
 
+_FINEST = 2e-4
+"""Counts between two knots at least."""
+
 _MANY = 20_000
 """So many values are interpolated."""
 
@@ -108,9 +111,9 @@ def _rounded(above: Floats, sigma: float, steps: Floats) -> Floats:
 
 @lru_cache(maxsize=16)
 def _table(sigma: float) -> tuple[Floats, Floats]:
-    """Knots (K,), and how much values there are lifted: lines between them are right to 2e-5 sigma."""
+    """Knots (K,), and how much values there are lifted: lines between them are right to 5e-6 (sigma + 1 count)."""
     steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
-    knots = np.arange(-steps[-1], _SPREAD * sigma, sigma / _KNOTS)
+    knots = np.arange(-steps[-1], _SPREAD * sigma, max(sigma / _KNOTS, _FINEST))
     return knots, _rounded(knots, sigma, steps)
 
 

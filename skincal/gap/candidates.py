@@ -234,7 +234,8 @@ class Scene:
         """(N, J, 3 or 5) what place and force of a press, and its way within the press, do at one standard deviation.
 
         Where a contact moves as the force rises, joint angles do not tell that way much better than the place itself:
-        friction and errors of the joints go with it.
+        errors of the joints change along it. There and back they are taken to be the same; two ways of their own would
+        take up much of what memory effects do.
         """
         way = np.minimum(_OF_WAY * self.bench.session.paths_m, self.prior[:2].min())
         place = self.slopes.place * self.prior
@@ -304,7 +305,7 @@ def search(scene: Scene, start: Start, learn: View, score: View, steps: int = 5)
     for step in range(steps):
         free = np.flatnonzero(strong) if step == 0 else np.arange(len(x))
         lengths = _lengths(coords, x, first=step == 0)
-        columns = learn.seen(_slopes(scene, change, coords, free, x, lengths, now))
+        columns = learn.seen(_slopes(scene, change, start, free, x, lengths, now))
         curve = columns.T @ columns + np.diag(1 / prior[free] ** 2)
         pull = columns.T @ (learn.residual - seen)[:, 0] - x[free] / prior[free] ** 2
         move = np.zeros(len(x))
@@ -330,15 +331,16 @@ def search(scene: Scene, start: Start, learn: View, score: View, steps: int = 5)
 def _slopes(
     scene: Scene,
     change: Callable[[FloatArray], FloatArray],
-    coords: Sequence[Coordinate],
+    start: Start,
     which: IntArray,
     x: FloatArray,
     lengths: FloatArray,
     now: FloatArray,
 ) -> FloatArray:
     """Slopes (N, J, k) of a change of the values by some coordinates, by differences of these lengths (n,)."""
+    coords, beside = start.coords, {*scene.bench.hypothesis.effects, *start.held}
     found = np.zeros((*now.shape, len(which)))
-    for group in together([coords[k] for k in which.tolist()], scene.bench.hypothesis.effects):
+    for group in together([coords[k] for k in which.tolist()], beside):
         own = which[group]
         y = x.copy()
         y[own] += lengths[own]
@@ -389,7 +391,7 @@ def secants(scene: Scene, start: Start, which: IntArray) -> FloatArray:
         return np.nan_to_num(scene.bench.values(parameters_at(coords, at, start.held)) - scene.zero)
 
     none = np.zeros(len(coords))
-    return _slopes(scene, change, coords, which, none, lengths, np.zeros_like(scene.zero))
+    return _slopes(scene, change, start, which, none, lengths, np.zeros_like(scene.zero))
 
 
 def best_of(scene: Scene, name: str, learn: View, score: View) -> Found | None:

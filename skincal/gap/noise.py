@@ -137,8 +137,9 @@ def _about_curves(
     """
     freedom = ((frames - 1 - degrees) * taxels).astype(np.float64)
     # A glitch has no say in what the others look like.
-    usual = left / freedom <= _WILD * np.median(left / freedom)
-    noise, whole = float(left[usual].sum() / freedom[usual].sum()), float(freedom[usual].sum())
+    scatter, least = left / freedom, LEAST_COUNTS**2
+    usual = scatter <= _WILD * max(float(np.median(scatter)), least)
+    noise, whole = max(float(left[usual].sum() / freedom[usual].sum()), least), float(freedom[usual].sum())
     for degree in range(1, _DEGREE + 1):
         spare = np.maximum(degrees - degree, 0) * taxels
         more = bends[:, degree + 1 :].sum(axis=1)

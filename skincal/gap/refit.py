@@ -171,8 +171,7 @@ def settled(
         options: priors of places.
         steps: of every press.
     """
-    alone = replace(options, base=False, settle=steps, steps=steps)
-    problem = _Problem(session, reading, alone, (), None, start.effects)
+    problem = _Problem(session, reading, options, (), None, start.effects)
     here = problem.look(start, np.zeros(0))
     for _ in range(steps):
         slopes = problem.slopes(here, base=False)

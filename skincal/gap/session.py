@@ -92,16 +92,18 @@ class GapSession:
     @cached_property
     def paths_m(self) -> FloatArray:
         """How far (N,) the contact is from where it is in the hold of its press, as measured [m]; zero at rest."""
-        own = (self.observation >= 0) & self.samples.touching
-        points = np.nan_to_num(self.samples.contacts.points_m[own])
+        points = self.samples.contacts.points_m
+        own = (self.observation >= 0) & self.samples.touching & np.isfinite(points).all(axis=1)
         rows = self.observation[own]
-        count = np.maximum(np.bincount(rows, minlength=len(self)), 1)
-        place = np.stack([np.bincount(rows, axis, len(self)) / count for axis in points.T], axis=-1)
+        count = np.bincount(rows, minlength=len(self))
+        total = np.stack([np.bincount(rows, axis, len(self)) for axis in points[own].T], axis=-1)
+        place = total / np.maximum(count, 1)[:, None]
         found = np.zeros(len(self))
-        for press in np.unique(self.press[self.press >= 0]).tolist():
-            mine = self.press == press
+        for press in np.unique(self.press[(self.press >= 0) & (count > 0)]).tolist():
+            mine = (self.press == press) & (count > 0)
             held = mine & (self.phase == HOLD)
-            middle = place[held if held.any() else mine].mean(axis=0)
+            held = held if held.any() else mine
+            middle = np.average(place[held], axis=0, weights=self.frames[held])
             found[mine] = np.linalg.norm(place[mine] - middle, axis=1)
         return found
 

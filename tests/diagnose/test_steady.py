@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from skincal.diagnose.steady import steady_places
 from skincal.effects.samples import HOLD, LOAD, UNLOAD
@@ -81,3 +82,18 @@ def test_a_bend_that_noise_makes_is_no_path():
         line = columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
         bent += not np.allclose(steady_places(measured, FORCE, row, PHASE), line, atol=1e-12)
     assert bent <= 2
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_noise_along_a_surface_bends_no_path_either(axes: int):
+    row = np.zeros(70, dtype=np.int64)
+    share = FORCE / FORCE.max()
+    columns = np.stack([np.ones(70), share], axis=1)
+    bent = 0
+    for seed in range(200):
+        noise = 1e-4 * np.random.default_rng(seed).standard_normal((70, axes))
+        measured = pressed(0.0, 0.0)[0]
+        measured[:, :axes] += noise
+        line = columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
+        bent += not np.allclose(steady_places(measured, FORCE, row, PHASE), line, atol=1e-12)
+    assert bent <= 3

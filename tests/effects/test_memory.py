@@ -136,6 +136,16 @@ def test_recursion_is_the_loop():
     np.testing.assert_allclose(recursion(keep, add, start), np.vstack(plain), atol=1e-13)
 
 
+def test_what_is_forgotten_ends_the_recursion_early_and_changes_nothing():
+    rng = np.random.default_rng(1)
+    keep, add, start = rng.uniform(0, 0.5, (400, 1)), rng.normal(size=(400, 3)), rng.normal(size=(1, 3))
+    y, plain = start, []
+    for k, a in zip(keep, add, strict=True):
+        y = k * y + a
+        plain.append(y)
+    np.testing.assert_allclose(recursion(keep, add, start), np.vstack(plain), atol=1e-13)
+
+
 def test_samples_at_one_moment_are_no_trouble():
     samples = course([0.0, 1.0, 1.5, 2.0, 2.0], [0.0, 0.1, 0.1, 0.1, 0.5])
     for name in ("creep", "latency"):

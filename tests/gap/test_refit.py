@@ -15,7 +15,7 @@ from skincal.effects import EFFECTS, Stage
 from skincal.gap.base import BaseModel
 from skincal.gap.free import coordinates, parameters_at, priors
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.refit import Refit, RefitOptions, refit, settled
 from skincal.model import Contacts, Plane, SensorPose, Surface
 
 STEPS = np.array([2e-5, 2e-5, 2e-3, 2e-3, 2e-3])
@@ -264,6 +264,16 @@ def test_static_presses_are_fitted_too():
 
 def test_priors_are_what_the_options_say():
     assert (RefitOptions(2e-4, 0.01).place_prior == [2e-4, 2e-4, 0.01]).all()
+
+
+def test_places_alone_are_found_as_by_a_fit_that_moves_nothing_else():
+    one = made({"creep": {"amplitude": 0.2}})
+    start = Hypothesis(one.truth.model, np.zeros_like(one.truth.places), one.truth.effects)
+    still = replace(OPTIONS, base=False, settle=3, steps=3)
+    whole = refit(start, one.session, one.reading, still, fixed=start.effects)
+    places, left = settled(start, one.session, one.reading, OPTIONS, 3)
+    assert (places.places == whole.hypothesis.places).all() and places.model is start.model
+    assert (left == whole.slopes.residual).all() and np.abs(places.places).max() > 1e-5
 
 
 def test_processes_change_nothing():

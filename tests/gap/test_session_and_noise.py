@@ -157,6 +157,18 @@ def test_straight_holds_keep_their_degrees_of_freedom_and_a_glitch_takes_none():
     assert np.sqrt(curved.sum() / fewer.sum()) == pytest.approx(1.0, rel=0.05)
 
 
+def test_holds_without_noise_have_none():
+    group = np.repeat(np.arange(10), 8)
+    for level in (0.0, 30.0):
+        counts = np.full((80, 5), level)
+        squares, freedom = frame_scatter(counts, group, Readout(None, None, integer=False))
+        assert (freedom == 6 * 5).all() and squares.max() < 1e-20
+    # A flip of one count in some of the holds is noise like any other.
+    counts[[3, 20, 21, 60], 2] += 1.0
+    squares, freedom = frame_scatter(counts, group, READOUT)
+    assert (squares > 0.3).sum() == 3
+
+
 def test_noise_of_repeats_leaves_place_and_force_out():
     rng = np.random.default_rng(0)
     slopes = rng.normal(0, 10, (60, 16, 3))

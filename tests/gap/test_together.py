@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap.made_sessions import LAYOUT, MODEL, arrays, case, pressed
+from gap.made_sessions import LAYOUT, MODEL, OPTIONS, arrays, case, made, pressed
 
-from skincal.effects import EFFECTS
+from skincal.effects import EFFECTS, Stage
+from skincal.effects.base import SignalEffect
 from skincal.gap.candidates import Bench, secants
 from skincal.gap.free import coordinates, parameters_at
 from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.refit import refit
 from skincal.gap.together import apart, together
 
 SIZES = {"scalar": 1, "per-taxel": LAYOUT.taxels, "per-pose": 2}
@@ -49,6 +51,43 @@ def test_slopes_at_once_are_slopes_one_by_one(name: str, beside: dict[str, dict[
         found = apart(change, [coords[k] for k in group], steps[group], None)
         assert found == pytest.approx(alone[..., group], rel=1e-9, abs=1e-9)
     assert np.abs(here - zero).max() > 0.01 and np.abs(alone).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    "name", [n for n, e in EFFECTS.items() if e.stage in (Stage.TRANSFER, Stage.CONVERTER)]
+)
+def test_stages_of_taxels_leave_the_others_alone(name: str):
+    effect, session = EFFECTS[name], pressed()
+    assert isinstance(effect, SignalEffect)
+    samples, setting = session.samples, Hypothesis(MODEL, np.zeros((session.presses, 3))).skin.setting
+    values = effect.checked(effect.at_strength(1.0, np.random.default_rng(0), LAYOUT), LAYOUT.taxels)
+    signal = np.random.default_rng(1).uniform(0.5, 40.0, (len(samples), LAYOUT.taxels))
+    other = signal.copy()
+    other[:, 4] *= 1.5
+    change = effect.apply(other, samples, values, setting) - effect.apply(signal, samples, values, setting)
+    assert (np.delete(change, 4, axis=1) == 0).all()
+    assert name == "dead_taxel" or np.abs(change[:, 4]).max() > 0
+
+
+@pytest.mark.parametrize("beside", [{}, CROSSTALK], ids=["alone", "crosstalk"])
+def test_slopes_of_a_fit_are_differences_of_its_values(beside: dict[str, dict[str, np.ndarray]]):
+    one = made({}, pressed())
+    coords = tuple(
+        c
+        for name in ("stiffening", "creep", "taxel_gain", "taxel_offset")
+        for c in coordinates(EFFECTS[name], SIZES)
+    )
+    x = np.linspace(0.1, 0.4, len(coords))
+    still = replace(OPTIONS, steps=0)
+    found = refit(one.start, one.session, one.reading, still, coords, x, fixed=beside).slopes
+    here = one.start.with_effects(parameters_at(coords, x, beside)).values(one.session)
+    weight = one.reading.weight(here)
+    for k in range(len(coords)):
+        y = x.copy()
+        y[k] += 0.03
+        there = one.start.with_effects(parameters_at(coords, y, beside)).values(one.session)
+        expected = (there - here) / 0.03 * weight
+        assert found.effect[..., k] == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(expected).max())
 
 
 def test_taxels_that_are_not_looked_at_have_no_slope():
