@@ -114,11 +114,11 @@ class Question:
             null.p_value,
             null.mean_square,
             self.options.choice,
-            extra,
-            heard,
-            () if ready.rest_counts is None else (OFFSET,),
-            of_law(base),
-            ready.start if ready.options.base else None,
+            extra=extra,
+            heard=heard,
+            plain=() if ready.rest_counts is None else (OFFSET,),
+            law=of_law(base),
+            fresh=ready.start if ready.options.base else None,
         )
         heard("places")
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)

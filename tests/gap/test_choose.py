@@ -21,8 +21,9 @@ from skincal.gap.choose import (
     likeness,
     of_one_kind,
 )
+from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
-from skincal.gap.models import Model, excess_of, extended, without
+from skincal.gap.models import Material, Model, begun_again, excess_of, extended, without
 from skincal.gap.null import Null, simulate_null
 from skincal.gap.refit import refit
 
@@ -77,11 +78,17 @@ def test_what_lives_in_the_positions_is_named_too():
     assert "contact_offset" in named(choice)[:1]
 
 
-def test_two_hidden_effects_are_named():
+@cache
+def two() -> tuple[Case, tuple[Library, Null]]:
     one = made(TWO)
     model = based(one)
     of = Case(one, model, scene_of(one, model))
-    choice = chosen(of, material_of(of))
+    return of, material_of(of)
+
+
+def test_two_hidden_effects_are_named():
+    of, given = two()
+    one, choice = of.made, chosen(of, given)
     assert set(named(choice)) == set(TWO)
     assert len(choice.rounds) >= 2 and choice.explained > 0.8
     found = choice.after.hypothesis.effects
@@ -92,6 +99,27 @@ def test_two_hidden_effects_are_named():
     assert again.refit.objective > choice.after.refit.objective + 100
     model, kept = dropped(choice.after, choice.named, one.material, 100.0)
     assert model is choice.after and kept == list(choice.named)
+
+
+@pytest.mark.parametrize(("most", "again"), [(1, 1), (2, 1)])
+def test_a_fit_begins_anew_where_much_is_left(most: int, again: int, monkeypatch: pytest.MonkeyPatch):
+    (of, (library, null)), begun = two(), list[tuple[Model, Model]]()
+
+    def counted(model: Model, material: Material, fresh: Hypothesis) -> Model:
+        assert fresh is start
+        begun.append((model, begun_again(model, material, fresh)))
+        return begun[-1][1]
+
+    start, options = of.made.start, ChoiceOptions(most=most)
+    monkeypatch.setattr("skincal.gap.choose.begun_again", counted)
+    choice = choose(of.model, of.made.material, library, null.p_value, null.mean_square, options, fresh=start)
+    # Once hysteresis is named crosstalk is left; with both, nothing is.
+    assert len(choice.named) == most and len(begun) == again
+    assert begun[0][1].names == begun[0][0].names == (choice.named[0].name,)
+    assert choice.after.refit.objective <= min(model.refit.objective for model in begun[0])
+    plain = choose(of.model, of.made.material, library, null.p_value, null.mean_square, options)
+    assert len(begun) == again
+    assert choice.after.refit.objective < plain.after.refit.objective + 1.0
 
 
 def test_an_effect_that_the_others_do_without_is_dropped():
