@@ -18,8 +18,6 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 _FEWEST = 6
 _SMOOTH = 0.25
 """Below this part of white noise the differences of neighbours are those of a motion."""
-
-
 _EXACT_M = 1e-9
 """Places less apart than this are the same."""
 _SURE = 1e-3
