@@ -58,7 +58,8 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     assert frames is not None
     row = press_rows(dataset)
     force = np.where(row >= 0, frames.force_n, 0.0)
-    place = steady_places(np.where((row >= 0)[:, None], frames.position_m, np.nan), force, row, frames.phase)
+    phase = frames.phase.astype(np.int64)
+    place = steady_places(np.where((row >= 0)[:, None], frames.position_m, np.nan), force, row, phase)
     use = (row < 0) | (np.isfinite(place).all(axis=1) & np.isfinite(force))
     row, of_press = row[use], np.maximum(row, 0)[use]
 

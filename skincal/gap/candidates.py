@@ -338,14 +338,15 @@ def _slopes(
     now: FloatArray,
 ) -> FloatArray:
     """Slopes (N, J, k) of a change of the values by some coordinates, by differences of these lengths (n,)."""
-    coords, beside = start.coords, {*scene.bench.hypothesis.effects, *start.held}
+    beside = {*scene.bench.hypothesis.effects, *start.held}
     found = np.zeros((*now.shape, len(which)))
-    for group in together([coords[k] for k in which.tolist()], beside):
+    some = [start.coords[int(k)] for k in which]
+    for group in together(some, beside):
         own = which[group]
         y = x.copy()
         y[own] += lengths[own]
-        some = [coords[k] for k in own.tolist()]
-        found[..., group] = apart(change(y) - now, some, lengths[own], scene.bench.session.taxels)
+        looked = scene.bench.session.taxels
+        found[..., group] = apart(change(y) - now, [some[k] for k in group], lengths[own], looked)
     return found
 
 

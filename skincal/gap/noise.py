@@ -140,12 +140,15 @@ def _about_curves(
     scatter, least = left / freedom, LEAST_COUNTS**2
     usual = scatter <= _WILD * max(float(np.median(scatter)), least)
     noise, whole = max(float(left[usual].sum() / freedom[usual].sum()), least), float(freedom[usual].sum())
-    for degree in range(1, _DEGREE + 1):
-        spare = np.maximum(degrees - degree, 0) * taxels
-        more = bends[:, degree + 1 :].sum(axis=1)
-        many = float(spare[usual].sum())
-        if many == 0 or f_distribution.sf(more[usual].sum() / many / noise, many, whole) > _STRAIGHT:
-            break
+
+    def beyond(degree: int) -> tuple[FloatArray, IntArray]:
+        return bends[:, degree + 1 :].sum(axis=1), np.maximum(degrees - degree, 0) * taxels
+
+    def enough(degree: int) -> bool:
+        more, spare = (float(of[usual].sum()) for of in beyond(degree))
+        return spare == 0 or float(f_distribution.sf(more / spare / noise, spare, whole)) > _STRAIGHT
+
+    more, spare = beyond(next(filter(enough, range(1, _DEGREE)), _DEGREE))
     return left + more, freedom + spare
 
 
