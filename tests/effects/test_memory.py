@@ -126,19 +126,11 @@ def test_creep_recovers_after_the_press():
     assert shown[-1] < 1e-6
 
 
-def test_recursion_is_the_loop():
+@pytest.mark.parametrize(("samples", "most"), [(37, 1.0), (400, 0.5)], ids=["short", "long forgotten"])
+def test_recursion_is_the_loop(samples: int, most: float):
     rng = np.random.default_rng(0)
-    keep, add, start = rng.uniform(0, 1, (37, 1)), rng.normal(size=(37, 3)), rng.normal(size=(1, 3))
-    y, plain = start, []
-    for k, a in zip(keep, add, strict=True):
-        y = k * y + a
-        plain.append(y)
-    np.testing.assert_allclose(recursion(keep, add, start), np.vstack(plain), atol=1e-13)
-
-
-def test_what_is_forgotten_ends_the_recursion_early_and_changes_nothing():
-    rng = np.random.default_rng(1)
-    keep, add, start = rng.uniform(0, 0.5, (400, 1)), rng.normal(size=(400, 3)), rng.normal(size=(1, 3))
+    keep, add = rng.uniform(0, most, (samples, 1)), rng.normal(size=(samples, 3))
+    start = rng.normal(size=(1, 3))
     y, plain = start, []
     for k, a in zip(keep, add, strict=True):
         y = k * y + a
