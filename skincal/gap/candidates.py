@@ -234,8 +234,8 @@ class Scene:
         """(N, J, 3 or 5) what place and force of a press, and its way within the press, do at one standard deviation.
 
         Where a contact moves as the force rises, joint angles do not tell that way much better than the place itself:
-        errors of the joints change along it. There and back they are taken to be the same; two ways of their own would
-        take up much of what memory effects do.
+        errors of the joints change along it. There and back they are taken to be the same, so that what differs between
+        loading and unloading stays evidence of memory.
         """
         way = np.minimum(_OF_WAY * self.bench.session.paths_m, self.prior[:2].min())
         place = self.slopes.place * self.prior

@@ -88,12 +88,11 @@ def place_trend(
     columns, turns = _moves(model, material, start)
     least = _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2
     moves = model.hypothesis.places[:, :2]
+    if doubtful is not None and len(rows) >= least:
+        faint = _explained(moves[rows], columns[rows], turns[rows])[1] <= _FAINT * SHARE
+        rows = rows if faint else rows[~doubtful()[rows]]
     if len(rows) < least:
         return None
-    if doubtful is not None and _explained(moves[rows], columns[rows], turns[rows])[1] > _FAINT * SHARE:
-        rows = rows[~doubtful()[rows]]
-        if len(rows) < least:
-            return None
     moves = moves[rows]
     x, share = _explained(moves, columns[rows], turns[rows])
     drawn = [
