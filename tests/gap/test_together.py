@@ -60,13 +60,12 @@ def test_stages_of_taxels_leave_the_others_alone(name: str):
     effect, session = EFFECTS[name], pressed()
     assert isinstance(effect, SignalEffect)
     samples, setting = session.samples, Hypothesis(MODEL, np.zeros((session.presses, 3))).skin.setting
-    values = effect.checked(effect.at_strength(1.0, np.random.default_rng(0), LAYOUT), LAYOUT.taxels)
+    values = effect.checked(effect.at_strength(0.5, np.random.default_rng(0), LAYOUT), LAYOUT.taxels)
     signal = np.random.default_rng(1).uniform(0.5, 40.0, (len(samples), LAYOUT.taxels))
     other = signal.copy()
     other[:, 4] *= 1.5
     change = effect.apply(other, samples, values, setting) - effect.apply(signal, samples, values, setting)
-    assert (np.delete(change, 4, axis=1) == 0).all()
-    assert name == "dead_taxel" or np.abs(change[:, 4]).max() > 0
+    assert (np.delete(change, 4, axis=1) == 0).all() and np.abs(change[:, 4]).max() > 0
 
 
 @pytest.mark.parametrize("beside", [{}, CROSSTALK], ids=["alone", "crosstalk"])
