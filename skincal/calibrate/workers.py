@@ -30,7 +30,8 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
         workers: how many processes; None for one a core; 1 for none but this one.
 
     Yields:
-        The mapper. Results come in the order of the arguments and do not depend on the number of workers.
+        The mapper. Results come in the order of the arguments and do not depend on the number of workers. With several
+        processes work begins at once, and what nobody has waited for at the end is dropped.
     """
     count = available_cores() if workers is None else workers
     if count <= 1:
@@ -43,10 +44,8 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
         try:
             _start(pool, count)
             yield pool.map
-        except BaseException:
+        finally:
             _end(pool)
-            raise
-        pool.shutdown()
 
 
 def _begin() -> None:
@@ -92,7 +91,7 @@ def _interrupt_afterwards() -> Generator[None]:
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """Ends the workers in the middle of their work.
+    """Ends the workers, even in the middle of their work.
 
     The order matters: the pool forgets its workers when it is shut down, and its thread complains of workers that are
     gone while it still has work that was cancelled, or when nobody holds the pool any longer.

@@ -8,12 +8,11 @@ it is "unknown" and the first one "none".
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skincal.dataset import Dataset
 from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, may_be_effect, of_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Verdict
@@ -30,6 +29,7 @@ from skincal.gap.null import Null
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.places import with_places
 from skincal.gap.signatures import Signature, signature_columns, signature_falls
+from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray
 
 _LEAST_FALL = 20.0
@@ -64,7 +64,7 @@ class Question:
 
     Attributes:
         ready: the session.
-        dataset: gives the layout of its taxels.
+        layout: of its taxels.
         options: settings.
         seed: of all chance.
         cache: of what was worked out before.
@@ -72,7 +72,7 @@ class Question:
     """
 
     ready: Prepared
-    dataset: Dataset
+    layout: TaxelLayout
     options: DiagnoseOptions
     seed: int
     cache: Cache
@@ -81,26 +81,44 @@ class Question:
     def answer(self, rng: np.random.Generator) -> Answer:
         """What the session says, without glitches, or with all presses if those may be an effect."""
         whole = rng.spawn(1)[0]
-        first = self._answer(rng, leave_out=True)
-        settled = first.verdict == "effects" and not first.unexplained
-        if settled or not may_be_effect(first.base):
+        base, errors = self._base(leave_out=True)
+        # Other processes begin with it before it is known whether it is needed; without any, it waits until then.
+        with_all = self._ahead(whole) if may_be_effect(base) else None
+        first = self._answer(base, errors, rng)
+        if with_all is None or (first.verdict == "effects" and not first.unexplained):
             return first
         self.heard("again, with all presses")
-        again = replace(self._answer(whole, leave_out=False), doubted=first.base.glitches)
-        if again.verdict == "effects" and explains(again.choice.after, again.base, first.base.glitches):
+        again = replace(next(with_all), doubted=base.glitches)
+        if again.verdict == "effects" and explains(again.choice.after, again.base, base.glitches):
             return again
         # What glitches do is not to be named, nor to take away what is.
         return again if first.verdict == "none" and again.verdict == "unknown" else first
 
-    def _answer(self, rng: np.random.Generator, *, leave_out: bool) -> Answer:
+    def _ahead(self, rng: np.random.Generator) -> Iterator[Answer]:
+        """The answer of all presses, to be waited for."""
+        spread = self.ready.options.mapper
+        if spread is map:
+            return map(_with_all, [(self, rng)])
+        ready = replace(self.ready, options=self.ready.options.alone)
+        return map(self._here, spread(_with_all, [(replace(self, ready=ready, heard=_unheard), rng)]))
+
+    def _here(self, answer: Answer) -> Answer:
+        """An answer of another process, to be gone on with in this one."""
+        base = answer.base
+        options = replace(base.material.options, mapper=self.ready.options.mapper)
+        return replace(answer, base=replace(base, material=replace(base.material, options=options)))
+
+    def _base(self, *, leave_out: bool) -> tuple[Base, dict[str, FloatArray]]:
+        self.heard("base model")
+        return fit_base_and_law(self.ready, self.heard, leave_out=leave_out)
+
+    def _answer(self, base: Base, errors: Mapping[str, FloatArray], rng: np.random.Generator) -> Answer:
         drawn, swapped = rng.spawn(2)
         ready, heard = self.ready, self.heard
-        heard("base model")
-        base, errors = fit_base_and_law(ready, heard, leave_out=leave_out)
         scene = scene_of(base.model, base.material)
         heard("sensitivities of the effects")
         library = Library.of(scene)
-        signs = signature_columns(base.model.refit.slopes, ready.session, self.dataset.layout())
+        signs = signature_columns(base.model.refit.slopes, ready.session, self.layout)
         columns = {name: own for name, (_, own) in signs.items()}
         heard("null sessions: scores")
         kept = Kept(self.cache, base.model, base.material, self.seed)
@@ -124,6 +142,15 @@ class Question:
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
         told = _signatures(scene, base, null, signs)
         return Answer(base, null, choice, told, *judged(choice, null, told, self.options))
+
+
+def _with_all(task: tuple[Question, np.random.Generator]) -> Answer:
+    question, rng = task
+    return question._answer(*question._base(leave_out=False), rng)
+
+
+def _unheard(_: str) -> None:
+    """What another process does is not told."""
 
 
 def judged(

@@ -60,7 +60,8 @@ def diagnose(
         heard: told which stage begins.
         cache: of what was worked out before; None: nothing is kept.
         workers: processes for what can be done side by side; None for one a core, or none but this one where there are
-            no frames and little to do. The result does not depend on it.
+            no frames and little to do. The result does not depend on it, beyond the rounding of linear algebra that
+            has several threads in this process.
 
     Raises:
         InputError: the calibration is of another sensor.
@@ -70,8 +71,7 @@ def diagnose(
     with mapper(1 if workers is None and dataset.frames is None else workers) as spread:
         found = _diagnosed(dataset, calibration, options or DiagnoseOptions(), seed, heard, cache, spread)
         # The processes end here: what is fitted later is fitted without them.
-        alone = replace(found.material.options, mapper=map)
-        return replace(found, material=replace(found.material, options=alone))
+        return replace(found, material=found.material.alone)
 
 
 def _diagnosed(
@@ -90,7 +90,7 @@ def _diagnosed(
     ready = replace(ready, options=replace(ready.options, mapper=spread))
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
-    answer = Question(ready, dataset, options, seed, cache or Cache(), heard).answer(asked)
+    answer = Question(ready, dataset.layout(), options, seed, cache or Cache(), heard).answer(asked)
     choice = answer.choice
     base = without_hidden_glitches(answer.base, choice.after) if choice.named else answer.base
     heard("gap on presses nobody has fitted")

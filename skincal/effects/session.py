@@ -24,6 +24,7 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.strokes import strokes
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,10 @@ class EffectSkin:
     surface: Surface
     effects: tuple[Applied, ...] = ()
     missing: Missing = "error"
+
+    def __getstate__(self) -> dict[str, object]:
+        """For another process: the key is made of identities, which are of this one."""
+        return {name: own for name, own in self.__dict__.items() if name != "_front"}
 
     @classmethod
     def of(
@@ -156,6 +161,19 @@ class EffectSkin:
             if points or self._weights is not None:
                 pressures.append((rows, self._law_skin.pressures(indenter, contacts)))
         return Contacted(felt, loads, tuple(pressures), self._front)
+
+    def casts(self, contacted: Contacted) -> int:
+        """How often :meth:`contact` sets an indenter down on the skin for samples like those: what it costs.
+
+        Args:
+            contacted: by this skin or one like it.
+        """
+        felt, count = contacted.samples, 0
+        for number in range(len(felt.indenters)):
+            rows = np.flatnonzero(felt.touching & (felt.indenter == number))
+            groups = None if self._law_skin.law is not None else strokes(felt.contacts, rows)
+            count += len(rows) if groups is None else len(groups)
+        return count
 
     def own(self, contacted: Contacted) -> Contacted:
         """A contact that a copy of this skin made, as in another process, as this one's."""

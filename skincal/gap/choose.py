@@ -352,4 +352,11 @@ def _fitted(
 ) -> list[tuple[str, Model]]:
     """Full fits of the best, with what was named before."""
     near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
-    return [(f.effect, extended(model, f, material)) for f in near]
+    if len(near) == 1:
+        return [(near[0].effect, extended(model, near[0], material))]
+    tasks = [(model, f, material.alone) for f in near]
+    return [(f.effect, m) for f, m in zip(near, material.options.mapper(_extended, tasks), strict=True)]
+
+
+def _extended(task: tuple[Model, Found, Material]) -> Model:
+    return extended(*task)

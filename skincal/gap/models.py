@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -53,6 +54,11 @@ class Material:
     def known(self) -> BoolArray:
         """(N,) what choice and fit see."""
         return self.learn | self.score
+
+    @property
+    def alone(self) -> Self:
+        """The same for a piece of work that one process does by itself."""
+        return replace(self, options=self.options.alone)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -38,6 +39,8 @@ _MOST_PLACE_M = 3e-4
 _MOST_COORDINATE = 1.0
 _COORDINATE_STEP = 0.03
 _RIDGE = 1e-6
+_WORTH_SENDING = 500
+"""Indenters set down on the skin from which on a contact takes longer than its way to another process."""
 _DAMPING = 0.3
 
 
@@ -52,8 +55,8 @@ class RefitOptions:
         settle: steps in which only presses move.
         enough: the objective's fall in a step below which it is found, absolute.
         base: whether the base model may move.
-        mapper: works out contacts that do not depend on each other; that of a pool of processes uses more cores. What
-            is found does not depend on it.
+        mapper: works out pieces that do not depend on each other; that of a pool of processes uses more cores. What is
+            found does not depend on it.
     """
 
     position_sigma_m: float = 1e-3
@@ -68,6 +71,11 @@ class RefitOptions:
     def place_prior(self) -> FloatArray:
         """(3,) standard deviations of what a press has of its own."""
         return np.array([self.position_sigma_m, self.position_sigma_m, self.force_sigma])
+
+    @property
+    def alone(self) -> Self:
+        """The same for a piece of work that one process does by itself."""
+        return replace(self, mapper=map)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +255,7 @@ class _Problem:
         effects = [self._changed(look, group) for group in groups]
         # What acts after the contact needs no new one.
         early = [k for k, group in enumerate(groups) if self._stage(group[0]) <= Stage.SPREAD]
-        contacts = self._contacts([*changed, *(effects[k][0] for k in early)])
+        contacts = self._contacts([*changed, *(effects[k][0] for k in early)], look.contacted)
         moved = [
             self._change(contact, other.skin, values, step)
             for contact, other, step in zip(contacts[: len(changed)], changed, steps, strict=True)
@@ -273,11 +281,13 @@ class _Problem:
     def _contact(self, here: Hypothesis) -> Contacted:
         return here.skin.contact(memory_samples(here, here.placed(self.session)))
 
-    def _contacts(self, those: Sequence[Hypothesis]) -> list[Contacted]:
+    def _contacts(self, those: Sequence[Hypothesis], like: Contacted) -> list[Contacted]:
+        """The contacts of hypotheses that press as another did."""
         pairs = [(one.skin, memory_samples(one, one.placed(self.session))) for one in those]
         # Loads point by point, which a spread needs, are too many to be sent from one process to another.
         spread = any(a.effect.stage == Stage.SPREAD for one in those for a in one.skin.effects)
-        found = (map if spread else self.options.mapper)(_contact_of, pairs)
+        sent = not spread and any(one.skin.casts(like) >= _WORTH_SENDING for one in those)
+        found = (self.options.mapper if sent else map)(_contact_of, pairs)
         return [one.skin.own(contact) for one, contact in zip(those, found, strict=True)]
 
     def _change(self, contact: Contacted, skin: EffectSkin, values: FloatArray, step: float) -> FloatArray:

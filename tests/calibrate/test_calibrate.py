@@ -54,6 +54,20 @@ def test_an_interrupt_of_the_terminal_reaches_no_worker_and_ends_them_all_at_onc
     assert not any(worker.is_alive() for worker in workers)
 
 
+def test_work_that_nobody_waits_for_is_dropped(capfd: pytest.CaptureFixture[str]) -> None:
+    begin = time.monotonic()
+    with mapper(2) as spread:
+        assert list(spread(abs, [-1])) == [1]
+        spread(time.sleep, [30.0, 30.0, 30.0])
+        time.sleep(0.5)  # until they have begun
+        workers = multiprocessing.active_children()
+    assert time.monotonic() - begin < 20.0
+    for worker in workers:
+        worker.join(5)
+    assert workers and not any(worker.is_alive() for worker in workers)
+    assert "Traceback" not in capfd.readouterr().err
+
+
 KILLED = """
 import multiprocessing, os, signal, time
 from skincal.calibrate.workers import mapper

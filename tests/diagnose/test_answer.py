@@ -15,6 +15,7 @@ from skincal.diagnose.base_fit import Base, may_be_effect, with_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.gap.null import law_errors
+from skincal.gap.refit import RefitOptions
 from skincal.gap.twin import twins_for
 
 NOTHING = cast("Any", None)
@@ -43,11 +44,15 @@ def counts(
         return explained
 
     monkeypatch.setattr(
-        Question, "_answer", lambda self, rng, *, leave_out: without if leave_out else everything
+        Question, "_base", lambda self, *, leave_out: ((without if leave_out else everything).base, {})
+    )
+    monkeypatch.setattr(
+        Question, "_answer", lambda self, base, errors, rng: without if base is without.base else everything
     )
     monkeypatch.setattr(answer, "may_be_effect", lambda base: differ and base is without.base)
     monkeypatch.setattr(answer, "explains", explains)
-    question = Question(NOTHING, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
+    ready = cast("Any", SimpleNamespace(options=RefitOptions()))
+    question = Question(ready, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
     found = question.answer(np.random.default_rng(0))
     settled = without.verdict == "effects" and not without.unexplained
     assert bool(heard) == (differ and not settled)

@@ -43,6 +43,22 @@ def ready(data: Dataset | None = None, **changes: Any) -> Prepared:
     return prepare(given, made, OPTIONS, np.random.default_rng(0))
 
 
+def test_processes_come_to_the_same_diagnosis(monkeypatch: pytest.MonkeyPatch):
+    made = make_calibration(model=calibration().model, findings=())
+    several = replace(OPTIONS, choice=replace(OPTIONS.choice, contenders=2, contend=0.0))
+    # Asked twice: the second time by another process, if there is one.
+    monkeypatch.setattr("skincal.diagnose.answer.may_be_effect", lambda _: True)
+    heard: list[str] = []
+    near, far = (diagnose(moving(), made, several, 0, heard.append, workers=n) for n in (1, 2))
+    assert heard.count("again, with all presses") in (0, 2)
+    assert (far.verdict, far.unexplained) == (near.verdict, near.unexplained)
+    assert [e.name for e in far.effects] == [e.name for e in near.effects]
+    # Linear algebra with several threads rounds otherwise.
+    np.testing.assert_allclose(far.choice.excess, near.choice.excess, rtol=0.01)
+    np.testing.assert_allclose(far.gap.after, near.gap.after, rtol=0.01)
+    assert far.material.options == near.material.options and far.material.options.mapper is map
+
+
 @cache
 def prepared() -> Prepared:
     return ready()

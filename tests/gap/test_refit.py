@@ -276,7 +276,8 @@ def test_places_alone_are_found_as_by_a_fit_that_moves_nothing_else():
     assert (left == whole.slopes.residual).all() and np.abs(places.places).max() > 1e-5
 
 
-def test_processes_change_nothing():
+def test_processes_change_nothing(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("skincal.gap.refit._WORTH_SENDING", 1)
     one = made()
     # One effect before the contact, which needs contacts of its own, and one after it.
     coords = [*coordinates(EFFECTS["stiffening"], SIZES), *coordinates(EFFECTS["crosstalk"], SIZES)]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gap.made_sessions import OPTIONS, Made, held, made, pressed
 
+from skincal.calibrate.workers import mapper
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.refit import refit
 from skincal.gap.relocate import ambiguous, cost_of_presses, of_presses, relocated
@@ -35,6 +36,17 @@ def test_presses_that_were_led_astray_are_found_again(kind: str):
     moved = (back.places != places).any(axis=1)
     assert moved[[3, 8]].all() and moved.sum() <= 4
     assert one.truth.model is back.model
+
+
+def test_processes_find_the_same_places():
+    one = made(session=pressed(14, 2))
+    places = one.truth.places.copy()
+    places[[3, 8], :2] += [[6e-4, -5e-4], [-5e-4, 6e-4]]
+    wide = replace(OPTIONS, position_sigma_m=3e-4)
+    near = relocated(one.truth.with_places(places), one.session, one.reading, wide)
+    with mapper(2) as spread:
+        far = relocated(one.truth.with_places(places), one.session, one.reading, replace(wide, mapper=spread))
+    assert np.array_equal(far.places, near.places) and (near.places != places).any()
 
 
 def test_a_fit_from_a_wrong_sensor_ends_as_one_from_the_truth():
