@@ -98,9 +98,14 @@ class Question:
         """The answer of all presses, to be waited for."""
         spread = self.ready.options.mapper
         if spread is map:
-            return map(_with_all, [(self, rng)])
+            return map(self._with_all, [(self, rng)])
         ready = replace(self.ready, options=self.ready.options.alone)
-        return map(self._here, spread(_with_all, [(replace(self, ready=ready, heard=_unheard), rng)]))
+        return map(self._here, spread(self._with_all, [(replace(self, ready=ready, heard=_unheard), rng)]))
+
+    @staticmethod
+    def _with_all(task: tuple[Question, np.random.Generator]) -> Answer:
+        question, rng = task
+        return question._answer(*question._base(leave_out=False), rng)
 
     def _here(self, answer: Answer) -> Answer:
         """An answer of another process, to be gone on with in this one."""
@@ -142,11 +147,6 @@ class Question:
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
         told = _signatures(scene, base, null, signs)
         return Answer(base, null, choice, told, *judged(choice, null, told, self.options))
-
-
-def _with_all(task: tuple[Question, np.random.Generator]) -> Answer:
-    question, rng = task
-    return question._answer(*question._base(leave_out=False), rng)
 
 
 def _unheard(_: str) -> None:
