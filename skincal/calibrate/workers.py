@@ -31,7 +31,7 @@ def mapper(workers: int | None = None) -> Generator[Mapper]:
 
     Yields:
         The mapper. Results come in the order of the arguments and do not depend on the number of workers. With several
-        processes work begins at once, and what nobody has waited for at the end is dropped.
+        processes work begins at once, and what nobody has waited for at the end is dropped, errors in it included.
     """
     count = available_cores() if workers is None else workers
     if count <= 1:
@@ -98,9 +98,13 @@ def _end(pool: ProcessPoolExecutor) -> None:
     """
     processes: dict[int, BaseProcess] = getattr(pool, "_processes", None) or {}
     workers, thread = list(processes.values()), getattr(pool, "_executor_manager_thread", None)
+    writer = getattr(getattr(pool, "_result_queue", None), "_writer", None)
     pool.shutdown(wait=False, cancel_futures=True)
     for worker in workers:
         worker.terminate()
+    # The thread may wait for the rest of a result that a worker had half sent: it ends if nobody can send it any more.
+    if writer is not None:
+        writer.close()
     if isinstance(thread, threading.Thread):
         thread.join()
 

@@ -55,9 +55,10 @@ verbs.register(app)
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    # Matrices are small here: a second thread of linear algebra mostly waits. It also rounds otherwise than one alone,
-    # and a result would then depend on which process it came from. Counts as long as nothing has imported numpy.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if "OMP_NUM_THREADS" not in os.environ:
+        # Several threads of linear algebra round otherwise than the one that worker processes have: results would
+        # depend on which process they came from. It counts as long as nothing has imported numpy.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     debug = "--debug" in arguments
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]

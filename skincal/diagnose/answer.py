@@ -95,7 +95,7 @@ class Question:
         return again if first.verdict == "none" and again.verdict == "unknown" else first
 
     def _ahead(self, rng: np.random.Generator) -> Iterator[Answer]:
-        """The answer of all presses, to be waited for."""
+        """The answer of all presses: begun at once by another process or, where there is none, when it is asked for."""
         spread = self.ready.options.mapper
         if spread is map:
             return map(self._with_all, [(self, rng)])

@@ -163,7 +163,7 @@ class EffectSkin:
         return Contacted(felt, loads, tuple(pressures), self._front)
 
     def casts(self, contacted: Contacted) -> int:
-        """How often :meth:`contact` sets an indenter down on the skin for samples like those: what it costs.
+        """How often, at most, :meth:`contact` sets an indenter down on the skin for samples like those: what it costs.
 
         Args:
             contacted: by this skin or one like it.

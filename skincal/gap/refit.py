@@ -40,7 +40,8 @@ _MOST_COORDINATE = 1.0
 _COORDINATE_STEP = 0.03
 _RIDGE = 1e-6
 _WORTH_SENDING = 500
-"""Indenters set down on the skin from which on a contact takes longer than its way to another process."""
+"""Indenters set down on the skin from which on a contact is sent to another process. With 90 the way there took longer
+than the contact, with 1700 it took a fraction of it."""
 _DAMPING = 0.3
 
 
@@ -286,8 +287,10 @@ class _Problem:
         pairs = [(one.skin, memory_samples(one, one.placed(self.session))) for one in those]
         # Loads point by point, which a spread needs, are too many to be sent from one process to another.
         spread = any(a.effect.stage == Stage.SPREAD for one in those for a in one.skin.effects)
-        sent = not spread and any(one.skin.casts(like) >= _WORTH_SENDING for one in those)
-        found = (self.options.mapper if sent else map)(_contact_of, pairs)
+        mapper = self.options.mapper
+        sent = mapper is not map and not spread
+        sent = sent and any(one.skin.casts(like) >= _WORTH_SENDING for one in those)
+        found = (mapper if sent else map)(_contact_of, pairs)
         return [one.skin.own(contact) for one, contact in zip(those, found, strict=True)]
 
     def _change(self, contact: Contacted, skin: EffectSkin, values: FloatArray, step: float) -> FloatArray:

@@ -21,13 +21,11 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _REACH = 4.0
 """How far to look, in standard deviations of a measured place."""
-_STEPS = 2
-"""Steps downhill in which the present place is settled, and another one where it is followed that far."""
-_FURTHER = 2
-"""More of them where it is still open which place is the better one."""
 _HOPELESS = (5.0, 1.5)
-"""A place that costs more than so many times what the present one does is not followed beyond the first step, and the
-second."""
+"""Another place is given up that costs more than so many times what the present one does, and ``_AS_RIGHT``: after the
+first step downhill, and after the second."""
+_FURTHER = 2
+"""More steps where it is still open which place is the better one."""
 _VALLEYS = 3
 """So many places of a press are followed at most."""
 _AS_RIGHT = 16.0
@@ -36,7 +34,7 @@ law."""
 _ELSEWHERE = 0.5
 """So far off is another place [standard deviations of a measured one]."""
 _SHARES = 2
-"""Presses are followed in so many shares: more would leave each too few to be worth its way."""
+"""Presses are followed in so many shares."""
 _SAME = 1.5
 """Places nearer than so many steps of the grid are the same."""
 _MET = 0.1
@@ -81,6 +79,12 @@ def _ends(
     The first is the present place. A press with no other valley stays there, and is said to cost nothing; a valley that
     there is not costs infinitely much.
     """
+    ends = np.repeat(found.places[:, None], 1 + _VALLEYS, axis=1)
+    costs = np.full(ends.shape[:2], np.inf)
+    costs[:, 0] = 0.0
+    if not options.base:
+        # Under uniform pressure, where the sensor is not free, every place looks the same.
+        return ends, costs
     presses = np.unique(session.press[session.press >= 0])
     # Always the same shares, so that what is found does not depend on who works them out.
     shares = [rows for rows in np.array_split(presses, _SHARES) if len(rows)]
@@ -93,9 +97,6 @@ def _ends(
         )
         for rows in shares
     ]
-    ends = np.repeat(found.places[:, None], 1 + _VALLEYS, axis=1)
-    costs = np.full(ends.shape[:2], np.inf)
-    costs[:, 0] = 0.0
     for rows, (end, cost) in zip(shares, options.mapper(_ends_of, tasks), strict=True):
         ends[rows], costs[rows] = end[rows], cost[rows]
     return ends, costs
@@ -107,10 +108,8 @@ def _ends_of(
     """See :func:`_ends`, of some presses."""
     found, session, reading, options, reach = task
     others = np.full((len(found.places), _VALLEYS, 2), np.nan)
-    if options.base:
-        # Under uniform pressure, where the sensor is not free, every place looks the same.
-        near = valleys(found.skin, session, reading, options.position_sigma_m, reach, _VALLEYS)
-        others[: len(near)] = near
+    near = valleys(found.skin, session, reading, options.position_sigma_m, reach, _VALLEYS)
+    others[: len(near)] = near
     apart = np.hypot(*np.moveaxis(others - found.places[:, None, :2], -1, 0))
     wanted = apart > _SAME * 2 * reach / (STEPS - 1)
     ends = np.repeat(found.places[:, None], 1 + _VALLEYS, axis=1)
@@ -126,14 +125,16 @@ def _ends_of(
             ends[rows, k] = end.places[rows]
             costs[rows, k] = cost_of_presses(end, left, part, options)[rows]
 
-    follow(0, np.flatnonzero(wanted.any(axis=1)), _STEPS)
+    follow(0, np.flatnonzero(wanted.any(axis=1)), len(_HOPELESS))
     for hopeless in _HOPELESS:
         for k in range(1, 1 + _VALLEYS):
             follow(k, np.flatnonzero(wanted[:, k - 1]), 1)
         wanted &= costs[:, 1:] < hopeless * (costs[:, :1] + _AS_RIGHT)
-    wanted &= (
-        np.hypot(*np.moveaxis(ends[:, 1:, :2] - ends[:, :1, :2], -1, 0)) > _MET * options.position_sigma_m
-    )
+    apart = np.hypot(*np.moveaxis(ends[:, 1:, :2] - ends[:, :1, :2], -1, 0))
+    met = wanted & (apart <= _MET * options.position_sigma_m)
+    # Neither the same place once more nor one beyond the rim of a mesh is another place.
+    costs[:, 1:][met | np.isnan(costs[:, 1:])] = np.inf
+    wanted &= ~met
     follow(0, np.flatnonzero(wanted.any(axis=1)), _FURTHER)
     for k in range(1, 1 + _VALLEYS):
         follow(k, np.flatnonzero(wanted[:, k - 1]), _FURTHER)

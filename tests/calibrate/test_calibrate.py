@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -66,6 +67,19 @@ def test_work_that_nobody_waits_for_is_dropped(capfd: pytest.CaptureFixture[str]
         worker.join(5)
     assert workers and not any(worker.is_alive() for worker in workers)
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_result_that_was_half_sent_is_dropped() -> None:
+    begin = time.monotonic()
+    with mapper(2) as spread:
+        assert list(spread(abs, [-1, -1])) == [1, 1]
+        spread(bytes, [300_000_000])
+        thread = next(t for t in threading.enumerate() if type(t).__name__ == "_ExecutorManagerThread")
+        while time.monotonic() - begin < 30.0:
+            frame = sys._current_frames().get(thread.ident or 0)
+            if frame is not None and frame.f_code.co_name in ("_recv", "_recv_bytes"):
+                break
+    assert not thread.is_alive() and time.monotonic() - begin < 45.0
 
 
 KILLED = """

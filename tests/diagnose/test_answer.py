@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -19,6 +21,16 @@ from skincal.gap.refit import RefitOptions
 from skincal.gap.twin import twins_for
 
 NOTHING = cast("Any", None)
+
+
+@dataclass(frozen=True)
+class Ready:
+    """Of a prepared session what is looked at here."""
+
+    options: RefitOptions
+
+
+PREPARED = cast("Any", Ready(RefitOptions()))
 
 
 def of(verdict: str, unexplained: bool = False) -> Answer:
@@ -51,8 +63,7 @@ def counts(
     )
     monkeypatch.setattr(answer, "may_be_effect", lambda base: differ and base is without.base)
     monkeypatch.setattr(answer, "explains", explains)
-    ready = cast("Any", SimpleNamespace(options=RefitOptions()))
-    question = Question(ready, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
+    question = Question(PREPARED, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
     found = question.answer(np.random.default_rng(0))
     settled = without.verdict == "effects" and not without.unexplained
     assert bool(heard) == (differ and not settled)
@@ -85,6 +96,46 @@ def test_what_all_presses_show_and_nothing_explains_is_unknown(monkeypatch: pyte
 
 def test_an_effect_that_explains_the_others_stays(monkeypatch: pytest.MonkeyPatch):
     assert counts(monkeypatch, of("effects"), of("unknown", True)) == "without"
+
+
+def test_with_other_processes_all_presses_are_asked_ahead(monkeypatch: pytest.MonkeyPatch):
+    done: list[str] = []
+
+    def eager(function: Any, arguments: Any, /) -> Any:
+        ((question, _),) = arguments
+        assert question.ready.options.mapper is map
+        done.append("ahead")
+        return iter([function(one) for one in arguments])
+
+    without, everything = (replace(of("none"), base=base) for base in (based([3]), based([])))
+    everything = replace(everything, verdict="unknown")
+    monkeypatch.setattr(
+        Question, "_base", lambda self, *, leave_out: ((without if leave_out else everything).base, {})
+    )
+
+    def told(self: Question, base: Base, errors: object, rng: np.random.Generator) -> Answer:
+        assert rng.spawn(1)
+        done.append("first" if base is without.base else "all")
+        return without if base is without.base else everything
+
+    monkeypatch.setattr(Question, "_answer", told)
+    monkeypatch.setattr(answer, "may_be_effect", lambda _: True)
+    for mapper, order in ((eager, ["ahead", "all", "first"]), (map, ["first", "all"])):
+        done.clear()
+        ready = replace(PREPARED, options=replace(PREPARED.options, mapper=mapper))
+        question = Question(ready, NOTHING, DiagnoseOptions(), 0, Cache(), lambda _: None)
+        found = question.answer(np.random.default_rng(0))
+        assert done == order
+        assert found.verdict == "unknown" and found.doubted.tolist() == [3]
+        if mapper is eager:
+            assert found.base.material.options.mapper is eager
+
+
+def test_a_generator_that_was_sent_draws_the_same():
+    ours, sent = (np.random.default_rng(4) for _ in range(2))
+    theirs = pickle.loads(pickle.dumps(sent))
+    for a, b in zip(ours.spawn(2), theirs.spawn(2), strict=True):
+        assert (a.random(3) == b.random(3)).all()
 
 
 def based(glitches: list[int]) -> Base:

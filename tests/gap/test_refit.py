@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -281,8 +282,15 @@ def test_processes_change_nothing(monkeypatch: pytest.MonkeyPatch):
     one = made()
     # One effect before the contact, which needs contacts of its own, and one after it.
     coords = [*coordinates(EFFECTS["stiffening"], SIZES), *coordinates(EFFECTS["crosstalk"], SIZES)]
+    sent: list[int] = []
     with mapper(2) as spread:
-        far = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4, mapper=spread), coords)
+
+        def counted(function: Any, arguments: Any, /) -> Any:
+            sent.append(len(arguments))
+            return spread(function, arguments)
+
+        far = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4, mapper=counted), coords)
+    assert sent and min(sent) > 1
     near = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4), coords)
     for name in ("values", "residual", "base", "place", "effect"):
         assert np.array_equal(getattr(far.slopes, name), getattr(near.slopes, name)), name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,8 +45,16 @@ def test_processes_find_the_same_places():
     places[[3, 8], :2] += [[6e-4, -5e-4], [-5e-4, 6e-4]]
     wide = replace(OPTIONS, position_sigma_m=3e-4)
     near = relocated(one.truth.with_places(places), one.session, one.reading, wide)
+    sent: list[int] = []
     with mapper(2) as spread:
-        far = relocated(one.truth.with_places(places), one.session, one.reading, replace(wide, mapper=spread))
+
+        def counted(function: Any, arguments: Any, /) -> Any:
+            sent.append(len(arguments))
+            return spread(function, arguments)
+
+        astray, elsewhere = one.truth.with_places(places), replace(wide, mapper=counted)
+        far = relocated(astray, one.session, one.reading, elsewhere)
+    assert sent == [2]
     assert np.array_equal(far.places, near.places) and (near.places != places).any()
 
 
