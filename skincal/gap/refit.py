@@ -40,8 +40,8 @@ _MOST_COORDINATE = 1.0
 _COORDINATE_STEP = 0.03
 _RIDGE = 1e-6
 _WORTH_SENDING = 500
-"""Indenters set down on the skin from which on a contact is sent to another process. With 90 the way there took longer
-than the contact, with 1700 it took a fraction of it."""
+"""Indenters set down on the skin from which on a contact is sent to another process: the way there costs time as
+well."""
 _DAMPING = 0.3
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from effects.effect_sessions import FINGER
@@ -12,6 +13,7 @@ from gap.gap_sessions import READOUT, full, static
 
 from skincal.effects.samples import HOLD
 from skincal.fit.observe import Readout
+from skincal.fit.tasks import Mapper
 from skincal.gap.base import BaseModel
 from skincal.gap.candidates import Scene
 from skincal.gap.hypothesis import PLACE, Hypothesis
@@ -157,3 +159,13 @@ def case(name: str) -> Case:
     one = made(CASES[name])
     model = based(one)
     return Case(one, model, scene_of(one, model))
+
+
+def counted(spread: Mapper, sent: list[int]) -> Mapper:
+    """A mapper that notes how many pieces it was given each time."""
+
+    def noting(function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
+        sent.append(len(arguments))
+        return spread(function, arguments)
+
+    return noting

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Made, arrays, held, made, pressed
+from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Made, arrays, counted, held, made, pressed
 from model.model_shapes import cylinder_mesh, surface_of
 from scipy.stats import chi2
 
@@ -284,12 +283,13 @@ def test_processes_change_nothing(monkeypatch: pytest.MonkeyPatch):
     coords = [*coordinates(EFFECTS["stiffening"], SIZES), *coordinates(EFFECTS["crosstalk"], SIZES)]
     sent: list[int] = []
     with mapper(2) as spread:
-
-        def counted(function: Any, arguments: Any, /) -> Any:
-            sent.append(len(arguments))
-            return spread(function, arguments)
-
-        far = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4, mapper=counted), coords)
+        far = refit(
+            one.start,
+            one.session,
+            one.reading,
+            replace(OPTIONS, steps=4, mapper=counted(spread, sent)),
+            coords,
+        )
     assert sent and min(sent) > 1
     near = refit(one.start, one.session, one.reading, replace(OPTIONS, steps=4), coords)
     for name in ("values", "residual", "base", "place", "effect"):

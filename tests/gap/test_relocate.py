@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from gap.made_sessions import OPTIONS, Made, held, made, pressed
+from gap.made_sessions import OPTIONS, Made, counted, held, made, pressed
 
 from skincal.calibrate.workers import mapper
 from skincal.gap.hypothesis import Hypothesis
@@ -47,12 +46,7 @@ def test_processes_find_the_same_places():
     near = relocated(one.truth.with_places(places), one.session, one.reading, wide)
     sent: list[int] = []
     with mapper(2) as spread:
-
-        def counted(function: Any, arguments: Any, /) -> Any:
-            sent.append(len(arguments))
-            return spread(function, arguments)
-
-        astray, elsewhere = one.truth.with_places(places), replace(wide, mapper=counted)
+        astray, elsewhere = one.truth.with_places(places), replace(wide, mapper=counted(spread, sent))
         far = relocated(astray, one.session, one.reading, elsewhere)
     assert sent == [2]
     assert np.array_equal(far.places, near.places) and (near.places != places).any()
