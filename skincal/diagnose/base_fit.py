@@ -13,8 +13,9 @@ from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.law import law_directions
 from skincal.gap.models import Material, Model, excess_of, found_again, scene_of
 from skincal.gap.null import law_errors
+from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
-from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.refit import Refit, refit
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import (
     Dead,

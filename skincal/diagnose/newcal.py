@@ -14,7 +14,8 @@ from skincal.dataset import Dataset
 from skincal.effects import EFFECTS
 from skincal.gap.free import Coordinate, parameters_at
 from skincal.gap.hypothesis import Hypothesis, Parameters
-from skincal.gap.refit import BASE_SIZE, Refit
+from skincal.gap.problem import BASE_SIZE
+from skincal.gap.refit import Refit
 from skincal.model.arrays import FloatArray
 
 _WIDTH = 1.96

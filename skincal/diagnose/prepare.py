@@ -19,8 +19,8 @@ from skincal.fit.observe import Readout, expected_counts
 from skincal.gap.base import BaseModel
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters
 from skincal.gap.noise import NoiseFloor, force_scatter, rounding
+from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
-from skincal.gap.refit import RefitOptions
 from skincal.gap.session import Binning, GapSession
 from skincal.gap.signatures import session_mean
 from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, split_presses

@@ -32,9 +32,10 @@ from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
-from skincal.gap.refit import refit, settled
+from skincal.gap.refit import refit
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import without_jumps
+from skincal.gap.settle import settled
 from skincal.gap.signatures import where_text
 
 _PLACE_STEPS = 6

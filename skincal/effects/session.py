@@ -171,7 +171,7 @@ class EffectSkin:
         felt, count = contacted.samples, 0
         for number in range(len(felt.indenters)):
             rows = np.flatnonzero(felt.touching & (felt.indenter == number))
-            groups = None if self._law_skin.law is not None else strokes(felt.contacts, rows)
+            groups = strokes(felt.contacts, rows)
             count += len(rows) if groups is None else len(groups)
         return count
 

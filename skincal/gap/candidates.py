@@ -20,9 +20,9 @@ import numpy as np
 from skincal.effects import COVARIATES, EFFECTS, Contacted, Effect, Stage
 from skincal.gap.free import Coordinate, clipped, coordinates, parameters_at, priors, strengths
 from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.problem import RefitOptions, Slopes
 from skincal.gap.projection import Projection
 from skincal.gap.reading import Reading
-from skincal.gap.refit import RefitOptions, Slopes
 from skincal.gap.session import GapSession
 from skincal.gap.together import apart, together
 from skincal.model import FlatPunch, Sphere

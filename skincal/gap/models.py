@@ -15,8 +15,9 @@ import numpy as np
 from skincal.gap.candidates import Found, Scene
 from skincal.gap.free import Coordinate
 from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
-from skincal.gap.refit import Refit, RefitOptions, refit
+from skincal.gap.refit import Refit, refit
 from skincal.gap.relocate import relocated
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray

@@ -22,8 +22,8 @@ from skincal.gap.elastic_layer import ContactError
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material
+from skincal.gap.problem import MOST_STEP
 from skincal.gap.projection import Projection
-from skincal.gap.refit import MOST_STEP
 from skincal.gap.signatures import signature_falls
 from skincal.gap.twin import Twin
 from skincal.model.arrays import FloatArray, as_floats

@@ -13,89 +13,20 @@ sensor; they only find their own place.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.effects import EFFECTS, Contacted, EffectSkin, Samples, Stage
-from skincal.fit.tasks import Mapper
-from skincal.gap.free import Coordinate, clipped, parameters_at, priors
-from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters, memory_samples
+from skincal.gap.free import Coordinate, clipped
+from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.problem import DAMPING, Problem, RefitOptions, Slopes, damped, uphill
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
-from skincal.gap.together import apart, together
-from skincal.model import Cylinder, Plane
-from skincal.model.arrays import BoolArray, FloatArray, as_floats
+from skincal.model.arrays import BoolArray, FloatArray
 
-BASE_SIZE = 5
-_STEPS = np.array([5e-5, 5e-5, 0.01, 0.02, 0.02])
-"""Steps of differences: across, along [m], alpha [rad], logarithms of E and S."""
-MOST_STEP = np.array([5e-4, 5e-4, 0.05, 0.4, 0.7])
-"""The longest step of the base model at a time."""
-_OF_PLACE = np.array([0, 0, 3])
-"""Those for the place of a press along u and v, and for the logarithm of its force."""
-_MOST_PLACE_M = 3e-4
-_MOST_COORDINATE = 1.0
-_COORDINATE_STEP = 0.03
-_RIDGE = 1e-6
-_WORTH_SENDING = 500
-"""Indenters set down on the skin from which on a contact is sent to another process: the way there costs time as
-well."""
-_DAMPING = 0.3
-
-
-@dataclass(frozen=True)
-class RefitOptions:
-    """How a refit goes.
-
-    Attributes:
-        position_sigma_m: of the measured place of a press, along each direction [m].
-        force_sigma: of its measured force, relative.
-        steps: at most.
-        settle: steps in which only presses move.
-        enough: the objective's fall in a step below which it is found, absolute.
-        base: whether the base model may move.
-        mapper: works out pieces that do not depend on each other; that of a pool of processes uses more cores. What is
-            found does not depend on it.
-    """
-
-    position_sigma_m: float = 1e-3
-    force_sigma: float = 0.005
-    steps: int = 8
-    settle: int = 2
-    enough: float = 2.0
-    base: bool = True
-    mapper: Mapper = field(default=map, repr=False, compare=False)
-
-    @property
-    def place_prior(self) -> FloatArray:
-        """(3,) standard deviations of what a press has of its own."""
-        return np.array([self.position_sigma_m, self.position_sigma_m, self.force_sigma])
-
-    @property
-    def alone(self) -> Self:
-        """The same for a piece of work that one process does by itself."""
-        return replace(self, mapper=map)
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Whitened values and slopes of a hypothesis.
-
-    Attributes:
-        values: (N, J) before the converter [counts].
-        residual: (N, J) whitened.
-        base: (N, J, 5) whitened slopes by across, along, alpha, log E, log S.
-        place: (N, J, 3) whitened slopes by the place and force of the own press.
-        effect: (N, J, n) whitened slopes by the coordinates of effects.
-    """
-
-    values: FloatArray
-    residual: FloatArray
-    base: FloatArray
-    place: FloatArray
-    effect: FloatArray
+_TRIES, _OWN_TRIES = 5, 2
+"""A step that leads uphill is tried again so often: at first with those presses damped that are to blame, then as a
+whole shorter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,24 +70,28 @@ def refit(
         learn: (N,) observations that sensor and effects are learned from; None: all of them.
         fixed: parameters that stay as they are, of effects without free numbers or beside them.
     """
-    problem = _Problem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
+    problem = Problem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
     x = np.zeros(len(coords)) if x is None else clipped(coords, x)
     here = problem.look(start, x)
     whole = problem.wants_base(0)
     slopes = problem.slopes(here, base=whole)
-    best = problem.objective(here)
+    best, costs = problem.judged(here)
+    own = np.zeros(len(start.places))
     for step in range(options.steps):
-        free = options.base and step >= options.settle
-        proposal = problem.step(here, slopes, _DAMPING if step < options.settle else 0.0, free=free)
-        there = problem.moved(here, *proposal)
-        value, share = problem.objective(there), 1.0
-        while value > best and share > 0.1 and step >= options.settle:
-            share /= 3
+        settling = step < options.settle
+        free, share = options.base and not settling, 1.0
+        for again in range(_TRIES):
+            proposal = problem.step(here, slopes, np.maximum(own, DAMPING if settling else 0.0), free=free)
             there = problem.moved(here, *(share * part for part in proposal))
-            value = problem.objective(there)
-        if value > best and step >= options.settle:
+            value, after = problem.judged(there)
+            # One press that jumps over its valley must not keep the others from going on.
+            own = damped(own, uphill(costs, after))
+            if settling or value <= best:
+                break
+            share = 1.0 if again < _OWN_TRIES else share / 3
+        if value > best and not settling:
             break
-        fall, here, best = best - value, there, value
+        fall, here, best, costs = best - value, there, value, after
         found = step > options.settle and fall < options.enough
         whole = found or problem.wants_base(step + 1)
         slopes = problem.slopes(here, base=whole)
@@ -166,233 +101,3 @@ def refit(
         slopes = problem.slopes(here)
     covariance = problem.covariance(here.hypothesis, slopes)
     return Refit(here.hypothesis, here.x, slopes, best, covariance)
-
-
-def settled(
-    start: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, steps: int
-) -> tuple[Hypothesis, FloatArray]:
-    """The hypothesis with every press moved to where it fits best, and what it leaves (N, J), whitened.
-
-    Args:
-        start: sensor and effects stay as they are.
-        session: what was pressed.
-        reading: what was read.
-        options: priors of places.
-        steps: of every press.
-    """
-    problem = _Problem(session, reading, options, (), None, start.effects)
-    here = problem.look(start, np.zeros(0))
-    for _ in range(steps):
-        slopes = problem.slopes(here, base=False)
-        here = problem.moved(here, *problem.step(here, slopes, _DAMPING, free=False))
-    return here.hypothesis, reading.residual(here.values)
-
-
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """A hypothesis with what its presses do: every slope starts from there."""
-
-    hypothesis: Hypothesis
-    x: FloatArray
-    contacted: Contacted
-    values: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    session: GapSession
-    reading: Reading
-    options: RefitOptions
-    coords: tuple[Coordinate, ...]
-    learn: BoolArray | None
-    fixed: Mapping[str, Parameters]
-
-    def at(self, hypothesis: Hypothesis, x: FloatArray) -> Hypothesis:
-        return hypothesis.with_effects(parameters_at(self.coords, x, self.fixed))
-
-    def look(self, hypothesis: Hypothesis, x: FloatArray) -> _Look:
-        here = self.at(hypothesis, x)
-        contacted = self._contact(here)
-        return _Look(here, x, contacted, self.session.means(here.skin.finish(contacted)))
-
-    def wants_base(self, step: int) -> bool:
-        """Whether a step, or what comes out after the last one, needs slopes by the base model."""
-        return step >= self.options.steps or (self.options.base and step >= self.options.settle)
-
-    def moved(self, look: _Look, base: FloatArray, coords: FloatArray, places: FloatArray) -> _Look:
-        here, x = look.hypothesis, look.x
-        y = clipped(self.coords, x + coords) if len(x) else x
-        there = here.moved(base) if base.any() else here
-        # Tactile points and what was worked out of them stay where the sensor did.
-        there = (
-            there.with_places(here.places + places)
-            if not base.any()
-            else replace(there, places=here.places + places)
-        )
-        return self.look(there, y)
-
-    def objective(self, look: _Look) -> float:
-        """Over what is learned from only: other presses have no say, not even in whether a step is taken."""
-        residual, x = self.reading.residual(look.values), look.x
-        places = (look.hypothesis.places / self.options.place_prior) ** 2
-        if self.learn is not None:
-            residual = residual[self.learn]
-            places = places[np.unique(self.session.press[self.learn & (self.session.press >= 0)])]
-        total = float((residual**2).sum()) + float(places.sum())
-        return total + (float(((x / priors(self.coords)) ** 2).sum()) if len(x) else 0.0)
-
-    def slopes(self, look: _Look, *, base: bool = True) -> Slopes:
-        """Slopes there; those by the base model are zero where they are not asked for."""
-        here, values = look.hypothesis, look.values
-        weight = self.reading.weight(values)[..., None]
-        changed = [
-            here.with_places(here.places + step * np.eye(PLACE)[k])
-            for k, step in enumerate(_STEPS[_OF_PLACE])
-        ]
-        explicit = self._explicit(here) if base else []
-        steps = [*_STEPS[_OF_PLACE], *_STEPS[explicit]]
-        changed += [here.moved(_STEPS[k] * np.eye(BASE_SIZE)[k]) for k in explicit]
-        groups = together(self.coords, here.effects)
-        effects = [self._changed(look, group) for group in groups]
-        # What acts after the contact needs no new one.
-        early = [k for k, group in enumerate(groups) if self._stage(group[0]) <= Stage.SPREAD]
-        contacts = self._contacts([*changed, *(effects[k][0] for k in early)], look.contacted)
-        moved = [
-            self._change(contact, other.skin, values, step)
-            for contact, other, step in zip(contacts[: len(changed)], changed, steps, strict=True)
-        ]
-        place, by_sensor = moved[:PLACE], dict(zip(explicit, moved[PLACE:], strict=True))
-        sensor = [np.zeros_like(values)] * BASE_SIZE
-        if base:
-            sensor = self._of_sensor(look, place, by_sensor, contacts[PLACE - 1])
-        felt = dict(zip(early, contacts[len(changed) :], strict=True))
-        columns = np.zeros((*values.shape, len(look.x)))
-        for k, (group, (other, steps)) in enumerate(zip(groups, effects, strict=True)):
-            change = self._change(felt.get(k, look.contacted), other.skin, values, 1.0)
-            coords = [self.coords[n] for n in group]
-            columns[..., group] = apart(change, coords, steps, self.session.taxels)
-        return Slopes(
-            values,
-            self.reading.residual(values),
-            np.nan_to_num(np.stack(sensor, axis=-1)) * weight,
-            np.nan_to_num(np.stack(place, axis=-1)) * weight,
-            np.nan_to_num(columns) * weight,
-        )
-
-    def _contact(self, here: Hypothesis) -> Contacted:
-        return here.skin.contact(memory_samples(here, here.placed(self.session)))
-
-    def _contacts(self, those: Sequence[Hypothesis], like: Contacted) -> list[Contacted]:
-        """The contacts of hypotheses that press as another did."""
-        pairs = [(one.skin, memory_samples(one, one.placed(self.session))) for one in those]
-        # Loads point by point, which a spread needs, are too many to be sent from one process to another.
-        spread = any(a.effect.stage == Stage.SPREAD for one in those for a in one.skin.effects)
-        mapper = self.options.mapper
-        sent = mapper is not map and not spread
-        sent = sent and any(one.skin.casts(like) >= _WORTH_SENDING for one in those)
-        found = (mapper if sent else map)(_contact_of, pairs)
-        return [one.skin.own(contact) for one, contact in zip(those, found, strict=True)]
-
-    def _change(self, contact: Contacted, skin: EffectSkin, values: FloatArray, step: float) -> FloatArray:
-        return as_floats((self.session.means(skin.finish(contact)) - values) / step)
-
-    def _explicit(self, here: Hypothesis) -> list[int]:
-        """Numbers of the base model that need contacts of their own."""
-        shifts = [] if isinstance(here.model.surface, Cylinder | Plane) else [0, 1]
-        soft = [3] if any(a.effect.stage <= Stage.SPREAD for a in here.skin.effects) else []
-        return [*shifts, 2, *soft]
-
-    def _of_sensor(
-        self, look: _Look, place: list[FloatArray], explicit: Mapping[int, FloatArray], forced: Contacted
-    ) -> list[FloatArray]:
-        """Slopes (N, J) by the five numbers of the sensor.
-
-        Args:
-            look: where.
-            place: slopes by the three numbers of each press.
-            explicit: slopes by numbers of the sensor that are known already.
-            forced: all presses with a force that is larger by the step of log E.
-        """
-        here, values, step = look.hypothesis, look.values, float(_STEPS[3])
-        skin = here.skin
-        # On a cylinder or a plane a sensor that moves is a press that moves the other way.
-        found = {0: -place[0], 1: -place[1], **explicit}
-        if 3 not in found:
-            # Loads are F times a function of F / E: on softer skin they are those of a larger force, made smaller.
-            softer = replace(look.contacted, loads_n=forced.loads_n * np.exp(-step))
-            found[3] = self._change(softer, skin, values, -step)
-        scale = here.moved(_STEPS[4] * np.eye(BASE_SIZE)[4]).model.scale_per_n
-        scaled = replace(skin.skin.parameters, scale_per_n=scale)
-        other = replace(skin, skin=replace(skin.skin, parameters=scaled))
-        found[4] = self._change(look.contacted, other, values, float(_STEPS[4]))
-        return [found[k] for k in range(BASE_SIZE)]
-
-    def _stage(self, k: int) -> Stage:
-        return EFFECTS[self.coords[k].effect].stage
-
-    def _changed(self, look: _Look, group: Sequence[int]) -> tuple[Hypothesis, FloatArray]:
-        """A hypothesis with some coordinates changed, and by how much each of them."""
-        y = look.x.copy()
-        highest = np.array([self.coords[k].bounds[1] for k in group])
-        steps = np.where(y[group] + _COORDINATE_STEP <= highest, _COORDINATE_STEP, -_COORDINATE_STEP)
-        y[group] += steps
-        return self.at(look.hypothesis, y), steps
-
-    def step(
-        self, look: _Look, slopes: Slopes, damping: float, *, free: bool
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Steps of base (5,), coordinates (n,) and places (P, 3)."""
-        here, x = look.hypothesis, look.x
-        normal, right, presses = self._normal(here, slopes, damping)
-        shared = np.zeros(len(right))
-        which = np.arange(len(right)) if free else np.arange(BASE_SIZE, len(right))
-        if len(x):
-            inverse = 1 / priors(self.coords) ** 2
-            normal[BASE_SIZE:, BASE_SIZE:] += np.diag(inverse)
-            right[BASE_SIZE:] -= inverse * x
-        if len(which) and (free or len(x)):
-            part = normal[np.ix_(which, which)]
-            part = part + _RIDGE * np.diag(np.diag(part) + 1e-12)
-            shared[which] = np.linalg.solve(part, right[which])
-        most = np.concatenate([MOST_STEP, np.full(len(x), _MOST_COORDINATE)])
-        shared /= max(1.0, float(np.max(np.abs(shared) / most, initial=0.0)))
-        places = np.zeros_like(here.places)
-        for row, (inverse, cross, own) in presses.items():
-            places[row] = self.options.place_prior * (inverse @ (own - cross @ shared))
-        length = np.hypot(places[:, 0], places[:, 1])
-        places *= np.minimum(1.0, _MOST_PLACE_M / np.maximum(length, 1e-12))[:, None]
-        return shared[:BASE_SIZE], shared[BASE_SIZE:], places
-
-    def _normal(
-        self, here: Hypothesis, slopes: Slopes, damping: float
-    ) -> tuple[FloatArray, FloatArray, dict[int, tuple[FloatArray, FloatArray, FloatArray]]]:
-        shared = np.concatenate([slopes.base, slopes.effect], axis=-1)
-        use = np.ones(len(shared), dtype=np.bool_) if self.learn is None else self.learn
-        flat = shared[use].reshape(-1, shared.shape[-1])
-        normal, right = flat.T @ flat, flat.T @ slopes.residual[use].ravel()
-        prior = self.options.place_prior
-        presses: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
-        for row in np.unique(self.session.press[self.session.press >= 0]).tolist():
-            rows = np.flatnonzero(self.session.press == row)
-            own = (slopes.place[rows] * prior).reshape(-1, PLACE)
-            curve = own.T @ own
-            curve = curve + np.eye(PLACE) + damping * np.diag(np.diag(curve))
-            pull = own.T @ slopes.residual[rows].ravel() - here.places[row] / prior
-            cross = own.T @ shared[rows].reshape(-1, shared.shape[-1])
-            inverse = as_floats(np.linalg.inv(curve))
-            presses[row] = (inverse, cross, pull)
-            if use[rows].all():
-                normal -= cross.T @ inverse @ cross
-                right -= cross.T @ inverse @ pull
-        return normal, right, presses
-
-    def covariance(self, here: Hypothesis, slopes: Slopes) -> FloatArray:
-        normal, _, _ = self._normal(here, slopes, 0.0)
-        if self.coords:
-            normal[BASE_SIZE:, BASE_SIZE:] += np.diag(1 / priors(self.coords) ** 2)
-        return as_floats(np.linalg.pinv(normal, hermitian=True))
-
-
-def _contact_of(pair: tuple[EffectSkin, Samples]) -> Contacted:
-    skin, samples = pair
-    return skin.contact(samples)

@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.problem import RefitOptions, cost_of_presses
 from skincal.gap.reading import Reading
-from skincal.gap.refit import RefitOptions, settled
 from skincal.gap.session import GapSession
+from skincal.gap.settle import settled
 from skincal.gap.start import STEPS, valleys
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -139,22 +140,6 @@ def _ends_of(
     for k in range(1, 1 + _VALLEYS):
         follow(k, np.flatnonzero(wanted[:, k - 1]), _FURTHER)
     return ends, costs
-
-
-def cost_of_presses(
-    hypothesis: Hypothesis, residual: FloatArray, session: GapSession, options: RefitOptions
-) -> FloatArray:
-    """Squared residual and squared move (P,) of each press.
-
-    Args:
-        hypothesis: places of presses.
-        residual: (N, J) whitened.
-        session: says which press each observation is of.
-        options: priors of places.
-    """
-    own = session.press >= 0
-    squares = np.bincount(session.press[own], (residual[own] ** 2).sum(axis=1), len(hypothesis.places))
-    return squares + ((hypothesis.places / options.place_prior) ** 2).sum(axis=1)
 
 
 def of_presses(session: GapSession, reading: Reading, rows: IntArray) -> tuple[GapSession, Reading]:

@@ -24,8 +24,9 @@ import numpy as np
 from skincal.gap.free import priors
 from skincal.gap.hypothesis import PLACE
 from skincal.gap.models import Model
+from skincal.gap.problem import BASE_SIZE, RefitOptions
 from skincal.gap.reading import Reading
-from skincal.gap.refit import BASE_SIZE, Refit, RefitOptions, refit
+from skincal.gap.refit import Refit, refit
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 

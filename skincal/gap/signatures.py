@@ -15,8 +15,8 @@ import numpy as np
 
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.gap.candidates import View
+from skincal.gap.problem import Slopes
 from skincal.gap.projection import orthonormal
-from skincal.gap.refit import Slopes
 from skincal.gap.session import GapSession
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats

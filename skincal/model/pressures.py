@@ -95,11 +95,10 @@ def _terms(
     law: StressLaw | None,
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Rows (k,) of some contacts, the points near them (k, M), and what each adds to its taxel (k, M) [N]."""
-    groups = strokes(contacts, pressed) if law is None else None
+    groups = strokes(contacts, pressed)
     if groups is not None:
-        for some, here, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups):
-            load = elasticity_pa_per_m * here.point_loads(depth)
-            yield some, np.broadcast_to(here.point, load.shape), load
+        for some, here, press, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups, law):
+            yield some, here.point[press], elasticity_pa_per_m * here.point_loads(press, depth, law)
         return
     for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
         load = elasticity_pa_per_m * carried_m3(found, law) * found.facing

@@ -115,10 +115,10 @@ def loads(
     found_n = np.zeros((len(contacts), count))
     found_n[~known] = np.nan
     pressed = np.flatnonzero(known & (contacts.force_n > 0))
-    groups = strokes(contacts, pressed) if law is None else None
+    groups = strokes(contacts, pressed)
     if groups is not None:
-        for rows, here, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups):
-            found_n[rows] = elasticity_pa_per_m * here.taxel_loads(depth, count)
+        for rows, here, press, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups, law):
+            found_n[rows] = elasticity_pa_per_m * here.taxel_loads(press, depth, law, count)
         return found_n
     for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
         found_n[rows] = elasticity_pa_per_m * _on_taxels(found, carried_m3(found, law), count)
@@ -131,8 +131,9 @@ def reaches(
     indenter: Indenter,
     contacts: Contacts,
     groups: list[IntArray],
-) -> Iterator[tuple[IntArray, Reached, FloatArray]]:
-    """What presses with many forces reach, a press after the other; the law is that of proportion.
+    law: StressLaw | None,
+) -> Iterator[tuple[IntArray, Reached, IntArray, FloatArray]]:
+    """What presses with many forces reach, some presses at a time.
 
     Args:
         patch: the tactile points.
@@ -140,19 +141,22 @@ def reaches(
         indenter: what presses.
         contacts: K contacts.
         groups: of :func:`skincal.model.strokes.strokes`.
+        law: how stress grows with penetration; None: in proportion.
 
     Yields:
-        Rows (m,) of a group, what its largest force reaches, and their penetrations (m,) [m]. A group that touches
-        nothing is left out.
+        Rows (S,) of samples, what the largest forces of their presses reach, which of these presses each sample is of
+        (S,), and penetrations (S,) [m]. A press that touches nothing is left out.
     """
     load_m3 = contacts.force_n / elasticity_pa_per_m
     by_row = deepest(contacts, groups)
-    rows = np.array(list(by_row), dtype=np.int64)
-    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, rows, None):
-        for k, row in enumerate(some.tolist()):
-            here = reached(patch.tiles, found, k)
-            if len(here.gap_m):
-                yield by_row[row], here, here.depths(load_m3[by_row[row]])
+    deep = np.array(list(by_row), dtype=np.int64)
+    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, deep, law):
+        own = [by_row[row] for row in some.tolist()]
+        many = np.array([len(rows) for rows in own])
+        for those, here in reached(patch.tiles, found, many):
+            rows: IntArray = np.concatenate([own[int(k)] for k in those])
+            press = np.repeat(np.arange(len(those)), many[those])
+            yield rows, here, press, here.depths(press, load_m3[rows], law)
 
 
 def touches(

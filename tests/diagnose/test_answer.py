@@ -17,7 +17,7 @@ from skincal.diagnose.base_fit import Base, may_be_effect, with_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.gap.null import law_errors
-from skincal.gap.refit import RefitOptions
+from skincal.gap.problem import RefitOptions
 from skincal.gap.twin import twins_for
 
 NOTHING = cast("Any", None)

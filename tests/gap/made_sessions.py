@@ -18,8 +18,9 @@ from skincal.gap.base import BaseModel
 from skincal.gap.candidates import Scene
 from skincal.gap.hypothesis import PLACE, Hypothesis
 from skincal.gap.models import Material, Model
+from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
-from skincal.gap.refit import RefitOptions, refit
+from skincal.gap.refit import refit
 from skincal.gap.relocate import relocated
 from skincal.gap.session import Binning, GapSession, binned
 from skincal.gap.split import SELECTION, TRAIN, split_presses

@@ -15,7 +15,9 @@ from skincal.effects import EFFECTS, Stage
 from skincal.gap.base import BaseModel
 from skincal.gap.free import coordinates, parameters_at, priors
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.refit import Refit, RefitOptions, refit, settled
+from skincal.gap.problem import RefitOptions
+from skincal.gap.refit import Refit, refit
+from skincal.gap.settle import settled
 from skincal.model import Contacts, Plane, SensorPose, Surface
 
 STEPS = np.array([2e-5, 2e-5, 2e-3, 2e-3, 2e-3])
@@ -277,7 +279,7 @@ def test_places_alone_are_found_as_by_a_fit_that_moves_nothing_else():
 
 
 def test_processes_change_nothing(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("skincal.gap.refit._WORTH_SENDING", 1)
+    monkeypatch.setattr("skincal.gap.problem._WORTH_SENDING", 1)
     one = made()
     # One effect before the contact, which needs contacts of its own, and one after it.
     coords = [*coordinates(EFFECTS["stiffening"], SIZES), *coordinates(EFFECTS["crosstalk"], SIZES)]

@@ -10,8 +10,9 @@ from gap.made_sessions import OPTIONS, Made, counted, held, made, pressed
 
 from skincal.calibrate.workers import mapper
 from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.problem import cost_of_presses
 from skincal.gap.refit import refit
-from skincal.gap.relocate import ambiguous, cost_of_presses, of_presses, relocated
+from skincal.gap.relocate import ambiguous, of_presses, relocated
 
 AGAIN = replace(OPTIONS, settle=0, steps=4)
 

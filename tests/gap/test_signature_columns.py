@@ -12,8 +12,8 @@ from gap.made_sessions import LAYOUT, held, made, pressed
 
 from skincal.effects.samples import HOLD, IDLE, UNLOAD
 from skincal.gap.candidates import View
+from skincal.gap.problem import Slopes
 from skincal.gap.projection import Projection
-from skincal.gap.refit import Slopes
 from skincal.gap.session import GapSession
 from skincal.gap.signatures import covariates_of, signature_columns, signature_falls, where_text
 

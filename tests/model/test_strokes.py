@@ -7,7 +7,8 @@ import pytest
 from model_shapes import FINGER, POSE, indenters, paper_layout, presses_on
 
 from skincal.model import Contacts, Patch, Skin, SkinParameters, StressLaw
-from skincal.model.strokes import strokes
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.strokes import Reached, strokes
 
 PATCH = Patch.build(FINGER, paper_layout(), POSE, resolution_m=0.5e-3)
 SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))
@@ -79,10 +80,30 @@ def test_presses_of_one_sample_are_left_alone():
     assert strokes(contacts, np.array([0])) is None
 
 
-def test_another_law_goes_the_long_way():
-    contacts, law = up_and_down(), StressLaw(1.7, 5e-4)
-    skin = Skin(PATCH, SKIN.parameters, law=law)
-    indenter = indenters()["sphere"]
-    np.testing.assert_allclose(
-        skin.loads(indenter, contacts), skin.respond(indenter, contacts).loads_n, rtol=1e-12, atol=1e-15
-    )
+@pytest.mark.parametrize("exponent", [0.6, 1.7])
+@pytest.mark.parametrize("kind", ["sphere", "bolt mesh"])
+def test_another_law_gives_what_single_contacts_do(exponent: float, kind: str):
+    contacts, law = up_and_down(), StressLaw(exponent, 5e-4)
+    skin, indenter = Skin(PATCH, SKIN.parameters, law=law), indenters()[kind]
+    alone = skin.respond(indenter, contacts).loads_n
+    assert np.abs(alone - SKIN.loads(indenter, contacts)).max() > 0.01
+    np.testing.assert_allclose(skin.loads(indenter, contacts), alone, rtol=1e-9, atol=1e-12)
+    loads = skin.pressures(indenter, contacts).loads(MEMBERSHIP)
+    np.testing.assert_allclose(loads, alone, rtol=1e-9, atol=1e-12)
+
+
+def test_presses_worked_out_in_small_batches_come_out_the_same(monkeypatch: pytest.MonkeyPatch):
+    indenter, contacts = indenters()["sphere"], up_and_down(4)
+    whole = SKIN.loads(indenter, contacts)
+    batches: list[int] = []
+    made = Reached.depths
+
+    def counted(self: Reached, press: IntArray, load_m3: FloatArray, law: StressLaw | None) -> FloatArray:
+        batches.append(len(self.gap_m))
+        return made(self, press, load_m3, law)
+
+    monkeypatch.setattr(Reached, "depths", counted)
+    monkeypatch.setattr("skincal.model.strokes._AT_ONCE", 4000)
+    assert np.array_equal(SKIN.loads(indenter, contacts), whole)
+    assert len(batches) > 2
+    assert sum(batches) == PRESSES
