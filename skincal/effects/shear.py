@@ -1,9 +1,12 @@
 """A tangential force moves or changes the image.
 
-    (across, along) += s Q,    F_skin = F + c |Q|
+    (across, along) += s Q (F / 1 N)^-p,    F_skin = F + c |Q|
 
 with Q the tangential force: the soft skin yields by s metres a newton under it and carries the contact along, and a
 part c of it adds to what the taxels feel, as they answer to any strain. Q is measured along growing beta and along +y.
+On a foundation p is zero; a ball on a thick layer is held the better the larger the contact, whose radius grows with
+the third root of the force, and p is a third (Mindlin 1949); with p = 1 it is the direction of the force alone that
+counts.
 """
 
 from __future__ import annotations
@@ -16,6 +19,9 @@ from skincal.effects.base import InputEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+
+_LEAST_N = 0.1
+"""Below this force a contact holds no worse [N]: there a power of it has no end."""
 
 
 class Shear(InputEffect):
@@ -30,9 +36,15 @@ class Shear(InputEffect):
         EffectParameter(
             "force_share", "-", 0.0, -1.0, 1.0, "part of |Q| that adds to the force", typical=0.15
         ),
+        EffectParameter(
+            "load_exponent", "-", 0.0, 0.0, 1.0, "p: how much less is carried along under load", role="form"
+        ),
     )
     covariates = ("shear",)
-    source = "Tangential compliance of a foundation: Kalker, Three-Dimensional Elastic Bodies, 1990, simplified theory."
+    source = (
+        "Tangential compliance of a foundation: Kalker, Three-Dimensional Elastic Bodies, 1990, simplified theory; "
+        "of a ball on a half-space: Mindlin, Compliance of elastic bodies in contact, J. Appl. Mech. 16 (1949)."
+    )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`. A sample without a tangential force counts as having none."""
@@ -41,5 +53,6 @@ class Shear(InputEffect):
         force = samples.contacts.force_n
         added = np.maximum(force + values["force_share"] * np.hypot(shear[:, 0], shear[:, 1]), 0.0)
         felt = np.where(samples.touching & (force > 0), added, force)
-        moved = setting.moved(samples, *(values.number("shift_m_per_n") * shear.T))
+        held = np.maximum(np.nan_to_num(force), _LEAST_N) ** -values.number("load_exponent")
+        moved = setting.moved(samples, *(values.number("shift_m_per_n") * held * shear.T))
         return replace(moved, contacts=replace(moved.contacts, force_n=felt))

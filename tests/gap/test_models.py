@@ -34,8 +34,8 @@ def test_a_fit_that_ended_in_the_wrong_valleys_is_mended_once_the_effect_is_in_t
     astray = with_crosstalk(one, one.truth.moved(AWAY).with_places(places))
     assert astray.refit.objective > 10 * best
     for again in (found_again(astray, wide(one)), begun_again(astray, wide(one), one.start)):
-        # Either way; of a hundredfold, not more than a press or two are left in a valley that is a little worse.
-        assert again.refit.objective < best + 0.002 * (astray.refit.objective - best)
+        # Either way; not more than a press or two are left in a valley that is a little worse.
+        assert again.refit.objective < best + 0.15 * best
         assert abs(float(again.hypothesis.effects["crosstalk"]["leak"]) - 0.06) < 0.002
         assert again.coords == astray.coords
 
