@@ -80,7 +80,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     dead = dead_taxels(values, reading, session)
     jumped = [*shifted, *jumps(values, reading, session, dead)]
     reading = without_jumps(reading, session, jumped[len(shifted) :])
-    options = replace(ready.options, settle=0, steps=4)
+    options = replace(ready.options, settle=0)
     first = _fitted_beside(ready, first.hypothesis, reading, known, options)
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
     material = Material(session, reading, learn, score, ready.options)
@@ -131,7 +131,7 @@ def _first_look(ready: Prepared, reading: Reading, beside: dict[str, Parameters]
     placed = relocated(first.hypothesis, session, reading, ready.options)
     if placed is first.hypothesis:
         return first
-    options = replace(ready.options, settle=0, steps=2)
+    options = replace(ready.options, settle=0)
     return refit(placed, session, reading, options, learn=known, fixed=beside)
 
 
@@ -203,7 +203,7 @@ def _without(ready: Prepared, base: Base, presses: IntArray) -> Base:
     """A base without presses that were found in it."""
     m = base.material
     reading = without_presses(m.reading, m.session.press, presses)
-    options = replace(m.options, settle=0, steps=4)
+    options = replace(m.options, settle=0)
     fitted = _fitted_beside(ready, base.model.hypothesis, reading, m.known, options)
     return replace(
         base,

@@ -21,7 +21,7 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 
 _LEAST_N = 0.1
-"""Below this force a contact holds no worse [N]: there a power of it has no end."""
+"""Below this force a contact holds no worse [N]: a power of it has no end at zero, where Q is noise."""
 
 
 class Shear(InputEffect):
@@ -31,7 +31,13 @@ class Shear(InputEffect):
     meaning = "a tangential force moves or changes the image"
     parameters = (
         EffectParameter(
-            "shift_m_per_n", "m/N", 0.0, -3e-3, 3e-3, "how far the contact is carried along", typical=0.6e-3
+            "shift_m_per_n",
+            "m/N",
+            0.0,
+            -3e-3,
+            3e-3,
+            "s: how far the contact is carried along, pressed with 1 N",
+            typical=0.6e-3,
         ),
         EffectParameter(
             "force_share", "-", 0.0, -1.0, 1.0, "part of |Q| that adds to the force", typical=0.15

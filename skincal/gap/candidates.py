@@ -46,7 +46,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "response_curve": ({"knee_n": 0.05}, {"knee_n": 0.3}, {"knee_n": 1.5}),
     "cover": ({"share": 0.2}, {"share": 0.9}),
     "spread": ({"tail": 0.0}, {"tail": 1.0}),
-    "shear": ({"load_exponent": 0.0}, {"load_exponent": 0.7}),
+    "shear": ({"load_exponent": 0.0}, {"load_exponent": 1 / 3}, {"load_exponent": 1.0}),
 }
 """Forms from which an effect is searched; one start, the default, for all others."""
 
@@ -371,13 +371,17 @@ def straight(scene: Scene, start: Start, learn: View, score: View) -> Found:
     An effect that moves contacts is in the places that the fit found, and so in the residual, to first order: there a
     change that is not has nothing to be compared with.
     """
-    columns = secants(scene, start, np.arange(len(start.coords)))
+    # A form does nothing without a strength: it stays at its start, until all is fitted in full.
+    free = np.flatnonzero(strengths(start.coords))
+    columns = secants(scene, start, free)
     seen, scored = learn.seen(columns), score.seen(columns)
-    curve = seen.T @ seen + np.diag(1 / priors(start.coords) ** 2)
-    x = clipped(start.coords, as_floats(np.linalg.solve(curve, seen.T @ learn.residual))[:, 0])
+    curve = seen.T @ seen + np.diag(1 / priors(start.coords)[free] ** 2)
+    x = np.zeros(len(start.coords))
+    x[free] = as_floats(np.linalg.solve(curve, seen.T @ learn.residual))[:, 0]
+    x = clipped(start.coords, x)
 
     def fall(view: View, of: FloatArray) -> float:
-        return float((view.residual**2).sum() - ((view.residual - of @ x[:, None]) ** 2).sum())
+        return float((view.residual**2).sum() - ((view.residual - of @ x[free, None]) ** 2).sum())
 
     return Found(start, x, fall(learn, seen), fall(score, scored))
 

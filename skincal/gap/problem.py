@@ -108,7 +108,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class RefitProblem:
     """What is minimised, and the pieces of a step.
 
     Attributes:
@@ -199,9 +199,11 @@ class Problem:
             change = self._change(felt.get(k, look.contacted), other.skin, values, 1.0)
             coords = [self.coords[n] for n in group]
             columns[..., group] = apart(change, coords, steps, self.session.taxels)
+        # A press beyond the rim of a mesh has no image: the prior of its place alone pulls at it, and that leads back.
+        weight = np.nan_to_num(weight)
         return Slopes(
             values,
-            self.reading.residual(values),
+            np.nan_to_num(self.reading.residual(values)),
             np.nan_to_num(np.stack(sensor, axis=-1)) * weight,
             np.nan_to_num(np.stack(place, axis=-1)) * weight,
             np.nan_to_num(columns) * weight,
@@ -339,7 +341,7 @@ def cost_of_presses(
 
 
 def uphill(costs: FloatArray, after: FloatArray) -> BoolArray:
-    """Presses (P,) that a step made cost more than rounding does; one without an image before may go anywhere.
+    """Presses (P,) that a step made cost more than rounding does, or left without an image that had one.
 
     Args:
         costs: (P,) before it; NaN where a press lies beyond the rim of a mesh and has no image.

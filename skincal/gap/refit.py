@@ -19,14 +19,14 @@ import numpy as np
 
 from skincal.gap.free import Coordinate, clipped
 from skincal.gap.hypothesis import Hypothesis, Parameters
-from skincal.gap.problem import DAMPING, Problem, RefitOptions, Slopes, damped, uphill
+from skincal.gap.problem import DAMPING, Look, RefitOptions, RefitProblem, Slopes, damped, uphill
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray
 
-_TRIES, _OWN_TRIES = 5, 2
-"""A step that leads uphill is tried again so often: at first with those presses damped that are to blame, then as a
-whole shorter."""
+_TRIES, _OWN_TRIES = 6, 2
+"""A step is tried so often, where it leads uphill: with those presses damped that are to blame, so many times; after
+that, or where none is, shorter as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def refit(
         learn: (N,) observations that sensor and effects are learned from; None: all of them.
         fixed: parameters that stay as they are, of effects without free numbers or beside them.
     """
-    problem = Problem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
+    problem = RefitProblem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
     x = np.zeros(len(coords)) if x is None else clipped(coords, x)
     here = problem.look(start, x)
     whole = problem.wants_base(0)
@@ -78,18 +78,8 @@ def refit(
     best, costs = problem.judged(here)
     own = np.zeros(len(start.places))
     for step in range(options.steps):
-        settling = step < options.settle
-        free, share = options.base and not settling, 1.0
-        for again in range(_TRIES):
-            proposal = problem.step(here, slopes, np.maximum(own, DAMPING if settling else 0.0), free=free)
-            there = problem.moved(here, *(share * part for part in proposal))
-            value, after = problem.judged(there)
-            # One press that jumps over its valley must not keep the others from going on.
-            own = damped(own, uphill(costs, after))
-            if settling or value <= best:
-                break
-            share = 1.0 if again < _OWN_TRIES else share / 3
-        if value > best and not settling:
+        there, value, after, own = _tried(problem, here, slopes, best, costs, own, step)
+        if not _taken(value, best, settling=step < options.settle):
             break
         fall, here, best, costs = best - value, there, value, after
         found = step > options.settle and fall < options.enough
@@ -101,3 +91,47 @@ def refit(
         slopes = problem.slopes(here)
     covariance = problem.covariance(here.hypothesis, slopes)
     return Refit(here.hypothesis, here.x, slopes, best, covariance)
+
+
+def _tried(
+    problem: RefitProblem,
+    here: Look,
+    slopes: Slopes,
+    best: float,
+    costs: FloatArray,
+    own: FloatArray,
+    step: int,
+) -> tuple[Look, float, FloatArray, FloatArray]:
+    """A step that lowers the objective, or the last one that was tried.
+
+    Args:
+        problem: what is minimised.
+        here: where the step begins.
+        slopes: there.
+        best: the objective there.
+        costs: (P,) what each press adds of it.
+        own: (P,) damping of each press to begin with.
+        step: how many there were. One in which only presses move is taken as it comes.
+
+    Returns:
+        Where it leads, the objective and the costs (P,) there, and the damping (P,) for the next step.
+    """
+    settling = step < problem.options.settle
+    free, share, tries = problem.options.base and not settling, 1.0, 0
+    while True:
+        damping = np.maximum(own, DAMPING if settling else 0.0)
+        proposal = problem.step(here, slopes, damping, free=free)
+        there = problem.moved(here, *(share * part for part in proposal))
+        value, after = problem.judged(there)
+        # One press that jumps over its valley must not keep the others from going on.
+        wrong = uphill(costs, after)
+        own = damped(own, wrong)
+        tries += 1
+        if _taken(value, best, settling=settling) or tries == _TRIES:
+            return there, value, after, own
+        share = 1.0 if wrong.any() and tries <= _OWN_TRIES else share / 3
+
+
+def _taken(value: float, best: float, *, settling: bool) -> bool:
+    """Whether a step is taken; where a press has no image, and the objective is no number, any is."""
+    return not np.isfinite(best) or bool(np.isfinite(value) and (settling or value <= best))

@@ -1,11 +1,15 @@
-"""Every press at its best place, the sensor as it is: downhill from where it is, and never uphill."""
+"""Every press at its best place, the sensor as it is: downhill from where it is.
+
+A step that leads a press uphill is taken back. Where presses remember others, as with creep over long times, what is
+taken back changes what others feel, and one of them may end a little higher all the same.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.problem import BASE_SIZE, DAMPING, Problem, RefitOptions, damped, uphill
+from skincal.gap.problem import BASE_SIZE, DAMPING, RefitOptions, RefitProblem, damped, uphill
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray
@@ -23,7 +27,7 @@ def settled(
         options: priors of places.
         steps: of every press.
     """
-    problem = Problem(session, reading, options, (), None, start.effects)
+    problem = RefitProblem(session, reading, options, (), None, start.effects)
     here = problem.look(start, np.zeros(0))
     costs = problem.judged(here)[1]
     own = np.full(len(start.places), DAMPING)

@@ -153,7 +153,7 @@ def reaches(
     for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, deep, law):
         own = [by_row[row] for row in some.tolist()]
         many = np.array([len(rows) for rows in own])
-        for those, here in reached(patch.tiles, found, many):
+        for those, here in reached(patch.tiles, found, many, patch.layout.taxels):
             rows: IntArray = np.concatenate([own[int(k)] for k in those])
             press = np.repeat(np.arange(len(those)), many[those])
             yield rows, here, press, here.depths(press, load_m3[rows], law)

@@ -110,13 +110,14 @@ def deepest(contacts: Contacts, groups: list[IntArray]) -> dict[int, IntArray]:
     return {int(rows[np.argmax(contacts.force_n[rows])]): rows for rows in groups}
 
 
-def reached(tiles: Tiles, found: Touch, samples: IntArray) -> Iterator[tuple[IntArray, Reached]]:
+def reached(tiles: Tiles, found: Touch, samples: IntArray, taxels: int) -> Iterator[tuple[IntArray, Reached]]:
     """What carries in the contacts of a touch, some of them at a time; those that touch nothing are left out.
 
     Args:
         tiles: the points of the patch.
         found: K contacts.
         samples: (K,) number of samples of the press of each.
+        taxels: J.
 
     Yields:
         Rows (m,) of the touch, and what they reach.
@@ -124,7 +125,7 @@ def reached(tiles: Tiles, found: Touch, samples: IntArray) -> Iterator[tuple[Int
     settled = found.settled
     inside = (settled.weight_m2 > 0) & (settled.gap_m <= settled.depth_m[:, None])
     points = inside.sum(axis=1)
-    room = samples * int(points.max(initial=1))
+    room = samples * max(int(points.max(initial=1)), taxels + 1)
     batch = np.cumsum(room) // _AT_ONCE
     for number in np.unique(batch):
         rows = np.flatnonzero((batch == number) & (points > 0))

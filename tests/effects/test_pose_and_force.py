@@ -128,6 +128,16 @@ def test_shear_carries_the_contact_along():
     np.testing.assert_allclose(sheared.values(told), BASE.values(true), atol=1e-9)
 
 
+@pytest.mark.parametrize(("exponent", "at_8_n"), [(0.0, 1.0), (1 / 3, 0.5), (1.0, 0.125)])
+def test_shear_carries_along_less_under_load(exponent: float, at_8_n: float):
+    sheared = skin_with("shear", shift_m_per_n=5e-4, load_exponent=exponent)
+    # By 5e-4 m for each newton at 1 N; below 0.1 N as far as at 0.1 N.
+    at_least = 5e-4 * 0.1**-exponent
+    told = presses(0.0, 0.0, [1.0, 8.0, 0.05], shear_u_n=[1.2, 1.2, 0.1], shear_v_n=0.0)
+    true = presses([6e-4, 6e-4 * at_8_n, 0.1 * at_least], 0.0, [1.0, 8.0, 0.05])
+    np.testing.assert_allclose(sheared.values(told), BASE.values(true), atol=1e-9)
+
+
 def test_shear_adds_to_the_force_whatever_its_direction():
     sheared = skin_with("shear", force_share=0.2)
     told = presses(0.0, 0.0, [2.0] * 3, shear_u_n=[1.0, 0.0, -0.6], shear_v_n=[0.0, 1.0, 0.8])

@@ -33,9 +33,13 @@ def test_a_fit_that_ended_in_the_wrong_valleys_is_mended_once_the_effect_is_in_t
     places[:, :2] += 1.5e-3 * np.random.default_rng(1).choice([-1, 1], (len(places), 2))
     astray = with_crosstalk(one, one.truth.moved(AWAY).with_places(places))
     assert astray.refit.objective > 10 * best
-    for again in (found_again(astray, wide(one)), begun_again(astray, wide(one), one.start)):
-        # Either way; not more than a press or two are left in a valley that is a little worse.
-        assert again.refit.objective < best + 0.15 * best
+    # From its own end nearly all are found; from another beginning a press or two may end in a valley that is worse.
+    ways = (
+        (found_again(astray, wide(one)), 1.05),
+        (begun_again(astray, wide(one), one.start), 1.15),
+    )
+    for again, times in ways:
+        assert again.refit.objective < times * best
         assert abs(float(again.hypothesis.effects["crosstalk"]["leak"]) - 0.06) < 0.002
         assert again.coords == astray.coords
 

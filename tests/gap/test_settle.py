@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gap.made_sessions import MODEL, OPTIONS, Effects, Made, made
 
+from skincal.effects import Contacted, EffectSkin
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.problem import cost_of_presses, damped, uphill
 from skincal.gap.refit import refit
@@ -55,7 +56,7 @@ def test_a_fit_goes_on_though_some_presses_jump(monkeypatch: pytest.MonkeyPatch)
     assert left(12) > 3 * best
 
 
-def test_a_press_without_an_image_may_go_anywhere():
+def test_a_press_that_loses_its_image_goes_uphill_and_one_that_gets_it_back_does_not():
     before, after = np.array([np.nan, 10.0, 10.0, 10.0]), np.array([50.0, 10.1, 12.0, np.nan])
     assert uphill(before, after).tolist() == [False, False, True, True]
 
@@ -69,3 +70,35 @@ def test_damping_grows_as_long_as_a_press_goes_uphill_and_is_gone_after():
         assert own[1] == 0.0
     assert 0 < seen[0] < seen[1]
     assert seen[2] == 0.0
+
+
+@pytest.mark.parametrize("learned", [True, False])
+def test_a_press_without_an_image_comes_back_and_spoils_nothing(
+    monkeypatch: pytest.MonkeyPatch, learned: bool
+):
+    one = made()
+    along = one.truth.placed(one.session).samples.contacts.points_m[:, 1]
+    last = int(one.session.row[np.argmax(along)])
+    rim, finish = float(along.max()) + 4e-4, EffectSkin.finish
+
+    def ending(self: EffectSkin, contacted: Contacted) -> np.ndarray:
+        """A skin that ends at a rim."""
+        out = finish(self, contacted).copy()
+        out[contacted.samples.touching & (contacted.samples.contacts.points_m[:, 1] > rim)] = np.nan
+        return out
+
+    monkeypatch.setattr(EffectSkin, "finish", ending)
+    places = one.truth.places.copy()
+    places[last, 1] += 1e-3
+    start = one.truth.with_places(places)
+    assert np.isnan(start.values(one.session)).any()
+    end, left = settled(start, one.session, one.reading, OPTIONS, 8)
+    assert np.isfinite(end.places).all() and np.isfinite(left).all()
+    np.testing.assert_allclose(end.places[last, :2], one.truth.places[last, :2], atol=2e-4)
+    known = None if learned else one.session.press != last
+    found, whole = (
+        refit(at, one.session, one.reading, replace(OPTIONS, steps=14), learn=known)
+        for at in (start, one.truth)
+    )
+    assert found.objective == pytest.approx(whole.objective, abs=5.0)
+    assert np.isfinite(found.hypothesis.places).all()

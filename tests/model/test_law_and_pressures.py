@@ -56,14 +56,17 @@ def test_exponent_one_is_the_linear_law():
     np.testing.assert_allclose(power.penetration_m, linear.penetration_m, rtol=1e-12)
 
 
-@pytest.mark.parametrize("exponent", [0.4, 0.7, 1.3, 2.0, 3.5])
+@pytest.mark.parametrize("reference_m", [3e-5, 3e-4, 5e-3])
+@pytest.mark.parametrize("exponent", [0.3, 0.4, 0.7, 1.3, 2.0, 3.5])
 @pytest.mark.parametrize("kind", ["sphere", "flat", "bolt mesh"])
-def test_every_law_carries_the_force(kind: str, exponent: float):
-    contacts = some_contacts(20)
-    response = replace(SKIN, law=StressLaw(exponent, 3e-4)).respond(indenters()[kind], contacts)
+def test_every_law_carries_the_force(kind: str, exponent: float, reference_m: float):
+    contacts = some_contacts(200)
+    response = replace(SKIN, law=StressLaw(exponent, reference_m)).respond(indenters()[kind], contacts)
     touched = response.points > 0
     assert touched.sum() > 10
-    np.testing.assert_allclose(response.force_n[touched], contacts.force_n[touched], rtol=1e-11)
+    # The steeper a stress begins, the less exactly a depth that is rounded gives the force.
+    exact = 1e-11 if exponent >= 0.4 else 1e-6
+    np.testing.assert_allclose(response.force_n[touched], contacts.force_n[touched], rtol=exact)
 
 
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
