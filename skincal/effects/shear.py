@@ -40,7 +40,13 @@ class Shear(InputEffect):
             typical=0.6e-3,
         ),
         EffectParameter(
-            "force_share", "-", 0.0, -1.0, 1.0, "part of |Q| that adds to the force", typical=0.15
+            "force_share",
+            "-",
+            0.0,
+            -1.0,
+            1.0,
+            "c: part of the size of Q that adds to the force",
+            typical=0.15,
         ),
         EffectParameter(
             "load_exponent", "-", 0.0, 0.0, 1.0, "p: how much less is carried along under load", role="form"
