@@ -36,12 +36,6 @@ _RIDGE = 1e-6
 _WORTH_SENDING = 500
 """Indenters set down on the skin from which on a contact is sent to another process: the way there costs time as
 well."""
-DAMPING = 0.3
-"""Of places, by how much their own curvature is made larger: while much else is wrong they should not jump."""
-_MORE = 4.0
-_UPHILL, _UPHILL_SHARE = 0.5, 1e-3
-"""A press that costs more by less than this, absolute and relative, is taken to cost the same, as rounding does that
-much."""
 
 
 @dataclass(frozen=True)
@@ -338,21 +332,6 @@ def cost_of_presses(
     own = session.press >= 0
     squares = np.bincount(session.press[own], (residual[own] ** 2).sum(axis=1), len(hypothesis.places))
     return squares + ((hypothesis.places / options.place_prior) ** 2).sum(axis=1)
-
-
-def uphill(costs: FloatArray, after: FloatArray) -> BoolArray:
-    """Presses (P,) that a step made cost more than rounding does, or left without an image that had one.
-
-    Args:
-        costs: (P,) before it; NaN where a press lies beyond the rim of a mesh and has no image.
-        after: (P,) after it.
-    """
-    return ~(after <= costs + _UPHILL + _UPHILL_SHARE * costs) & np.isfinite(costs)
-
-
-def damped(damping: FloatArray, wrong: BoolArray) -> FloatArray:
-    """The damping (P,) of the next step: more for presses that the last one led uphill, none for others."""
-    return np.where(wrong, np.maximum(_MORE * damping, 1.0), 0.0)
 
 
 def _contact_of(pair: tuple[EffectSkin, Samples]) -> Contacted:

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.gap.downhill import DAMPING, damped, uphill
 from skincal.gap.free import Coordinate, clipped
 from skincal.gap.hypothesis import Hypothesis, Parameters
-from skincal.gap.problem import DAMPING, Look, RefitOptions, RefitProblem, Slopes, damped, uphill
+from skincal.gap.problem import Look, RefitOptions, RefitProblem, Slopes
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from skincal.gap.downhill import DAMPING, damped, uphill
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.problem import BASE_SIZE, DAMPING, RefitOptions, RefitProblem, damped, uphill
+from skincal.gap.problem import BASE_SIZE, RefitOptions, RefitProblem
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray

@@ -97,9 +97,9 @@ def _depth(
         low, high = np.where(total < target, depth, low), np.where(total >= target, depth, high)
         step = np.log(target / total) * total / (law.exponent * slope * depth)
         new = depth * np.exp(np.clip(step, -1.0, 1.0))
-        done = np.abs(new - depth) <= _ENOUGH * depth
+        close = np.abs(new - depth) <= _ENOUGH * depth
         # From the ends of the bracket a step may lead to and fro between them, as it does where the law is steep at 0.
-        new = np.where(done | ((new > low) & (new < high)), new, _between(low, high, depth))
+        new = np.where(close | ((new > low) & (new < high)), new, _between(low, high, depth))
         done = np.abs(new - depth) <= _ENOUGH * depth
         depth = new
         if done.all():

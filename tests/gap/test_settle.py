@@ -10,8 +10,9 @@ import pytest
 from gap.made_sessions import MODEL, OPTIONS, Effects, Made, made
 
 from skincal.effects import Contacted, EffectSkin
+from skincal.gap.downhill import damped, uphill
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.problem import cost_of_presses, damped, uphill
+from skincal.gap.problem import cost_of_presses
 from skincal.gap.refit import refit
 from skincal.gap.settle import settled
 
