@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, may_be_effect, of_law
+from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, heard_again, may_be_effect, of_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Verdict
 from skincal.diagnose.kept import Kept
@@ -22,7 +22,7 @@ from skincal.diagnose.prepare import OFFSET, Prepared
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, Heard, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
-from skincal.gap.dying import dead_start
+from skincal.gap.dying import dead_start, with_silent
 from skincal.gap.library import Library
 from skincal.gap.models import scene_of
 from skincal.gap.null import Null
@@ -145,8 +145,16 @@ class Question:
         )
         heard("places")
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
+        choice, base = self._with_silent(choice, base, null)
         told = _signatures(scene, base, null, signs)
         return Answer(base, null, choice, told, *judged(choice, null, told, self.options))
+
+    @staticmethod
+    def _with_silent(choice: Choice, base: Base, null: Null) -> tuple[Choice, Base]:
+        """What was chosen, and taxels that fall silent named as well; the base then has their values again."""
+        heard = heard_again(base, choice.after)
+        named = with_silent(choice, heard.silent, heard.material, null)
+        return (choice, base) if named is choice else (named, replace(heard, model=named.before))
 
 
 def _unheard(_: str) -> None:

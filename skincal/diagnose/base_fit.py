@@ -27,9 +27,11 @@ from skincal.gap.robust import (
     jumps,
     of_neither,
     others_differ,
+    with_presses,
     without_jumps,
     without_presses,
 )
+from skincal.gap.silent import Silent, silent_taxels, with_silent_values, without_silent
 from skincal.gap.twin import twins_for
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -45,6 +47,7 @@ class Base:
         dead: taxels that do not answer.
         jumps: of levels, taken off.
         stuck: taxels that sit at a bound for a while; not believed then.
+        silent: taxels that fall silent late; not believed from then on.
     """
 
     model: Model
@@ -53,6 +56,7 @@ class Base:
     dead: tuple[Dead, ...]
     jumps: tuple[Jump, ...]
     stuck: tuple[Stuck, ...] = ()
+    silent: tuple[Silent, ...] = ()
 
 
 def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
@@ -68,25 +72,32 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     wild = glitches(first.slopes.residual, reading.seen, session.press)
     if not leave_out:
         wild = wild[ready.split.part[wild] == FINAL]
-    reading = without_presses(reading, session.press, wild)
+    whole, reading = reading, without_presses(reading, session.press, wild)
     if len(wild):
         # They have drawn sensor and places after them: from the beginning, without them.
         first = _first_look(ready, reading, beside)
+    gone = dead_taxels(first.slopes.values, whole, session)
+    silent = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
+    if silent:
+        wild = np.setdiff1d(wild, np.concatenate([one.presses for one in silent]))
+        reading = without_presses(whole, session.press, wild)
+        first = _first_look(ready, without_silent(reading, silent, session), beside)
     reading = reading.with_further(force_variance(first.hypothesis, session, ready.force_noise_n))
-    values = first.slopes.values
+    values, quiet = first.slopes.values, without_silent(reading, silent, session)
     if not rests_rarely(session):
-        stuck = stuck_taxels(values, reading, session)
-        reading = without_stuck(reading, session, stuck)
-    dead = dead_taxels(values, reading, session)
-    jumped = [*shifted, *jumps(values, reading, session, dead)]
-    reading = without_jumps(reading, session, jumped[len(shifted) :])
+        stuck = stuck_taxels(values, quiet, session)
+        reading, quiet = (without_stuck(r, session, stuck) for r in (reading, quiet))
+    dead = dead_taxels(values, quiet, session)
+    jumped = [*shifted, *jumps(values, quiet, session, dead)]
+    # What is not believed any more is kept: it is looked at again once all else is known.
+    reading = without_silent(without_jumps(reading, session, jumped[len(shifted) :]), silent, session)
     options = replace(ready.options, settle=0)
     first = _fitted_beside(ready, first.hypothesis, reading, known, options)
     learn, score = ready.is_part(TRAIN), ready.is_part(SELECTION)
     material = Material(session, reading, learn, score, ready.options)
     # Models with effects have their presses looked for again; what they are compared with deserves the same.
     model = found_again(Model(first, (), ready.known_effects), material)
-    return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck))
+    return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck), tuple(silent))
 
 
 def _fitted_beside(
@@ -164,6 +175,29 @@ def fit_base_and_law(
     return base, errors
 
 
+def heard_again(base: Base, after: Model) -> Base:
+    """A base with the values of taxels that fell silent, and more such taxels if what was named shows them.
+
+    What is missing in the model may hide that one silent taxel is all that is wrong with a press.
+
+    Args:
+        base: as the effects were named about it.
+        after: with them.
+    """
+    m = base.material
+    late: list[Silent] = []
+    if len(base.glitches):
+        whole = with_presses(m.reading, m.session.press, base.glitches)
+        dead = [*base.dead, *(one.dead for one in base.silent)]
+        found = silent_taxels(after.hypothesis, m.session, whole, m.options, base.glitches, dead)
+        late = [one for one in found if np.isin(one.presses, base.glitches).all()]
+    shown = np.array([row for one in late for row in one.presses.tolist()], dtype=np.int64)
+    silent = (*base.silent, *late)
+    reading = with_silent_values(with_presses(m.reading, m.session.press, shown), silent, m.session)
+    left_out = np.setdiff1d(base.glitches, shown)
+    return replace(base, material=replace(m, reading=reading), glitches=left_out, silent=silent)
+
+
 def may_be_effect(base: Base) -> bool:
     """Whether presses were left out of fit and choice as glitches, though others differ as well."""
     m = base.material
@@ -185,7 +219,8 @@ def without_hidden_glitches(base: Base, after: Model) -> Base:
     m = base.material
     seen, press = m.reading.seen, m.session.press
     wild = of_neither(base.model.refit.slopes.residual, after.refit.slopes.residual, seen, press)
-    hidden = wild[~np.isin(wild, press[m.known])]
+    shown = [row for one in base.silent for row in one.presses.tolist()]
+    hidden = wild[~np.isin(wild, press[m.known]) & ~np.isin(wild, shown)]
     if not len(hidden):
         return base
     reading = without_presses(m.reading, press, hidden)

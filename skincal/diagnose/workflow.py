@@ -27,6 +27,7 @@ from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
 from skincal.gap.choose import Choice, Heard
+from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
@@ -37,6 +38,7 @@ from skincal.gap.relocate import relocated
 from skincal.gap.robust import without_jumps
 from skincal.gap.settle import settled
 from skincal.gap.signatures import where_text
+from skincal.gap.silent import without_silent
 
 _PLACE_STEPS = 6
 _WIDTH = 1.96
@@ -116,7 +118,7 @@ def _diagnosed(
             dataset.presses.press,
             base.glitches.tolist(),
             base.jumps,
-            base.dead,
+            [*base.dead, *(one.dead for one in base.silent)],
             ready.reading.seen,
             ready.session.taxels,
             choice.law,
@@ -141,15 +143,20 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
     rows &= ~np.isin(ready.full.press, base.glitches)
     reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
     reading = without_stuck(reading, ready.full, list(base.stuck))
+    # Presses of the end may have shown that a taxel fell silent; what shows that is not looked at.
+    reading = without_silent(reading, base.silent, ready.full)
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
     before = _settled(choice.before.hypothesis, ready, base)
     after = before if choice.after is choice.before else _settled(choice.after.hypothesis, ready, base)
-    return gap_closed(before, after, ready.full, reading, rows, rng)
+    gap = gap_closed(before, after, ready.full, reading, rows, rng)
+    if base.silent and all(one.name == DEAD_TAXEL for one in choice.named):
+        return replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
+    return gap
 
 
 def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
     """The sensor as it is, every press at its best place: those of the end had no say in when a fit was done."""
-    reading = base.material.reading
+    reading = without_silent(base.material.reading, base.silent, ready.session)
     if ready.options.base:
         hypothesis = relocated(hypothesis, ready.session, reading, ready.options)
     return settled(hypothesis, ready.session, reading, ready.options, _PLACE_STEPS)[0]

@@ -1,4 +1,8 @@
-"""Taxels that were found not to answer, as a start of the search for ``dead_taxel``."""
+"""Taxels that do not answer: as a start of the search for ``dead_taxel``, and named without one.
+
+Two or three presses, the last ones of a session, leave nothing to choose with. A taxel that they show falling silent
+(:mod:`skincal.gap.silent`) was seen to die: it is left out of the search for other effects and named after it.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.effects import EFFECTS
-from skincal.gap.candidates import Bench, Start
+from skincal.gap.candidates import Bench, Found, Start
+from skincal.gap.choose import Choice, Named
 from skincal.gap.free import Coordinate, coordinates
+from skincal.gap.models import Material, Model, excess_of, extended, fitted, scene_of
+from skincal.gap.null import Null
 from skincal.gap.robust import Dead
+from skincal.gap.silent import Silent
 
 NAME = "dead_taxel"
 
@@ -40,3 +48,34 @@ def dead_start(bench: Bench, dead: Sequence[Dead]) -> Start | None:
             x.append(0.0)
     lasting = {} if "time" in bench.lacking else {NAME: {"from_s": from_s}}
     return Start(NAME, tuple(coords), lasting, tuple(x))
+
+
+def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, null: Null) -> Choice:
+    """A choice with taxels that were seen to fall silent named as well.
+
+    It is the same where dead ones were named before, and without a clock, which the effect needs to say since when.
+
+    Args:
+        choice: made without the values of those taxels.
+        silent: they.
+        material: the session with those values.
+        null: sessions in which nothing is missing.
+    """
+    bench = scene_of(choice.after, material).bench
+    start = dead_start(bench, [one.dead for one in silent])
+    if start is None or "time" in bench.lacking:
+        return choice
+    found = Found(start, np.array(start.x), 0.0, 0.0)
+    before, after = _looked_at(choice.before, material), _looked_at(choice.after, material)
+    model = extended(after, found, material)
+    fall = sum(one.fall for one in silent)
+    share = sum(one.fall * one.share for one in silent) / fall
+    named = (*choice.named, Named(NAME, (NAME,), share, null.p_value(NAME, fall)))
+    excess = excess_of(before, material, null.mean_square), excess_of(model, material, null.mean_square)
+    return replace(choice, before=before, after=model, named=named, excess=excess)
+
+
+def _looked_at(model: Model, material: Material) -> Model:
+    """A model as it is, with what it leaves of material that it was not fitted to."""
+    still = replace(material, options=replace(material.options, steps=0))
+    return fitted(model.hypothesis, model.coords, model.refit.x, model.held, still)

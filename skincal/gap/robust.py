@@ -7,7 +7,7 @@ is taken off, so that it is not taken for a drift.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -22,7 +22,7 @@ _MOST_GLITCHES = 0.05
 _DEAD = 0.3
 """A taxel that answers with less than this part is dead."""
 _LIT_COUNTS = 15.0
-_SURE = 200.0
+SURE = 200.0
 """Fall of the squared residual that makes a dead taxel or a jump sure."""
 _LEAST_JUMP = 1.5
 _FEWEST = 8
@@ -151,7 +151,7 @@ def dominating(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArr
     usual = max(0.0, float(np.quantile(excess, 0.9)))
     whole = float(np.maximum(excess, 0.0).sum())
     most = np.argsort(-excess)[:_MOST_DOMINATING]
-    much = max(_SURE, _FAR_BEYOND * usual, _MUCH_OF_ALL * whole)
+    much = max(SURE, _FAR_BEYOND * usual, _MUCH_OF_ALL * whole)
     return np.sort(rows[most[excess[most] > much]])
 
 
@@ -196,7 +196,7 @@ def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> li
     for taxel in range(values.shape[1]):
         y, x = reading.counts[:, taxel], expected[:, taxel]
         ok = reading.seen[:, taxel]
-        best = (_SURE, None)
+        best = (SURE, None)
         for begin in [0, *starts[1 :: max(1, len(starts) // 30)]]:
             rows = np.flatnonzero(ok & (np.arange(len(y)) >= begin))
             lit = x[rows] > _LIT_COUNTS + min(0.0 if not len(rows) else float(x[rows].min()), _LIT_COUNTS)
@@ -262,7 +262,7 @@ def _step(r: FloatArray, w: FloatArray) -> tuple[int, float] | None:
         if fall > best[0]:
             best = (float(fall), k, float(pull[k] / curve[k] - first[0] / max(first[1], 1e-12)))
     left_by_step, left_by_drift = total - best[0], total - drift
-    sure = best[0] > _SURE and left_by_drift - left_by_step > _SURE
+    sure = best[0] > SURE and left_by_drift - left_by_step > SURE
     return (best[1], best[2]) if sure and left_by_step < 0.5 * left_by_drift else None
 
 
@@ -325,6 +325,12 @@ def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> 
 def without_presses(reading: Reading, press: IntArray, rows: IntArray) -> Reading:
     """The reading without some presses."""
     return reading.trusting(np.where(np.isin(press, rows), 0.0, 1.0)[:, None])
+
+
+def with_presses(reading: Reading, press: IntArray, rows: IntArray) -> Reading:
+    """The reading with some presses that had been left out."""
+    again = np.isin(press, rows)[:, None] & np.isfinite(reading.counts)
+    return replace(reading, trust=np.where(again, 1.0, reading.trust))
 
 
 def times(session: GapSession) -> FloatArray:

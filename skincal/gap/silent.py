@@ -1,0 +1,208 @@
+"""Taxels that fall silent late, so that one press shows it, or a few.
+
+A press over a taxel that has just died fits nowhere; where it is the only one, or one of few, it looks like a glitch.
+It is none if its image is right once that one taxel is not looked at, and no later press shows the taxel answering.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.problem import RefitOptions, cost_of_presses
+from skincal.gap.reading import Reading
+from skincal.gap.relocate import of_presses
+from skincal.gap.robust import SURE, Dead, times
+from skincal.gap.session import GapSession
+from skincal.gap.settle import settled
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
+
+_SILENT = 0.2
+"""A taxel that reads less than this part of what it should is silent."""
+_FAINT_COUNTS = 4.0
+"""Silence begins where a taxel should read so much, once it is sure that there is any."""
+_SIGMA = 3.0
+_TAKEN = 0.8
+"""A press is explained by a silent taxel that takes this part of what it leaves beyond the usual."""
+_STEPS = 4
+_MOST = 3
+"""No more taxels than one in so many fall silent; where they do, it is something else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Silent:
+    """A taxel that was seen to fall silent.
+
+    Attributes:
+        dead: the taxel, since when, and what it reads.
+        presses: rows of the presses that show it.
+        left: (P,) what each of them costs without the taxel's silence.
+        fall: by how much that is less than with it, all together.
+        share: the part of what they cost beyond the usual that this is.
+    """
+
+    dead: Dead
+    presses: IntArray
+    left: FloatArray
+    fall: float
+    share: float
+
+
+def silent_taxels(
+    found: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    options: RefitOptions,
+    doubted: IntArray,
+    dead: Sequence[Dead] = (),
+) -> list[Silent]:
+    """Taxels that fall silent in one press or a few, and are not heard of again.
+
+    Args:
+        found: a fit of the base model.
+        session: what was pressed.
+        reading: of all presses.
+        options: priors of places.
+        doubted: rows of presses that the fit did not learn from, so that they have no places yet.
+        dead: taxels that are known to be dead; not looked at.
+    """
+    if not options.base:
+        return []
+    here = _settled(found, session, reading, options, doubted)
+    values = here.values(session)
+    costs = cost_of_presses(here, reading.residual(values), session, options)
+    measured = here.with_places(np.zeros_like(here.places)).values(session)
+    found_silent: list[Silent] = []
+    for taxel in sorted(set(range(values.shape[1])) - {one.taxel for one in dead}):
+        might = [
+            row
+            for row in np.flatnonzero(costs > _usual(costs, session) + SURE).tolist()
+            if any(len(_silence(v[:, taxel], reading, session, row, taxel)) for v in (values, measured))
+        ]
+        if might:
+            one = _heard_no_more(here, session, reading, options, taxel, np.array(might), values, costs)
+            found_silent += [] if one is None else [one]
+    best = _best_of_each_press(found_silent)
+    return best if len(best) <= values.shape[1] // _MOST else []
+
+
+def _best_of_each_press(silent: Sequence[Silent]) -> list[Silent]:
+    """Those that explain a press better than any other does, which may explain it as well from another place."""
+    least: dict[int, float] = {}
+    for one in silent:
+        for row, left in zip(one.presses.tolist(), one.left.tolist(), strict=True):
+            least[row] = min(left, least.get(row, np.inf))
+    return [one for one in silent if all(one.left <= [least[row] for row in one.presses.tolist()])]
+
+
+def _settled(
+    found: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, rows: IntArray
+) -> Hypothesis:
+    """The hypothesis with some presses at their best places."""
+    if not len(rows):
+        return found
+    end, _ = settled(found, *of_presses(session, reading, rows), options, _STEPS)
+    own = np.isin(np.arange(len(found.places)), rows)
+    return found.with_places(np.where(own[:, None], end.places, found.places))
+
+
+def _usual(costs: FloatArray, session: GapSession) -> float:
+    """What presses cost usually."""
+    return float(np.median(costs[np.unique(session.press[session.press >= 0])]))
+
+
+def _silence(expected: FloatArray, reading: Reading, session: GapSession, press: int, taxel: int) -> IntArray:
+    """The observations of a press in which a taxel is silent to the end, if some show it that it should not be."""
+    rows = np.flatnonzero((session.press == press) & reading.seen[:, taxel])
+    rows = rows[expected[rows] > _FAINT_COUNTS]
+    heard = np.flatnonzero(_heard(expected[rows], reading, rows, taxel))
+    rows = rows[heard[-1] + 1 :] if len(heard) else rows
+    return rows if (expected[rows] ** 2 / _variance(reading, rows)).sum() > SURE else rows[:0]
+
+
+def _heard(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> BoolArray:
+    """Whether a taxel answers in some observations, whatever its noise."""
+    noise = np.sqrt(_variance(reading, rows))
+    return reading.counts[rows, taxel] - _SIGMA * noise >= _SILENT * expected
+
+
+def _variance(reading: Reading, rows: IntArray) -> FloatArray:
+    """What noise alone makes of observations [counts²]."""
+    return as_floats(reading.sigma_counts**2 / reading.frames[rows])
+
+
+def _heard_no_more(
+    here: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    options: RefitOptions,
+    taxel: int,
+    might: IntArray,
+    values: FloatArray,
+    costs: FloatArray,
+) -> Silent | None:
+    """A taxel that is silent in some of the presses in which it might be, and after the first of them for good."""
+    deaf = np.ones_like(reading.trust)
+    deaf[np.isin(session.press, might), taxel] = 0.0
+    own = np.isin(np.arange(len(here.places)), might)
+    # The image without the taxel has drawn them elsewhere.
+    start = here.with_places(np.where(own[:, None], 0.0, here.places))
+    other = reading.trusting(deaf)
+    there = _settled(start, session, other, options, might)
+    expected = there.values(session)
+    silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in might.tolist()}
+    # Until it fell silent it told where the press was; in the observation before it may have begun to.
+    press_starts = np.append(-1, session.press[:-1]) != session.press
+    begin = {row: int(rows[0]) - int(not press_starts[rows[0]]) for row, rows in silence.items() if len(rows)}
+    deaf = np.ones_like(reading.trust)
+    for row, first in begin.items():
+        deaf[(session.press == row) & (np.arange(len(session)) >= first), taxel] = 0.0
+    other = reading.trusting(deaf)
+    there = _settled(there, session, other, options, might)
+    expected = there.values(session)
+    left = cost_of_presses(there, other.residual(expected), session, options)
+    fall, beyond = costs - left, costs - _usual(costs, session)
+    shown = [r for r in begin if fall[r] > max(SURE, _TAKEN * beyond[r])]
+    if not shown:
+        return None
+    first = min(shown, key=lambda r: begin[r])
+    from_row = int(silence[first][0])
+    told = np.where(np.isin(session.press, shown), expected[:, taxel], values[:, taxel])
+    later = np.flatnonzero(reading.seen[:, taxel] & (told > _FAINT_COUNTS))
+    later = later[later >= from_row]
+    if _heard(told[later], reading, later, taxel).any():
+        return None
+    time = times(session)
+    # From the beginning of a press on: some time since the observation before.
+    since = float(
+        time[begin[first]] if begin[first] < from_row else time[max(0, from_row - 1) : from_row + 1].mean()
+    )
+    dead = Dead(taxel, since, float(reading.counts[later, taxel].mean()), 0.0)
+    whole = float(fall[shown].sum())
+    return Silent(dead, np.array(shown), left[shown], whole, min(1.0, whole / float(beyond[shown].sum())))
+
+
+def without_silent(reading: Reading, silent: Sequence[Silent], session: GapSession) -> Reading:
+    """The reading with no trust in taxels once they are silent.
+
+    Args:
+        reading: of the session, or of another one at another rate.
+        silent: taxels.
+        session: gives the times of the reading.
+    """
+    trust, time = reading.trust.copy(), times(session)
+    for one in silent:
+        trust[time >= one.dead.from_s, one.dead.taxel] = 0.0
+    return replace(reading, trust=trust)
+
+
+def with_silent_values(reading: Reading, silent: Sequence[Silent], session: GapSession) -> Reading:
+    """The reading with as much trust in taxels that are silent as in others then; arguments as of the above."""
+    trust, time = reading.trust.copy(), times(session)
+    for one in silent:
+        late, taxel = time >= one.dead.from_s, one.dead.taxel
+        trust[late, taxel] = reading.trust[late].max(axis=1) * np.isfinite(reading.counts[late, taxel])
+    return replace(reading, trust=trust)

@@ -1,0 +1,155 @@
+"""A taxel that dies in one of the last presses is told from a glitch, and named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from gap.gap_sessions import READOUT, without
+from gap.made_sessions import OPTIONS, SIGMA, Made, made, read
+
+from skincal.gap.choose import Choice
+from skincal.gap.dying import NAME, with_silent
+from skincal.gap.models import Model
+from skincal.gap.null import Null
+from skincal.gap.reading import Reading
+from skincal.gap.refit import refit
+from skincal.gap.robust import times
+from skincal.gap.silent import Silent, silent_taxels, with_silent_values, without_silent
+from skincal.model.arrays import BoolArray, FloatArray
+
+NONE = np.zeros(0, dtype=np.int64)
+
+
+@cache
+def one() -> Made:
+    return made(seed=6)
+
+
+@cache
+def values() -> FloatArray:
+    return one().truth.values(one().session)
+
+
+@cache
+def lately() -> tuple[int, int]:
+    """The taxel and press of which no later press reaches that taxel, and the press does most."""
+    press, found = one().session.press, list[tuple[float, int, int]]()
+    for taxel in range(values().shape[1]):
+        reached = np.unique(press[(values()[:, taxel] > 1.0) & (press >= 0)])
+        if len(reached) > 3:
+            last = int(reached[-1])
+            found.append((float(values()[press == last, taxel].max()), taxel, last))
+    _, taxel, last = max(found)
+    return taxel, last
+
+
+def rows_of(press: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    return np.flatnonzero(one().session.press == press)
+
+
+def seen_as(changed: FloatArray) -> Reading:
+    counts = read(one().session, changed, np.random.default_rng(8), READOUT)
+    return Reading.of(replace(one().session, counts=counts), SIGMA, READOUT)
+
+
+def silent_in(rows: BoolArray, taxel: int) -> Reading:
+    changed = values().copy()
+    changed[rows, taxel] = 0.0
+    return seen_as(changed)
+
+
+def found_in(reading: Reading) -> list[Silent]:
+    """Taxels that are silent, about a fit whose presses have followed their images, the dead taxel's too."""
+    fitted = refit(one().start, one().session, reading, OPTIONS)
+    return silent_taxels(fitted.hypothesis, one().session, reading, OPTIONS, NONE)
+
+
+def test_a_taxel_that_dies_in_the_last_press_that_reaches_it_is_seen_to():
+    taxel, press = lately()
+    (found,) = found_in(silent_in(np.arange(len(one().session)) >= rows_of(press)[0], taxel))
+    assert (found.dead.taxel, found.presses.tolist()) == (taxel, [press])
+    first = rows_of(press)[0]
+    assert times(one().session)[first - 1] <= found.dead.from_s <= times(one().session)[first + 2]
+    assert found.dead.stuck_counts < 3 and found.share > 0.8
+
+
+def test_in_the_middle_of_a_press_it_is_seen_when():
+    taxel, press = lately()
+    strongest = rows_of(press)[np.argmax(values()[rows_of(press), taxel])]
+    (found,) = found_in(silent_in(np.arange(len(one().session)) >= strongest, taxel))
+    assert found.dead.taxel == taxel
+    assert found.dead.from_s == pytest.approx(times(one().session)[strongest], abs=1.5)
+
+
+def test_a_taxel_that_answers_again_is_not_dead():
+    taxel, _ = lately()
+    press = one().session.press
+    reached = np.unique(press[(values()[:, taxel] > 20.0) & (press >= 0)])
+    assert found_in(silent_in(press == reached[-2], taxel)) == []
+
+
+def test_a_press_that_is_wrong_as_a_whole_shows_no_dead_taxel():
+    _, press = lately()
+    changed = values().copy()
+    changed[rows_of(press)] = changed[rows_of(press)][:, ::-1]
+    assert found_in(seen_as(changed)) == []
+
+
+def test_nothing_is_silent_where_nothing_is_wrong_or_all_is():
+    assert found_in(one().reading) == []
+    assert found_in(seen_as(0.0 * values())) == []
+
+
+def silence() -> tuple[Reading, Silent]:
+    taxel, press = lately()
+    reading = silent_in(np.arange(len(one().session)) >= rows_of(press)[0], taxel)
+    (found,) = found_in(reading)
+    return reading, found
+
+
+def test_a_silent_taxel_is_not_believed_from_then_on_and_is_heard_again():
+    reading, found = silence()
+    less = without_silent(reading, [found], one().session)
+    late = times(one().session) >= found.dead.from_s
+    assert not less.seen[late, found.dead.taxel].any()
+    kept = np.ones_like(reading.trust, dtype=bool)
+    kept[late, found.dead.taxel] = False
+    assert np.array_equal(less.trust[kept], reading.trust[kept])
+    again = with_silent_values(less, [found], one().session)
+    assert np.array_equal(again.trust, reading.trust)
+    # A press that was left out stays out.
+    out = less.trusting(np.where(one().session.press == found.presses[0], 0.0, 1.0)[:, None])
+    assert not with_silent_values(out, [found], one().session).seen[rows_of(int(found.presses[0]))].any()
+
+
+def named_in(*, clock: bool = True) -> tuple[Choice, Choice]:
+    """A choice of nothing, and the same with what is silent."""
+    reading, found = silence()
+    session = one().session if clock else without(one().session, time_s=None)
+    less = without_silent(reading, [found], one().session)
+    material = replace(one().material, session=session, reading=less)
+    base = Model(refit(one().start, session, less, OPTIONS, learn=material.known))
+    before = Choice(base, base, (), (), (0.0, 0.0), int(less.seen.sum()))
+    null = Null(("fitted",) * 9, {"taxel_gain": np.full(9, 3.0)}, 1.0)
+    return before, with_silent(before, [found], replace(material, reading=reading), null)
+
+
+def test_it_is_named_with_what_it_reads_and_since_when():
+    before, after = named_in()
+    (named,) = after.named
+    assert (named.name, named.p_value) == (NAME, 0.1) and named.share > 0.8
+    _, found = silence()
+    effect = after.after.hypothesis.effects[NAME]
+    assert np.flatnonzero(effect["answer"] < 0.5).tolist() == [found.dead.taxel]
+    assert effect["from_s"][found.dead.taxel] == found.dead.from_s
+    known = one().material.known[rows_of(int(found.presses[0]))].all()
+    assert known, "the test needs a press that fit and choice may see"
+    assert after.excess[0] > after.excess[1] + 200 and after.before.hypothesis is not before.after.hypothesis
+
+
+def test_without_a_clock_nothing_can_be_named_that_began_later():
+    before, after = named_in(clock=False)
+    assert after is before
