@@ -154,7 +154,7 @@ class Question:
         """What was chosen, and taxels that fall silent named as well; the base then has their values again."""
         heard = heard_again(base, choice.after)
         named = with_silent(choice, heard.silent, heard.material, null)
-        return (choice, base) if named is choice else (named, replace(heard, model=named.before))
+        return named, replace(heard, model=named.before)
 
 
 def _unheard(_: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,7 +79,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     gone = dead_taxels(first.slopes.values, whole, session)
     silent = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
     if silent:
-        wild = np.setdiff1d(wild, np.concatenate([one.presses for one in silent]))
+        wild = np.setdiff1d(wild, _shown(silent))
         reading = without_presses(whole, session.press, wild)
         first = _first_look(ready, without_silent(reading, silent, session), beside)
     reading = reading.with_further(force_variance(first.hypothesis, session, ready.force_noise_n))
@@ -176,26 +176,30 @@ def fit_base_and_law(
 
 
 def heard_again(base: Base, after: Model) -> Base:
-    """A base with the values of taxels that fell silent, and more such taxels if what was named shows them.
+    """A base with the values of taxels that fell silent, those that do with what was named in the model.
 
-    What is missing in the model may hide that one silent taxel is all that is wrong with a press.
+    What is missing in the model may look like a silent taxel, or hide one among all that is wrong with a press.
 
     Args:
         base: as the effects were named about it.
         after: with them.
     """
     m = base.material
-    late: list[Silent] = []
-    if len(base.glitches):
-        whole = with_presses(m.reading, m.session.press, base.glitches)
-        dead = [*base.dead, *(one.dead for one in base.silent)]
-        found = silent_taxels(after.hypothesis, m.session, whole, m.options, base.glitches, dead)
-        late = [one for one in found if np.isin(one.presses, base.glitches).all()]
-    shown = np.array([row for one in late for row in one.presses.tolist()], dtype=np.int64)
-    silent = (*base.silent, *late)
-    reading = with_silent_values(with_presses(m.reading, m.session.press, shown), silent, m.session)
-    left_out = np.setdiff1d(base.glitches, shown)
+    doubted = np.union1d(base.glitches, _shown(base.silent))
+    if not len(doubted):
+        return base
+    heard = with_silent_values(m.reading, base.silent, m.session)
+    whole = with_presses(heard, m.session.press, base.glitches)
+    found = silent_taxels(after.hypothesis, m.session, whole, m.options, doubted, base.dead)
+    silent = tuple(one for one in found if np.isin(one.presses, doubted).all())
+    reading = with_presses(heard, m.session.press, np.intersect1d(base.glitches, _shown(silent)))
+    left_out = np.setdiff1d(base.glitches, _shown(silent))
     return replace(base, material=replace(m, reading=reading), glitches=left_out, silent=silent)
+
+
+def _shown(silent: Sequence[Silent]) -> IntArray:
+    """Rows of the presses that show that taxels fall silent."""
+    return np.array([row for one in silent for row in one.presses.tolist()], dtype=np.int64)
 
 
 def may_be_effect(base: Base) -> bool:
@@ -219,8 +223,7 @@ def without_hidden_glitches(base: Base, after: Model) -> Base:
     m = base.material
     seen, press = m.reading.seen, m.session.press
     wild = of_neither(base.model.refit.slopes.residual, after.refit.slopes.residual, seen, press)
-    shown = [row for one in base.silent for row in one.presses.tolist()]
-    hidden = wild[~np.isin(wild, press[m.known]) & ~np.isin(wild, shown)]
+    hidden = wild[~np.isin(wild, press[m.known]) & ~np.isin(wild, _shown(base.silent))]
     if not len(hidden):
         return base
     reading = without_presses(m.reading, press, hidden)

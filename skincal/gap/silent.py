@@ -14,7 +14,7 @@ import numpy as np
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.problem import RefitOptions, cost_of_presses
 from skincal.gap.reading import Reading
-from skincal.gap.relocate import of_presses
+from skincal.gap.relocate import of_presses, relocated
 from skincal.gap.robust import SURE, Dead, times
 from skincal.gap.session import GapSession
 from skincal.gap.settle import settled
@@ -38,6 +38,7 @@ class Silent:
 
     Attributes:
         dead: the taxel, since when, and what it reads.
+        between_s: it was heard before the first time, and silent from the second one on [s].
         presses: rows of the presses that show it.
         left: (P,) what each of them costs without the taxel's silence.
         fall: by how much that is less than with it, all together.
@@ -45,6 +46,7 @@ class Silent:
     """
 
     dead: Dead
+    between_s: tuple[float, float]
     presses: IntArray
     left: FloatArray
     fall: float
@@ -71,6 +73,8 @@ def silent_taxels(
     """
     if not options.base:
         return []
+    if len(doubted):
+        found = relocated(found, *of_presses(session, reading, doubted), options)
     here = _settled(found, session, reading, options, doubted)
     values = here.values(session)
     costs = cost_of_presses(here, reading.residual(values), session, options)
@@ -175,18 +179,20 @@ def _heard_no_more(
     later = later[later >= from_row]
     if _heard(told[later], reading, later, taxel).any():
         return None
-    time = times(session)
-    # From the beginning of a press on: some time since the observation before.
-    since = float(
-        time[begin[first]] if begin[first] < from_row else time[max(0, from_row - 1) : from_row + 1].mean()
-    )
-    dead = Dead(taxel, since, float(reading.counts[later, taxel].mean()), 0.0)
+    stuck, row, time = float(reading.counts[later, taxel].mean()), begin[first], times(session)
+    low, high = float(time[max(0, row - 1) : row + 1].mean()), float(time[row : from_row + 1].mean())
+    heard = (reading.counts[row, taxel] - stuck) / max(float(expected[row, taxel]) - stuck, 1e-9)
+    since = low + float(np.clip(heard, 0.0, 1.0)) * (high - low) if row < from_row else low
+    dead = Dead(taxel, since, stuck, 0.0)
     whole = float(fall[shown].sum())
-    return Silent(dead, np.array(shown), left[shown], whole, min(1.0, whole / float(beyond[shown].sum())))
+    between = (low, float(time[from_row]))
+    return Silent(
+        dead, between, np.array(shown), left[shown], whole, min(1.0, whole / float(beyond[shown].sum()))
+    )
 
 
 def without_silent(reading: Reading, silent: Sequence[Silent], session: GapSession) -> Reading:
-    """The reading with no trust in taxels once they are silent.
+    """The reading with no trust in taxels once they may be silent.
 
     Args:
         reading: of the session, or of another one at another rate.
@@ -195,14 +201,17 @@ def without_silent(reading: Reading, silent: Sequence[Silent], session: GapSessi
     """
     trust, time = reading.trust.copy(), times(session)
     for one in silent:
-        trust[time >= one.dead.from_s, one.dead.taxel] = 0.0
+        trust[time >= one.between_s[0], one.dead.taxel] = 0.0
     return replace(reading, trust=trust)
 
 
 def with_silent_values(reading: Reading, silent: Sequence[Silent], session: GapSession) -> Reading:
-    """The reading with as much trust in taxels that are silent as in others then; arguments as of the above."""
+    """The reading with as much trust in taxels that are surely silent as in others then; arguments as of the above.
+
+    A mean of frames in which a taxel falls silent says nothing, as long as a sample of it is either silent or not.
+    """
     trust, time = reading.trust.copy(), times(session)
     for one in silent:
-        late, taxel = time >= one.dead.from_s, one.dead.taxel
+        late, taxel = time >= one.between_s[1], one.dead.taxel
         trust[late, taxel] = reading.trust[late].max(axis=1) * np.isfinite(reading.counts[late, taxel])
     return replace(reading, trust=trust)

@@ -10,6 +10,7 @@ import pytest
 from gap.gap_sessions import READOUT, without
 from gap.made_sessions import OPTIONS, SIGMA, Made, made, read
 
+from skincal.diagnose.base_fit import Base, heard_again
 from skincal.gap.choose import Choice
 from skincal.gap.dying import NAME, with_silent
 from skincal.gap.models import Model
@@ -113,13 +114,15 @@ def silence() -> tuple[Reading, Silent]:
 def test_a_silent_taxel_is_not_believed_from_then_on_and_is_heard_again():
     reading, found = silence()
     less = without_silent(reading, [found], one().session)
-    late = times(one().session) >= found.dead.from_s
+    late = times(one().session) >= found.between_s[0]
     assert not less.seen[late, found.dead.taxel].any()
     kept = np.ones_like(reading.trust, dtype=bool)
     kept[late, found.dead.taxel] = False
     assert np.array_equal(less.trust[kept], reading.trust[kept])
     again = with_silent_values(less, [found], one().session)
-    assert np.array_equal(again.trust, reading.trust)
+    # But for the moment at which it fell silent.
+    gone = times(one().session)[~np.isclose(again.trust, reading.trust).all(axis=1)]
+    assert ((gone >= found.between_s[0]) & (gone < found.between_s[1])).all() and len(gone) <= 1
     # A press that was left out stays out.
     out = less.trusting(np.where(one().session.press == found.presses[0], 0.0, 1.0)[:, None])
     assert not with_silent_values(out, [found], one().session).seen[rows_of(int(found.presses[0]))].any()
@@ -153,3 +156,34 @@ def test_it_is_named_with_what_it_reads_and_since_when():
 def test_without_a_clock_nothing_can_be_named_that_began_later():
     before, after = named_in(clock=False)
     assert after is before
+
+
+def base_of(reading: Reading, **parts: object) -> tuple[Base, Model]:
+    """A base of a session whose model is the truth."""
+    material = replace(one().material, reading=reading)
+    model = Model(refit(one().truth, one().session, reading, OPTIONS, learn=material.known))
+    return replace(Base(model, material, NONE, (), ()), **parts), model
+
+
+def test_what_another_model_explains_was_not_silent():
+    _, found = silence()
+    less = without_silent(one().reading, [found], one().session)
+    base, model = base_of(less, silent=(found,))
+    again = heard_again(base, model)
+    assert again.silent == ()
+    gone = times(one().session)[~np.isclose(again.material.reading.trust, one().reading.trust).all(axis=1)]
+    assert len(gone) <= 1
+
+
+def test_a_press_that_was_left_out_is_heard_again_for_its_silent_taxel():
+    reading, found = silence()
+    out = np.where(np.isin(one().session.press, found.presses), 0.0, 1.0)[:, None]
+    base, model = base_of(reading.trusting(out), glitches=found.presses)
+    again = heard_again(base, model)
+    assert [s.dead.taxel for s in again.silent] == [found.dead.taxel] and not len(again.glitches)
+    assert again.material.reading.seen[rows_of(int(found.presses[0]))].any()
+
+
+def test_without_doubt_nothing_is_heard_again():
+    base, model = base_of(one().reading)
+    assert heard_again(base, model) is base
