@@ -93,5 +93,7 @@ def _draw_total(axes: Axes, found: Diagnosis) -> None:
 
 def closed_words(found: Diagnosis) -> str:
     """How much of the gap is gone, with its interval."""
+    if not np.isfinite(found.gap.closed):
+        return "no gap to close"
     low, high = (100 * end for end in found.gap.interval)
     return f"{100 * found.gap.closed:.0f} % closed\n({low:.0f} to {high:.0f} %)".replace("-", "−")

@@ -156,6 +156,11 @@ def _gap_sentence(found: Diagnosis) -> str:
             f"{capital(where)}, simulated and measured values differ by {gap.before:.3g} counts rms a taxel; noise "
             f"alone makes {gap.floor:.3g}."
         )
+    if not np.isfinite(gap.closed):
+        return (
+            f"{capital(where)}, simulated and measured values differ by {gap.before:.3g} counts rms a taxel before and "
+            f"{gap.after:.3g} after; noise alone makes {gap.floor:.3g}: no gap there that what was named could close."
+        )
     low, high = gap.interval
     return (
         f"{capital(where)}, the error falls from {gap.before:.3g} to {gap.after:.3g} counts rms a taxel; noise alone "

@@ -62,6 +62,9 @@ def _gap(found: Diagnosis) -> Iterator[str]:
     if found.verdict != "effects":
         yield f"{base} {where}"
         return
+    if not np.isfinite(gap.closed):
+        yield f"{base} before, {gap.after:.3f} after {where}: no gap there that what was named could close"
+        return
     low, high = gap.interval
     yield f"{base} before, {gap.after:.3f} after {where}: {100 * gap.closed:.0f} % of the gap closed "
     yield f"    ({100 * low:.0f} to {100 * high:.0f} %)"

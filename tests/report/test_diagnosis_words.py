@@ -7,6 +7,7 @@ from dataclasses import replace
 from report.diagnosis_cases import diagnosed
 
 from skincal.gap.choose import Round
+from skincal.report.diagnosis_gap import closed_words
 from skincal.report.diagnosis_story import verdict_sentences
 from skincal.report.diagnosis_words import verdict_lines
 
@@ -48,3 +49,12 @@ def test_what_comes_closest_to_what_is_left_is_told():
     assert taken.closest is None
     bare = replace(left, choice=replace(choice, rounds=(*found.choice.rounds, Round((), 200.0, {}))))
     assert any(line.endswith("is left; no known effect explains it") for line in verdict_lines(bare))
+
+
+def test_without_a_gap_no_share_of_it_is_told():
+    found, _ = diagnosed("hysteresis")
+    nothing = float("nan")
+    found = replace(found, gap=replace(found.gap, closed=nothing, interval=(nothing, nothing)))
+    told = [" ".join(verdict_lines(found)), " ".join(verdict_sentences(found)), closed_words(found)]
+    assert not any("nan" in words for words in told)
+    assert all("no gap" in words for words in told)
