@@ -145,16 +145,15 @@ class Question:
         )
         heard("places")
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
-        choice, base = self._with_silent(choice, base, null)
         told = _signatures(scene, base, null, signs)
-        return Answer(base, null, choice, told, *judged(choice, null, told, self.options))
-
-    @staticmethod
-    def _with_silent(choice: Choice, base: Base, null: Null) -> tuple[Choice, Base]:
-        """What was chosen, and taxels that fall silent named as well; the base then has their values again."""
+        verdict, unexplained = judged(choice, null, told, self.options)
         heard = heard_again(base, choice.after)
-        named = with_silent(choice, heard.silent, heard.material, null)
-        return named, replace(heard, model=named.before)
+        whole = with_silent(choice, heard.silent, heard.material, null)
+        if whole is not choice:
+            # What was seen needs no presses to choose with; what else is there is judged without it.
+            verdict = "effects" if verdict == "none" else verdict
+            heard = replace(heard, model=whole.before)
+        return Answer(heard, null, whole, told, verdict, unexplained)
 
 
 def _unheard(_: str) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -34,6 +35,7 @@ def findings_of(
     stuck: Sequence[Stuck] = (),
     all_taxels: int | None = None,
     doubted: Sequence[int] = (),
+    pulled: Mapping[int, float] = MappingProxyType({}),
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -49,6 +51,7 @@ def findings_of(
         all_taxels: how many taxels the sensor has; None: as many as were looked at.
         of_law: root mean square of what another contact law would explain, in units of the noise.
         doubted: rows of presses that look like glitches, though others differ as well.
+        pulled: rows of presses that fit only with quite another force, and by which part it is larger.
     """
     looked: list[int] = list(range(seen.shape[1])) if taxels is None else taxels.tolist()
     found: list[Finding] = []
@@ -60,6 +63,11 @@ def findings_of(
         numbers = _numbers(presses, doubted)
         text = f"press {numbers}: the image differs most; others differ as well, so they were kept"
         found.append(Finding("kept_presses", "info", text, _LOOK))
+    if pulled:
+        numbers = ", ".join(f"{presses[row]} ({100 * part:+.0f} %)" for row, part in pulled.items())
+        text = f"press {numbers}: fits only with a force so far from the measured one"
+        fix = "Few presses cannot tell why: look at their frames, press more like them."
+        found.append(Finding("force", "warning", text, fix))
     for jump in jumps:
         names = ", ".join(taxel_name(layout, looked[t]) for t in jump.taxels)
         back = f" and back at {jump.until_s:.1f} s" if np.isfinite(jump.until_s) else ""

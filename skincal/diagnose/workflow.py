@@ -39,9 +39,12 @@ from skincal.gap.robust import without_jumps
 from skincal.gap.settle import settled
 from skincal.gap.signatures import where_text
 from skincal.gap.silent import without_silent
+from skincal.model.arrays import IntArray
 
 _PLACE_STEPS = 6
 _WIDTH = 1.96
+_PULLED = 16.0
+"""A press that has so many standard deviations of its measured force more, or less, is told."""
 
 
 def diagnose(
@@ -97,7 +100,8 @@ def _diagnosed(
     choice = answer.choice
     base = without_hidden_glitches(answer.base, choice.after) if choice.named else answer.base
     heard("gap on presses nobody has fitted")
-    gap = _gap(ready, base, choice, again)
+    before, after = _ends(ready, base, choice)
+    gap = _gap(ready, base, choice, (before, after), again)
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
@@ -125,6 +129,7 @@ def _diagnosed(
             base.stuck,
             dataset.presses.counts.shape[1],
             answer.doubted.tolist(),
+            _pulled(after, ready, base.glitches),
         ),
         ready.split,
         ready.session,
@@ -137,7 +142,21 @@ def _diagnosed(
     return with_next_presses(found, dataset, further)
 
 
-def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) -> Gap:
+def _ends(ready: Prepared, base: Base, choice: Choice) -> tuple[Hypothesis, Hypothesis]:
+    """Before and after, every press at its best place."""
+    before = _settled(choice.before.hypothesis, ready, base)
+    if choice.after is choice.before:
+        return before, before
+    return before, _settled(choice.after.hypothesis, ready, base)
+
+
+def _gap(
+    ready: Prepared,
+    base: Base,
+    choice: Choice,
+    ends: tuple[Hypothesis, Hypothesis],
+    rng: np.random.Generator,
+) -> Gap:
     """Before and after on the presses that were kept for the end; glitches are not looked at."""
     rows = (ready.split.part[np.maximum(ready.full.press, 0)] == FINAL) & (ready.full.press >= 0)
     rows &= ~np.isin(ready.full.press, base.glitches)
@@ -146,12 +165,19 @@ def _gap(ready: Prepared, base: Base, choice: Choice, rng: np.random.Generator) 
     # Presses of the end may have shown that a taxel fell silent; what shows that is not looked at.
     reading = without_silent(reading, base.silent, ready.full)
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
-    before = _settled(choice.before.hypothesis, ready, base)
-    after = before if choice.after is choice.before else _settled(choice.after.hypothesis, ready, base)
-    gap = gap_closed(before, after, ready.full, reading, rows, rng)
+    gap = gap_closed(*ends, ready.full, reading, rows, rng)
     if base.silent and all(one.name == DEAD_TAXEL for one in choice.named):
         return replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
     return gap
+
+
+def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int, float]:
+    """Rows of presses that fit only with quite another force, and by which part it is larger than the measured one."""
+    if not ready.options.base:
+        return {}
+    own = np.abs(after.places[:, 2]) > _PULLED * ready.options.force_sigma
+    rows = np.setdiff1d(np.flatnonzero(own), glitches)
+    return {int(row): float(np.expm1(after.places[row, 2])) for row in rows}
 
 
 def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:

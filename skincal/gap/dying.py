@@ -15,7 +15,7 @@ from skincal.effects import EFFECTS
 from skincal.gap.candidates import Bench, Found, Start
 from skincal.gap.choose import Choice, Named
 from skincal.gap.free import Coordinate, coordinates
-from skincal.gap.models import Material, Model, excess_of, extended, fitted, scene_of
+from skincal.gap.models import Material, Model, extended, fitted, scene_of
 from skincal.gap.null import Null
 from skincal.gap.robust import Dead
 from skincal.gap.silent import Silent
@@ -54,6 +54,7 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
     """A choice with taxels that were seen to fall silent named as well.
 
     It is the same where dead ones were named before, and without a clock, which the effect needs to say since when.
+    What is left stays that of the choice, in which the silent have no part.
 
     Args:
         choice: made without the values of those taxels.
@@ -65,14 +66,15 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
     start = dead_start(bench, [one.dead for one in silent])
     if start is None or "time" in bench.lacking:
         return choice
-    found = Found(start, np.array(start.x), 0.0, 0.0)
+    # Presses of the end have no say in a fit: where they alone show it, the taxel stays as it was seen.
+    seen = tuple(replace(c, start=c.value(x)) for c, x in zip(start.coords, start.x, strict=True))
+    found = Found(replace(start, coords=seen), np.zeros(len(seen)), 0.0, 0.0)
     before, after = _looked_at(choice.before, material), _looked_at(choice.after, material)
     model = extended(after, found, material)
     fall = sum(one.fall for one in silent)
     share = sum(one.fall * one.share for one in silent) / fall
     named = (*choice.named, Named(NAME, (NAME,), share, null.p_value(NAME, fall)))
-    excess = excess_of(before, material, null.mean_square), excess_of(model, material, null.mean_square)
-    return replace(choice, before=before, after=model, named=named, excess=excess)
+    return replace(choice, before=before, after=model, named=named)
 
 
 def _looked_at(model: Model, material: Material) -> Model:

@@ -27,7 +27,7 @@ from skincal.diagnose.diagnosis import Diagnosis
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.diagnose.summary import summary
-from skincal.diagnose.workflow import diagnose
+from skincal.diagnose.workflow import _pulled, diagnose  # pyright: ignore[reportPrivateUsage]
 from skincal.errors import InputError, WorkError
 from skincal.gap.choose import Choice, ChoiceOptions, Named
 from skincal.gap.null import Null
@@ -261,3 +261,42 @@ def test_a_glitch_press_is_listed_and_does_not_change_what_is_named(fitted_law: 
     assert one.code == "glitch" and "press 105" in one.text
     assert [e.name for e in found.effects] == ["hysteresis"]
     assert found.effects[0].parameters["height"] == pytest.approx(LOOP["hysteresis"]["height"], abs=0.1)
+
+
+def last_reach(data: Dataset, least: float = 25.0) -> tuple[int, int]:
+    """A taxel and the last press that reaches it, which lights it well."""
+    assert data.frames is not None
+    for k in reversed(range(len(data.presses.press))):
+        later = data.presses.counts[k + 1 :].max(axis=0, initial=0.0)
+        free = data.presses.counts[k] * (later < 2.0)
+        if free.max() > least:
+            return int(free.argmax()), int(data.presses.press[k])
+    raise AssertionError("no press is the last one that reaches a taxel")
+
+
+def test_a_taxel_that_dies_in_the_last_press_that_reaches_it_is_named(fitted_law: None):
+    data = session({})
+    taxel, press = last_reach(data)
+
+    def dies(counts: np.ndarray, presses: np.ndarray, time_s: np.ndarray) -> None:
+        begin = time_s[presses == press].min()
+        counts[time_s >= begin, taxel] = 0.0
+
+    found = diagnose(spoilt(data, dies), calibration(), OPTIONS, 1)
+    assert found.verdict == "effects" and [e.name for e in found.effects] == ["dead_taxel"]
+    answer = found.effects[0].parameters["answer"]
+    assert np.flatnonzero(answer < 0.5).tolist() == [taxel]
+    assert [f.code for f in found.findings] == ["dead_taxel"]
+    # What would show the gap has shown the fault: it is not told how much of it is closed.
+    assert summary(found)["gap"]["closed"] is None
+
+
+def test_presses_that_need_quite_another_force_are_told():
+    ready = prepare(session({}), calibration(), OPTIONS, np.random.default_rng(0))
+    places = ready.start.places.copy()
+    places[[2, 5, 7], 2] = np.log([1.2, 0.85, 1.4])
+    places[3, 2] = 3 * ready.options.force_sigma
+    after = ready.start.with_places(places)
+    assert _pulled(after, ready, np.array([7])) == pytest.approx({2: 0.2, 5: -0.15})
+    in_a_chamber = replace(ready, options=replace(ready.options, base=False))
+    assert _pulled(after, in_a_chamber, np.array([7])) == {}

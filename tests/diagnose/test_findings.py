@@ -80,3 +80,10 @@ def test_of_a_few_taxels_of_a_large_sensor_the_names_are_those_of_the_sensor():
         taxels=np.array([1, 3, 5]),
     )
     assert [one.text.split()[0].strip(":") for one in told] == ["taxel_1_0", "taxel_0_1", "taxel_1_2"]
+
+
+def test_a_press_that_fits_only_with_another_force_is_told():
+    seen = np.ones((4, LAYOUT.taxels), dtype=bool)
+    (one,) = findings_of(LAYOUT, PRESSES, [], [], [], seen, pulled={0: 0.446, 2: -0.12})
+    assert one.code == "force" and one.severity == "warning" and one.advice
+    assert one.text.startswith("press 100 (+45 %), 107 (-12 %): fits only with a force so far from")

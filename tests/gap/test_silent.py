@@ -148,9 +148,11 @@ def test_it_is_named_with_what_it_reads_and_since_when():
     effect = after.after.hypothesis.effects[NAME]
     assert np.flatnonzero(effect["answer"] < 0.5).tolist() == [found.dead.taxel]
     assert effect["from_s"][found.dead.taxel] == found.dead.from_s
-    known = one().material.known[rows_of(int(found.presses[0]))].all()
-    assert known, "the test needs a press that fit and choice may see"
-    assert after.excess[0] > after.excess[1] + 200 and after.before.hypothesis is not before.after.hypothesis
+    assert after.excess == before.excess
+    assert after.before.refit.objective > before.before.refit.objective + 200, (
+        "a press that fit and choice may see"
+    )
+    assert after.after.refit.objective < after.before.refit.objective - 200
 
 
 def test_without_a_clock_nothing_can_be_named_that_began_later():
