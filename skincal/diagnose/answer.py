@@ -29,6 +29,7 @@ from skincal.gap.null import Null
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.places import with_places
 from skincal.gap.signatures import Signature, signature_columns, signature_falls
+from skincal.gap.silent import without_silent
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -47,6 +48,7 @@ class Answer:
         verdict: as of a diagnosis.
         unexplained: whether something significant is left beside what was named.
         doubted: rows of presses that had been left out at first.
+        seen_only: whether all that is named are taxels that were seen to fall silent.
     """
 
     base: Base
@@ -56,6 +58,7 @@ class Answer:
     verdict: Verdict
     unexplained: bool
     doubted: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    seen_only: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +89,14 @@ class Question:
         with_all = self._ahead(whole) if may_be_effect(base) else None
         first = self._answer(base, errors, rng)
         if with_all is None or (first.verdict == "effects" and not first.unexplained):
-            return first
+            return with_what_was_seen(first)
         self.heard("again, with all presses")
         again = replace(next(with_all), doubted=base.glitches)
         if again.verdict == "effects" and explains(again.choice.after, again.base, base.glitches):
-            return again
+            return with_what_was_seen(again)
         # What glitches do is not to be named, nor to take away what is.
-        return again if first.verdict == "none" and again.verdict == "unknown" else first
+        other = first.verdict == "none" and again.verdict == "unknown"
+        return with_what_was_seen(again if other else first)
 
     def _ahead(self, rng: np.random.Generator) -> Iterator[Answer]:
         """The answer of all presses: begun at once by another process or, where there is none, when it is asked for."""
@@ -147,13 +151,23 @@ class Question:
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
         told = _signatures(scene, base, null, signs)
         verdict, unexplained = judged(choice, null, told, self.options)
-        heard = heard_again(base, choice.after)
-        whole = with_silent(choice, heard.silent, heard.material, null)
-        if whole is not choice:
-            # What was seen needs no presses to choose with; what else is there is judged without it.
-            verdict = "effects" if verdict == "none" else verdict
-            heard = replace(heard, model=whole.before)
-        return Answer(heard, null, whole, told, verdict, unexplained)
+        return Answer(base, null, choice, told, verdict, unexplained)
+
+
+def with_what_was_seen(answer: Answer) -> Answer:
+    """An answer with taxels that were seen to fall silent; what else is there is judged without them."""
+    base = heard_again(answer.base, answer.choice.after)
+    choice = with_silent(answer.choice, base.silent, base.material, answer.null)
+    if choice is answer.choice:
+        # Nothing explains what silent taxels read: it stays left out.
+        m = base.material
+        quiet = replace(m, reading=without_silent(m.reading, base.silent, m.session))
+        return replace(answer, base=replace(base, material=quiet))
+    verdict = "effects" if answer.verdict == "none" else answer.verdict
+    only = len(choice.named) == 1
+    return replace(
+        answer, base=replace(base, model=choice.before), choice=choice, verdict=verdict, seen_only=only
+    )
 
 
 def _unheard(_: str) -> None:

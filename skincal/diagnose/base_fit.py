@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class Base:
         jumps: of levels, taken off.
         stuck: taxels that sit at a bound for a while; not believed then.
         silent: taxels that fall silent late; not believed from then on.
+        suspected: rows of presses that looked like glitches but for a silent taxel.
     """
 
     model: Model
@@ -57,6 +58,7 @@ class Base:
     jumps: tuple[Jump, ...]
     stuck: tuple[Stuck, ...] = ()
     silent: tuple[Silent, ...] = ()
+    suspected: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
@@ -76,10 +78,11 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     if len(wild):
         # They have drawn sensor and places after them: from the beginning, without them.
         first = _first_look(ready, reading, beside)
-    gone = dead_taxels(first.slopes.values, whole, session)
+    gone = dead_taxels(first.slopes.values, reading, session)
     silent = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
+    suspected = np.intersect1d(wild, _shown(silent))
     if silent:
-        wild = np.setdiff1d(wild, _shown(silent))
+        wild = np.setdiff1d(wild, suspected)
         reading = without_presses(whole, session.press, wild)
         first = _first_look(ready, without_silent(reading, silent, session), beside)
     reading = reading.with_further(force_variance(first.hypothesis, session, ready.force_noise_n))
@@ -97,7 +100,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     material = Material(session, reading, learn, score, ready.options)
     # Models with effects have their presses looked for again; what they are compared with deserves the same.
     model = found_again(Model(first, (), ready.known_effects), material)
-    return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck), tuple(silent))
+    return Base(model, material, wild, tuple(dead), tuple(jumped), tuple(stuck), tuple(silent), suspected)
 
 
 def _fitted_beside(
@@ -188,12 +191,17 @@ def heard_again(base: Base, after: Model) -> Base:
     doubted = np.union1d(base.glitches, _shown(base.silent))
     if not len(doubted):
         return base
+    press = m.session.press
     heard = with_silent_values(m.reading, base.silent, m.session)
-    whole = with_presses(heard, m.session.press, base.glitches)
+    whole = with_presses(heard, press, base.glitches)
     found = silent_taxels(after.hypothesis, m.session, whole, m.options, doubted, base.dead)
-    silent = tuple(one for one in found if np.isin(one.presses, doubted).all())
-    reading = with_presses(heard, m.session.press, np.intersect1d(base.glitches, _shown(silent)))
-    left_out = np.setdiff1d(base.glitches, _shown(silent))
+    known = {one.dead.taxel for one in base.silent}
+    silent = tuple(s for s in found if s.dead.taxel in known or np.isin(s.presses, doubted).all())
+    # What was out of proportion, and is not explained by a silent taxel after all, is a glitch again.
+    left_out = np.setdiff1d(np.union1d(base.glitches, base.suspected), _shown(silent))
+    reading = with_presses(heard, press, np.intersect1d(base.glitches, _shown(silent)))
+    reading = with_silent_values(without_silent(reading, silent, m.session), silent, m.session)
+    reading = without_presses(reading, press, left_out)
     return replace(base, material=replace(m, reading=reading), glitches=left_out, silent=silent)
 
 

@@ -15,6 +15,7 @@ from skincal.model.arrays import BoolArray, IntArray
 
 LAW = 0.15
 """What a law explains is told from this on, in units of the noise."""
+_MOST_PULLED = 6
 _LOOK = "Look at its frames; press there again."
 
 
@@ -64,8 +65,10 @@ def findings_of(
         text = f"press {numbers}: the image differs most; others differ as well, so they were kept"
         found.append(Finding("kept_presses", "info", text, _LOOK))
     if pulled:
-        numbers = ", ".join(f"{presses[row]} ({100 * part:+.0f} %)" for row, part in pulled.items())
-        text = f"press {numbers}: fits only with a force so far from the measured one"
+        most = sorted(sorted(pulled, key=lambda row: -abs(pulled[row]))[:_MOST_PULLED])
+        numbers = ", ".join(f"{presses[row]} ({100 * pulled[row]:+.0f} %)" for row in most)
+        more = f" and {len(pulled) - len(most)} more" if len(pulled) > len(most) else ""
+        text = f"press {numbers}{more}: fits best with a force so far from the measured one"
         fix = "Few presses cannot tell why: look at their frames, press more like them."
         found.append(Finding("force", "warning", text, fix))
     for jump in jumps:

@@ -27,7 +27,6 @@ from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
 from skincal.gap.choose import Choice, Heard
-from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
@@ -102,6 +101,9 @@ def _diagnosed(
     heard("gap on presses nobody has fitted")
     before, after = _ends(ready, base, choice)
     gap = _gap(ready, base, choice, (before, after), again)
+    if answer.seen_only:
+        # What would show the gap has shown the fault.
+        gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
@@ -165,10 +167,7 @@ def _gap(
     # Presses of the end may have shown that a taxel fell silent; what shows that is not looked at.
     reading = without_silent(reading, base.silent, ready.full)
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
-    gap = gap_closed(*ends, ready.full, reading, rows, rng)
-    if base.silent and all(one.name == DEAD_TAXEL for one in choice.named):
-        return replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
-    return gap
+    return gap_closed(*ends, ready.full, reading, rows, rng)
 
 
 def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int, float]:

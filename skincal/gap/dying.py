@@ -62,6 +62,8 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
         material: the session with those values.
         null: sessions in which nothing is missing.
     """
+    if not silent:
+        return choice
     bench = scene_of(choice.after, material).bench
     start = dead_start(bench, [one.dead for one in silent])
     if start is None or "time" in bench.lacking:

@@ -55,7 +55,7 @@ class Reading:
 
     def with_counts(self, counts: FloatArray) -> Reading:
         """The same with other counts (N, J); where nothing was read, nothing is."""
-        return replace(self, counts=np.where(self.seen, counts, np.nan))
+        return replace(self, counts=np.where(np.isfinite(self.counts), counts, np.nan))
 
     def trusting(self, trust: FloatArray) -> Reading:
         """The same with less trust (N, J) in some values."""

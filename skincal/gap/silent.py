@@ -1,7 +1,8 @@
 """Taxels that fall silent late, so that one press shows it, or a few.
 
 A press over a taxel that has just died fits nowhere; where it is the only one, or one of few, it looks like a glitch.
-It is none if its image is right once that one taxel is not looked at, and no later press shows the taxel answering.
+It is none if its image is right once that one taxel is not looked at, but no other force makes it so, and if the taxel
+answered before and no later press shows it answering.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ _SILENT = 0.2
 """A taxel that reads less than this part of what it should is silent."""
 _FAINT_COUNTS = 4.0
 """Silence begins where a taxel should read so much, once it is sure that there is any."""
-_SIGMA = 3.0
+_SIGMA = 5.0
 _TAKEN = 0.8
 """A press is explained by a silent taxel that takes this part of what it leaves beyond the usual."""
 _STEPS = 4
+_ANY_FORCE = 0.5
+_FEW = 8
+"""Presses in which a taxel might be silent; one that is in more is found by :func:`skincal.gap.robust.dead_taxels`."""
 _MOST = 3
 """No more taxels than one in so many fall silent; where they do, it is something else."""
 
@@ -84,9 +88,9 @@ def silent_taxels(
         might = [
             row
             for row in np.flatnonzero(costs > _usual(costs, session) + SURE).tolist()
-            if any(len(_silence(v[:, taxel], reading, session, row, taxel)) for v in (values, measured))
+            if len(_silence(measured[:, taxel], reading, session, row, taxel))
         ]
-        if might:
+        if 0 < len(might) <= _FEW:
             one = _heard_no_more(here, session, reading, options, taxel, np.array(might), values, costs)
             found_silent += [] if one is None else [one]
     best = _best_of_each_press(found_silent)
@@ -169,26 +173,55 @@ def _heard_no_more(
     expected = there.values(session)
     left = cost_of_presses(there, other.residual(expected), session, options)
     fall, beyond = costs - left, costs - _usual(costs, session)
-    shown = [r for r in begin if fall[r] > max(SURE, _TAKEN * beyond[r])]
+    harder = _with_any_force(here, session, reading, options, might)
+    shown = [
+        row
+        for row in begin
+        if fall[row] > max(SURE, _TAKEN * beyond[row])
+        and harder[row] - left[row] > SURE
+        and _others_lit(expected, reading, silence[row], taxel)
+    ]
+    told = np.where(np.isin(session.press, shown), expected[:, taxel], values[:, taxel])
+    lit = np.flatnonzero(reading.seen[:, taxel] & (told > _FAINT_COUNTS))
+    heard = lit[_heard(told[lit], reading, lit, taxel)]
+    # One that never answered did not die, and one that answers later has not.
+    shown = [row for row in shown if len(heard) and silence[row][0] > heard[-1]]
     if not shown:
         return None
-    first = min(shown, key=lambda r: begin[r])
-    from_row = int(silence[first][0])
-    told = np.where(np.isin(session.press, shown), expected[:, taxel], values[:, taxel])
-    later = np.flatnonzero(reading.seen[:, taxel] & (told > _FAINT_COUNTS))
-    later = later[later >= from_row]
-    if _heard(told[later], reading, later, taxel).any():
-        return None
-    stuck, row, time = float(reading.counts[later, taxel].mean()), begin[first], times(session)
+    first = min(shown, key=lambda row: begin[row])
+    row, from_row, time = begin[first], int(silence[first][0]), times(session)
+    stuck = float(reading.counts[lit[lit >= from_row], taxel].mean())
     low, high = float(time[max(0, row - 1) : row + 1].mean()), float(time[row : from_row + 1].mean())
-    heard = (reading.counts[row, taxel] - stuck) / max(float(expected[row, taxel]) - stuck, 1e-9)
-    since = low + float(np.clip(heard, 0.0, 1.0)) * (high - low) if row < from_row else low
-    dead = Dead(taxel, since, stuck, 0.0)
+    since = low
+    if row < from_row:
+        part = (reading.counts[row, taxel] - stuck) / max(float(expected[row, taxel]) - stuck, 1e-9)
+        # Where the observation is missing, any moment within it will do.
+        since += float(np.clip(np.nan_to_num(part, nan=0.5), 0.0, 1.0)) * (high - low)
     whole = float(fall[shown].sum())
-    between = (low, float(time[from_row]))
     return Silent(
-        dead, between, np.array(shown), left[shown], whole, min(1.0, whole / float(beyond[shown].sum()))
+        Dead(taxel, since, stuck, 0.0),
+        (low, float(time[from_row])),
+        np.array(shown),
+        left[shown],
+        whole,
+        min(1.0, whole / float(beyond[shown].sum())),
     )
+
+
+def _with_any_force(
+    here: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions, rows: IntArray
+) -> FloatArray:
+    """What presses cost (P,) that may have had any force: one that was lost, or slipped, is no fault of a taxel."""
+    loose = replace(options, force_sigma=_ANY_FORCE)
+    there = _settled(here, session, reading, loose, rows)
+    return cost_of_presses(there, reading.residual(there.values(session)), session, loose)
+
+
+def _others_lit(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> bool:
+    """Whether other taxels show the press while one is silent; an image of nothing has no place."""
+    shown = np.minimum(expected[rows], np.where(reading.seen[rows], reading.counts[rows], 0.0))
+    share = np.maximum(shown, 0.0) ** 2 / _variance(reading, rows)[:, None]
+    return bool(np.delete(share, taxel, axis=1).sum() > SURE)
 
 
 def without_silent(reading: Reading, silent: Sequence[Silent], session: GapSession) -> Reading:

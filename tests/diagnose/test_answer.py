@@ -63,6 +63,7 @@ def counts(
     )
     monkeypatch.setattr(answer, "may_be_effect", lambda base: differ and base is without.base)
     monkeypatch.setattr(answer, "explains", explains)
+    monkeypatch.setattr(answer, "with_what_was_seen", lambda counted: counted)
     question = Question(PREPARED, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
     found = question.answer(np.random.default_rng(0))
     settled = without.verdict == "effects" and not without.unexplained

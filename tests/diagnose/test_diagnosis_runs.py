@@ -291,6 +291,25 @@ def test_a_taxel_that_dies_in_the_last_press_that_reaches_it_is_named(fitted_law
     assert summary(found)["gap"]["closed"] is None
 
 
+@pytest.mark.parametrize("kind", ["one press", "the last ones"])
+def test_a_taxel_that_dies_before_the_last_presses_is_named(kind: str, fitted_law: None):
+    data = session({})
+    assert data.frames is not None
+    press = data.presses.press
+    taxel = 9 if kind == "one press" else last_reach(data)[0]
+    # Of those presses that light the taxel well, the last two.
+    begin = 17 if kind == "one press" else int(np.flatnonzero(data.presses.counts[:, taxel] > 25.0)[-2])
+
+    def dies(counts: np.ndarray, presses: np.ndarray, time_s: np.ndarray) -> None:
+        counts[time_s >= time_s[presses == press[begin]].min(), taxel] = 0.0
+
+    found = diagnose(spoilt(data, dies), calibration(), OPTIONS, 1)
+    assert [e.name for e in found.effects] == ["dead_taxel"], kind
+    assert f"taxel_{taxel // 4}_{taxel % 4} " in " ".join(
+        f.text for f in found.findings if f.code == "dead_taxel"
+    )
+
+
 def test_presses_that_need_quite_another_force_are_told():
     ready = prepare(session({}), calibration(), OPTIONS, np.random.default_rng(0))
     places = ready.start.places.copy()

@@ -86,4 +86,8 @@ def test_a_press_that_fits_only_with_another_force_is_told():
     seen = np.ones((4, LAYOUT.taxels), dtype=bool)
     (one,) = findings_of(LAYOUT, PRESSES, [], [], [], seen, pulled={0: 0.446, 2: -0.12})
     assert one.code == "force" and one.severity == "warning" and one.advice
-    assert one.text.startswith("press 100 (+45 %), 107 (-12 %): fits only with a force so far from")
+    assert one.text.startswith("press 100 (+45 %), 107 (-12 %): fits best with a force so far from")
+    (many,) = findings_of(
+        LAYOUT, np.arange(9), [], [], [], seen, pulled={k: 0.1 + 0.01 * k for k in range(9)}
+    )
+    assert many.text.startswith("press 3 (+13 %), 4") and "8 (+18 %) and 3 more: fits" in many.text
