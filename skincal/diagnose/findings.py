@@ -52,7 +52,7 @@ def findings_of(
         all_taxels: how many taxels the sensor has; None: as many as were looked at.
         of_law: root mean square of what another contact law would explain, in units of the noise.
         doubted: rows of presses that look like glitches, though others differ as well.
-        pulled: rows of presses that fit only with quite another force, and by which part it is larger.
+        pulled: rows of presses that fit best with quite another force, and by which part it is larger.
     """
     looked: list[int] = list(range(seen.shape[1])) if taxels is None else taxels.tolist()
     found: list[Finding] = []

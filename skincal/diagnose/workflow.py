@@ -171,7 +171,7 @@ def _gap(
 
 
 def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int, float]:
-    """Rows of presses that fit only with quite another force, and by which part it is larger than the measured one."""
+    """Rows of presses that fit best with quite another force, and by which part it is larger than the measured one."""
     if not ready.options.base:
         return {}
     own = np.abs(after.places[:, 2]) > _PULLED * ready.options.force_sigma

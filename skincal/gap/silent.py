@@ -26,10 +26,12 @@ _SILENT = 0.2
 _FAINT_COUNTS = 4.0
 """Silence begins where a taxel should read so much, once it is sure that there is any."""
 _SIGMA = 5.0
+"""Noise that lifts the reading of a silent taxel is no answer."""
 _TAKEN = 0.8
 """A press is explained by a silent taxel that takes this part of what it leaves beyond the usual."""
 _STEPS = 4
 _ANY_FORCE = 0.5
+"""Relative standard deviation of a force that may be anything."""
 _FEW = 8
 """Presses in which a taxel might be silent; one that is in more is found by :func:`skincal.gap.robust.dead_taxels`."""
 _MOST = 3

@@ -82,7 +82,7 @@ def test_of_a_few_taxels_of_a_large_sensor_the_names_are_those_of_the_sensor():
     assert [one.text.split()[0].strip(":") for one in told] == ["taxel_1_0", "taxel_0_1", "taxel_1_2"]
 
 
-def test_a_press_that_fits_only_with_another_force_is_told():
+def test_a_press_that_fits_best_with_another_force_is_told():
     seen = np.ones((4, LAYOUT.taxels), dtype=bool)
     (one,) = findings_of(LAYOUT, PRESSES, [], [], [], seen, pulled={0: 0.446, 2: -0.12})
     assert one.code == "force" and one.severity == "warning" and one.advice
