@@ -13,12 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, heard_again, may_be_effect, of_law
+from skincal.diagnose.base_fit import Base, explains, fit_base_and_law, may_be_effect, of_law
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Verdict
 from skincal.diagnose.kept import Kept
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import OFFSET, Prepared
+from skincal.diagnose.second_look import heard_again
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, Heard, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,11 +27,10 @@ from skincal.gap.robust import (
     jumps,
     of_neither,
     others_differ,
-    with_presses,
     without_jumps,
     without_presses,
 )
-from skincal.gap.silent import Silent, silent_taxels, with_silent_values, without_silent
+from skincal.gap.silent import Silent, presses_of, silent_taxels, without_silent
 from skincal.gap.twin import twins_for
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -80,7 +79,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
         first = _first_look(ready, reading, beside)
     gone = dead_taxels(first.slopes.values, reading, session)
     silent = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
-    suspected = np.intersect1d(wild, _shown(silent))
+    suspected = np.intersect1d(wild, presses_of(silent))
     if silent:
         wild = np.setdiff1d(wild, suspected)
         reading = without_presses(whole, session.press, wild)
@@ -178,38 +177,6 @@ def fit_base_and_law(
     return base, errors
 
 
-def heard_again(base: Base, after: Model) -> Base:
-    """A base with the values of taxels that fell silent, those that do with what was named in the model.
-
-    What is missing in the model may look like a silent taxel, or hide one among all that is wrong with a press.
-
-    Args:
-        base: as the effects were named about it.
-        after: with them.
-    """
-    m = base.material
-    doubted = np.union1d(base.glitches, _shown(base.silent))
-    if not len(doubted):
-        return base
-    press = m.session.press
-    heard = with_silent_values(m.reading, base.silent, m.session)
-    whole = with_presses(heard, press, base.glitches)
-    found = silent_taxels(after.hypothesis, m.session, whole, m.options, doubted, base.dead)
-    known = {one.dead.taxel for one in base.silent}
-    silent = tuple(s for s in found if s.dead.taxel in known or np.isin(s.presses, doubted).all())
-    # What was out of proportion, and is not explained by a silent taxel after all, is a glitch again.
-    left_out = np.setdiff1d(np.union1d(base.glitches, base.suspected), _shown(silent))
-    reading = with_presses(heard, press, np.intersect1d(base.glitches, _shown(silent)))
-    reading = with_silent_values(without_silent(reading, silent, m.session), silent, m.session)
-    reading = without_presses(reading, press, left_out)
-    return replace(base, material=replace(m, reading=reading), glitches=left_out, silent=silent)
-
-
-def _shown(silent: Sequence[Silent]) -> IntArray:
-    """Rows of the presses that show that taxels fall silent."""
-    return np.array([row for one in silent for row in one.presses.tolist()], dtype=np.int64)
-
-
 def may_be_effect(base: Base) -> bool:
     """Whether presses were left out of fit and choice as glitches, though others differ as well."""
     m = base.material
@@ -231,7 +198,7 @@ def without_hidden_glitches(base: Base, after: Model) -> Base:
     m = base.material
     seen, press = m.reading.seen, m.session.press
     wild = of_neither(base.model.refit.slopes.residual, after.refit.slopes.residual, seen, press)
-    hidden = wild[~np.isin(wild, press[m.known]) & ~np.isin(wild, _shown(base.silent))]
+    hidden = wild[~np.isin(wild, press[m.known]) & ~np.isin(wild, presses_of(base.silent))]
     if not len(hidden):
         return base
     reading = without_presses(m.reading, press, hidden)

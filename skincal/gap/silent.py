@@ -226,6 +226,11 @@ def _others_lit(expected: FloatArray, reading: Reading, rows: IntArray, taxel: i
     return bool(np.delete(share, taxel, axis=1).sum() > SURE)
 
 
+def presses_of(silent: Sequence[Silent]) -> IntArray:
+    """Rows of the presses that show taxels falling silent."""
+    return np.array([row for one in silent for row in one.presses.tolist()], dtype=np.int64)
+
+
 def without_silent(reading: Reading, silent: Sequence[Silent], session: GapSession) -> Reading:
     """The reading with no trust in taxels once they may be silent.
 

@@ -10,7 +10,8 @@ import pytest
 from gap.gap_sessions import READOUT, without
 from gap.made_sessions import OPTIONS, SIGMA, Made, made, read
 
-from skincal.diagnose.base_fit import Base, heard_again
+from skincal.diagnose.base_fit import Base
+from skincal.diagnose.second_look import heard_again
 from skincal.gap.choose import Choice
 from skincal.gap.dying import NAME, with_silent
 from skincal.gap.models import Model
