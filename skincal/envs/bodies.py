@@ -106,7 +106,7 @@ class Marble(Body):
     ) -> Contacts:
         """See :meth:`Body.contacts`. The ball touches where its centre is nearest, however it is turned."""
         del point_m, rotation
-        return Contacts((position_m - self.radius_m * normal)[None], normal[None], np.array([force_n]))
+        return Contacts.one(position_m - self.radius_m * normal, normal, force_n)
 
 
 _MARBLE_COLOUR = (0.15, 0.35, 0.75, 1.0)
@@ -221,7 +221,7 @@ class Bolt(Body):
         rotation: FloatArray,
     ) -> Contacts:
         """See :meth:`Body.contacts`."""
-        return Contacts(point_m[None], normal[None], np.array([force_n]), rotation[None], position_m[None])
+        return Contacts.one(point_m, normal, force_n, rotation, position_m)
 
 
 @lru_cache(maxsize=8)

@@ -73,8 +73,8 @@ class Layout:
         flat = np.empty(len(self.low))
         for name, where in self._slices:
             flat[where] = values[name]
-        # A sum is finite where all its terms are.
-        if not math.isfinite(float(flat.sum())):
+        # A sum of squares is finite where all its terms are, and it never meets infinity less infinity.
+        if not math.isfinite(float(np.vdot(flat, flat))):
             np.nan_to_num(flat, copy=False, posinf=np.inf, neginf=-np.inf)
         np.maximum(flat, self.low, out=flat)
         return np.minimum(flat, self.high, out=flat)

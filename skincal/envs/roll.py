@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -154,7 +155,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def _make_scene(self) -> Scene:
         window = self.render_mode == "human" and display_there()
-        return Scene(self.pinch, window=window, visible=self.render_mode is not None)
+        visible = self.render_mode is not None
+        return Scene(self.pinch, self.options.solver_iterations, window=window, visible=visible)
 
     def _fix_sensor(self, values: Values, asked: EpisodeOptions) -> None:
         """Policies without touch cannot know where the sensor is: for them it stays at the middle of its range."""
@@ -346,7 +348,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
 def _worst(values: FloatArray) -> float:
     """The largest; what is not finite counts as far beyond the limit."""
-    return float(np.nan_to_num(values, nan=1e3, posinf=1e3).max())
+    return max(v if math.isfinite(v) else 1e3 for v in values.tolist())
 
 
 def _plain(value: Value) -> Value:

@@ -37,11 +37,12 @@ class Scene:
 
     Args:
         pinch: the fingers.
+        iterations: of the contact solver in each step.
         window: whether PyBullet opens a window.
         visible: whether there is something to look at.
     """
 
-    def __init__(self, pinch: Pinch, *, window: bool = False, visible: bool = False) -> None:
+    def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
         with quiet():
             self.engine: Any = importlib.import_module("pybullet")
             self.client: int = self.engine.connect(self.engine.GUI if window else self.engine.DIRECT)
@@ -49,7 +50,7 @@ class Scene:
             raise WorkError(
                 "environment: PyBullet gives no further client. Close environments no longer used."
             )
-        self._pinch = pinch
+        self._pinch, self._iterations = pinch, iterations
         folder = tempfile.mkdtemp(prefix="skincal-")
         self._tidy = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self._urdf = Path(folder) / "fingers.urdf"
@@ -64,7 +65,10 @@ class Scene:
         engine, client = self.engine, self.client
         engine.resetSimulation(physicsClientId=client)
         engine.setPhysicsEngineParameter(
-            fixedTimeStep=1.0 / PHYSICS_HZ, deterministicOverlappingPairs=1, physicsClientId=client
+            fixedTimeStep=1.0 / PHYSICS_HZ,
+            numSolverIterations=self._iterations,
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
         )
         engine.setGravity(0, 0, 0, physicsClientId=client)
         self._load_fingers(grip)
@@ -213,13 +217,6 @@ class Scene:
         linear, angular = self.engine.getBaseVelocity(self.body, physicsClientId=self.client)
         return np.array(linear), np.array(angular)
 
-    def sound(self) -> bool:
-        """Whether all angles and the object's place are finite and not absurd."""
-        q, dq = self.joints()
-        place = self.object_frame().origin_m
-        finite = bool(np.isfinite(q).all() and np.isfinite(dq).all() and np.isfinite(place).all())
-        return finite and float(np.abs(q).max()) < _LARGEST_ANGLE_RAD and float(np.abs(place).max()) < _FAR_M
-
     def gap_m(self) -> float:
         """Smallest distance between a tip and the object [m], negative inside; at most 0.05 m."""
         rows = self.engine.getClosestPoints(self.fingers, self.body, 0.05, physicsClientId=self.client)
@@ -235,6 +232,14 @@ class Scene:
 
     def _matrix(self, turn: Sequence[float]) -> FloatArray:
         return np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
+
+
+def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:
+    """Whether angles and velocities of the joints and the object's place (3,) are finite and not absurd."""
+    # A comparison with NaN is false.
+    moves = float(np.abs(dq_rad_per_s).max()) < np.inf
+    there = float(np.abs(place_m).max()) < _FAR_M
+    return moves and there and float(np.abs(q_rad).max()) < _LARGEST_ANGLE_RAD
 
 
 def quaternion(rotation: FloatArray) -> list[float]:

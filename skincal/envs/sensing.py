@@ -12,7 +12,7 @@ from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, number, turn_rad
 from skincal.envs.grip import Frame
 from skincal.envs.pinch import Pinch, require_cylinder
-from skincal.envs.scene import Scene
+from skincal.envs.scene import Scene, sound
 from skincal.envs.tactile import Felt
 from skincal.envs.touching import Touching
 from skincal.model import SensorPose
@@ -140,7 +140,7 @@ def view(scene: Scene, sensor: Sensor) -> View:
     skin, thumb = scene.touches()
     tip, body = scene.tip(scene.skin_link), scene.object_frame()
     velocity, spin = scene.object_motion()
-    sound = scene.sound()
+    believed = sound(q, dq, body.origin_m)
     return View(
         q_rad=q,
         dq_rad_per_s=dq,
@@ -151,7 +151,7 @@ def view(scene: Scene, sensor: Sensor) -> View:
         body=body,
         velocity_m_per_s=velocity,
         spin_rad_per_s=spin,
-        position_m=sensor.patch_m(tip.inside(body.origin_m)) if sound else np.zeros(2),
+        position_m=sensor.patch_m(tip.inside(body.origin_m)) if believed else np.zeros(2),
         held=scene.held,
-        sound=sound,
+        sound=believed,
     )

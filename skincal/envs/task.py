@@ -21,6 +21,8 @@ class TaskOptions:
         speed_rad_per_s: joint velocity that an action of 1 commands, the largest there is; assumed [rad/s].
         box_half_m: half the width of the box in which random targets lie [m].
         resolution_m: longest edge of a tactile point's cell [m].
+        solver_iterations: of PyBullet's contact solver in each step of 1 ms. PyBullet's own 50 are slower and nearer to
+            what 1000 give; ``benchmarks/solver_iterations.py`` says by how much.
         rewards: weights and widths.
         grasp: how the object is taken.
     """
@@ -29,6 +31,7 @@ class TaskOptions:
     speed_rad_per_s: float = 0.3
     box_half_m: float = 6e-3
     resolution_m: float = 0.25e-3
+    solver_iterations: int = 20
     rewards: RewardScales = field(default_factory=RewardScales)
     grasp: GraspOptions = field(default_factory=GraspOptions)
 
@@ -54,11 +57,12 @@ def with_single(options: TaskOptions, single: Mapping[str, Any]) -> TaskOptions:
     return replace(options, **single)
 
 
-_EXPECTED = {"rewards": "RewardScales", "grasp": "GraspOptions"}
+_EXPECTED = {"rewards": "RewardScales", "grasp": "GraspOptions", "solver_iterations": "a whole number > 0"}
 
 
 def _fits(name: str, value: object) -> bool:
-    if name in _EXPECTED:
+    if name in ("rewards", "grasp"):
         return isinstance(value, RewardScales if name == "rewards" else GraspOptions)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
+    kind = int if name == "solver_iterations" else int | float
+    number = isinstance(value, kind) and not isinstance(value, bool)
     return number and 0 < cast(float, value) < 1e4

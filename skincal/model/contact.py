@@ -62,6 +62,34 @@ class Contacts:
             origins = floats("contact origins_m", self.origins_m, (count, 3), finite=False)
             object.__setattr__(self, "origins_m", origins)
 
+    @classmethod
+    def one(
+        cls,
+        point_m: FloatArray,
+        normal: FloatArray,
+        force_n: float,
+        rotation: FloatArray | None = None,
+        origin_m: FloatArray | None = None,
+    ) -> Contacts:
+        """One contact, unchecked: for a simulation, whose vectors have the length they should have.
+
+        Args:
+            point_m: (3,) [m].
+            normal: (3,) unit contact normal.
+            force_n: [N].
+            rotation: (3, 3) from the indenter's frame to the fingertip's.
+            origin_m: (3,) origin of the indenter's frame [m].
+        """
+        contact = object.__new__(cls)
+        contact.__dict__.update(
+            points_m=point_m[None],
+            normals=normal[None],
+            force_n=np.array([force_n]),
+            rotations=None if rotation is None else rotation[None],
+            origins_m=None if origin_m is None else origin_m[None],
+        )
+        return contact
+
     def __len__(self) -> int:
         return len(self.force_n)
 
@@ -94,12 +122,10 @@ class Contacts:
     @property
     def known(self) -> BoolArray:
         """(K,) True where the force and all that says where it acts are finite."""
-        places = [
-            self.points_m,
-            self.normals,
-            self.indenter_origins_m,
-            self.indenter_rotations.reshape(-1, 9),
-        ]
+        # Rotations that are left out are those of the normals.
+        places = [self.points_m, self.normals]
+        places += [] if self.origins_m is None else [self.origins_m]
+        places += [] if self.rotations is None else [self.rotations.reshape(-1, 9)]
         finite: BoolArray = np.isfinite(np.concatenate([self.force_n[:, None], *places], axis=1))
         return np.logical_and.reduce(finite, axis=1)
 

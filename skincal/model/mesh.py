@@ -1,14 +1,12 @@
-"""Triangle meshes: checked once, then asked for the first triangle on a ray (embree, through trimesh)."""
+"""Triangle meshes: checked once, then asked for the first triangle on a ray (embree)."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import FloatArray, IntArray, check_shape, floats, frozen
+from skincal.model.rays import RayScene
 
 _FLAT = 1e-12
 """A face with less area than this part of the mesh's size squared has no normal."""
@@ -57,8 +55,7 @@ class TriangleMesh:
         self.centre_m = frozen((vertices.min(axis=0) + vertices.max(axis=0)) / 2)
         self.radius_m = float(np.linalg.norm(vertices - self.centre_m, axis=1).max())
         self._height = np.sum(self.normals * vertices[self.faces[:, 0]], axis=1)
-        # Centred, so that embree's single precision is spent on the shape and not on where it lies.
-        self._tracer: Any = trimesh.Trimesh(vertices - self.centre_m, self.faces, process=False)
+        self._rays = RayScene(vertices - self.centre_m, self.faces)
 
     def first_hit(self, origins_m: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
         """The first triangle on each ray.
@@ -72,9 +69,7 @@ class TriangleMesh:
         """
         if len(origins_m) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
-        face: IntArray = self._tracer.ray.intersects_first(origins_m - self.centre_m, directions).astype(
-            np.int64
-        )
+        face = self._rays.first(origins_m - self.centre_m, directions)
         hit = face >= 0
         normals = self.normals[face]
         closing = np.einsum("ij,ij->i", normals, directions)
@@ -89,6 +84,24 @@ class TriangleMesh:
         start = ahead - 1.01 * self.radius_m
         face, distance = self.first_hit(origins_m + start[:, None] * directions, directions)
         return face, start + distance
+
+    def first_ahead(self, origins_m: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As :meth:`first_on_line` for one direction (3,), and how far the triangles face against it or along it.
+
+        Returns:
+            Distance (N,) [m], inf where a line misses, and the cosine (N,) between normal and line, 0 where it misses.
+        """
+        if len(origins_m) == 0:
+            return np.zeros(0), np.zeros(0)
+        closing = self.normals @ direction
+        starts = origins_m - self.centre_m
+        starts -= (starts @ direction + 1.01 * self.radius_m)[:, None] * direction
+        face = self._rays.first(starts, direction)
+        cosine = closing[face]
+        cosine[face < 0] = 0.0
+        ahead = self._height[face] - np.einsum("ij,ij->i", self.normals[face], origins_m)
+        distance = np.divide(ahead, cosine, out=np.full(len(face), np.inf), where=cosine != 0)
+        return distance, np.abs(cosine)
 
     def check_closed(self) -> None:
         """Raise ``ValueError`` unless every edge belongs to two faces: through a hole a ray would meet the inside."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skincal.model.arrays import FloatArray, floats, positive
-from skincal.model.ball import loads_of_one
 from skincal.model.contact import Contacts
 from skincal.model.converter import Converter
-from skincal.model.indenters import Indenter, Sphere
+from skincal.model.indenters import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
 from skincal.model.pressures import Pressures, pressures
 from skincal.model.response import SkinResponse, loads, respond
+from skincal.model.single import loads_of_one
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Skin:
         The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4).
         """
         patch, elasticity = self.patch, self.parameters.elasticity_pa_per_m
-        if len(contacts) == 1 and self.law is None and isinstance(indenter, Sphere):
+        if len(contacts) == 1 and self.law is None:
             found = loads_of_one(patch, elasticity, indenter, contacts)
             if found is not None:
                 return found

@@ -207,14 +207,31 @@ def test_extreme_actions_neither_break_it_nor_press_beyond_physics(name: str) ->
     assert 2.0 < force < 60.0
 
 
-def test_a_world_that_has_gone_astray_ends_the_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("angle_rad", [np.nan, np.inf, 1e5])
+def test_a_world_that_has_gone_astray_ends_the_episode(
+    monkeypatch: pytest.MonkeyPatch, angle_rad: float
+) -> None:
     env = make()
     env.reset(seed=0)
-    monkeypatch.setattr(env._scene, "sound", lambda: False)
+    astray = (np.full(6, angle_rad), np.zeros(6))
+    monkeypatch.setattr(env._scene, "joints", lambda: astray)
     observation, reward, terminated, truncated, info = env.step(STILL)
     assert terminated and not truncated and info["drop"]
     assert env.observation_space.contains(observation) and np.isfinite(reward)
     env.close()
+
+
+@pytest.mark.parametrize("name", [MARBLE, BOLT])
+def test_more_iterations_of_the_solver_change_little(name: str) -> None:
+    actions = np.random.default_rng(0).uniform(-0.1, 0.1, (10, 6))
+    places = []
+    for iterations in (20, 200):
+        env = make(name, policy="desired", solver_iterations=iterations)
+        env.reset(seed=0)
+        places.append([env.step(action)[4]["position_m"] for action in actions])
+        env.close()
+    apart = np.abs(np.subtract(*places)).max()
+    assert 0 < apart < 0.5e-3
 
 
 def test_a_step_before_the_first_reset_is_refused() -> None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray
+
+_LOST = 1e-6
+"""Shorter than this, what lies across a direction has none itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +89,13 @@ def frames(directions: FloatArray, side: tuple[float, float, float] | FloatArray
 
     The first side is the part of ``side`` across the direction; any across it where nothing is left of ``side``.
     """
+    if len(directions) == 1:
+        found = _one_frame(directions[0].tolist(), np.asarray(side).tolist())
+        if found is not None:
+            return found
     across = side - (directions @ np.asarray(side))[:, None] * directions
     length = np.sqrt(np.einsum("ki,ki->k", across, across))
-    lost = length < 1e-6
+    lost = length < _LOST
     if lost.any():
         least = np.eye(3)[np.argmin(np.abs(directions[lost]), axis=1)]
         across[lost] = np.cross(directions[lost], least)
@@ -96,3 +104,15 @@ def frames(directions: FloatArray, side: tuple[float, float, float] | FloatArray
     x, y = directions.T, across.T
     other = np.stack([x[i] * y[j] - x[j] * y[i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
     return np.stack([across, other, directions], axis=1)
+
+
+def _one_frame(z: list[float], side: list[float]) -> FloatArray | None:
+    """One of the frames, with plain numbers, numpy being slower for three; None where nothing is left of the side."""
+    along = sum(a * b for a, b in zip(z, side, strict=True))
+    x = [b - along * a for a, b in zip(z, side, strict=True)]
+    length = math.hypot(*x)
+    if not length >= _LOST:
+        return None
+    x = [a / length for a in x]
+    y = [z[i] * x[j] - z[j] * x[i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return np.array([[x, y, z]])

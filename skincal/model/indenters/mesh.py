@@ -65,6 +65,10 @@ class MeshIndenter(Indenter):
         closing = np.einsum("...i,...i->...", normals, directions)[..., None]
         return RayHits(distance.reshape(origins.shape[:-1]), -np.sign(closing) * normals)
 
+    def along(self, origins_m: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`Indenter.along`."""
+        return self._mesh.first_ahead(origins_m, direction)
+
     def bound(self, directions: FloatArray, contacts_m: FloatArray) -> Bound:
         """See :meth:`Indenter.bound`. About the contact.
 

@@ -1,14 +1,18 @@
-"""One press of a ball: the short way finds what the batch finds."""
+"""One press: the short way finds what the batch finds."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from model_shapes import bolt_mesh, box_mesh
 from scipy.spatial.transform import Rotation
 
+from skincal.envs.bodies import Bolt
 from skincal.model import (
     Contacts,
     Cylinder,
+    FlatPunch,
+    Indenter,
     Patch,
     Plane,
     SensorPose,
@@ -64,3 +68,45 @@ def test_odd_presses_are_those_of_the_batch(force: float, place: float, expected
     skin = Skin(Patch.build(Plane(), LAYOUT, SensorPose(0.0235, 0.0)), SkinParameters(5e8, 1.0))
     contacts = Contacts(np.array([[0.0, place, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([force]))
     assert np.array_equal(skin.loads(Sphere(0.006), contacts), np.full((1, 16), expected), equal_nan=True)
+
+
+INDENTERS = {
+    "a bolt with a bound of its own": Bolt(0.006, 0.006).indenter,
+    "a mesh that is not convex": bolt_mesh(),
+    "a box": box_mesh(),
+    "a punch": FlatPunch(0.004),
+}
+
+
+@pytest.mark.parametrize("indenter", INDENTERS.values(), ids=INDENTERS)
+@pytest.mark.parametrize("free", [False, True])
+def test_other_indenters_are_the_batch_of_one_too(indenter: Indenter, free: bool) -> None:
+    rng = np.random.default_rng(1)
+    patch = Patch.build(Cylinder(0.0115), LAYOUT, SensorPose(0.0235, 0.1, 0.1))
+    felt = 0
+    for number in range(80):
+        beta, y = rng.normal(0, 0.6), rng.normal(0.0235, 0.008)
+        out = np.array([np.sin(beta), 0.0, np.cos(beta)])
+        point = 0.0115 * out + [0.0, y, 0.0]
+        normal = out + rng.normal(0, 0.1, 3) * (number % 2)
+        normal /= np.linalg.norm(normal)
+        rotation = Rotation.random(random_state=number).as_matrix() if free else None
+        origin = point + rng.uniform(0.0, 0.008) * normal if free else None
+        force, elasticity = 10 ** rng.uniform(-3, 1.5), 10 ** rng.uniform(7, 9.5)
+        contacts = Contacts.one(point, normal, force, rotation, origin)
+        assert contacts.known.all()
+        short = Skin(patch, SkinParameters(elasticity, 1.0)).loads(indenter, contacts)
+        batch = loads(patch, elasticity, indenter, contacts)
+        assert np.abs(short - batch).max() <= 1e-9 * force
+        felt += bool(batch.any())
+    assert felt > 20
+
+
+def test_an_unchecked_contact_is_the_checked_one() -> None:
+    point, normal, rotation = np.array([0.001, 0.02, 0.01]), np.array([0.0, 0.6, 0.8]), np.eye(3)[[1, 2, 0]]
+    one = Contacts.one(point, normal, 2.0, rotation, 2 * point)
+    checked = Contacts(point[None], normal[None], np.array([2.0]), rotation[None], 2 * point[None])
+    for name in ("points_m", "normals", "force_n", "rotations", "origins_m", "local_directions", "known"):
+        assert np.array_equal(getattr(one, name), getattr(checked, name)), name
+    assert not Contacts.one(point, normal, np.nan).known[0]
+    assert not Contacts.one(point, normal, 1.0, rotation * np.nan, point).known[0]
