@@ -21,8 +21,8 @@ class TaskOptions:
         speed_rad_per_s: joint velocity that an action of 1 commands, the largest there is; assumed [rad/s].
         box_half_m: half the width of the box in which random targets lie [m].
         resolution_m: longest edge of a tactile point's cell [m].
-        solver_iterations: of PyBullet's contact solver in each step of 1 ms. PyBullet's own 50 are slower and nearer to
-            what 1000 give; ``benchmarks/solver_iterations.py`` says by how much.
+        solver_iterations: of PyBullet's contact solver in each step of 1 ms. More are slower, and nearer to what 1000
+            give; ``benchmarks/solver_iterations.py`` says by how much.
         rewards: weights and widths.
         grasp: how the object is taken.
     """

@@ -75,7 +75,7 @@ def loads_of_one(
         contacts: one contact.
     """
     force = float(contacts.force_n[0])
-    if not (0 < force < math.inf and len(patch) and contacts.known[0]):
+    if not (0 < force < math.inf and len(patch) and _finite(contacts)):
         return None
     press: OnePress = _Ball(indenter, contacts) if isinstance(indenter, Sphere) else _Cast(indenter, contacts)
     load, tiles, taxels = force / elasticity_pa_per_m, patch.tiles, patch.layout.taxels
@@ -96,6 +96,12 @@ def loads_of_one(
     slot = tiles.taxel.take(some, axis=0).ravel()[which] + 1
     sums = as_floats(np.bincount(slot, carried, taxels + 1))
     return (elasticity_pa_per_m * sums[1:])[None]
+
+
+def _finite(contacts: Contacts) -> bool:
+    """As :attr:`Contacts.known`: a sum of squares is finite where all its terms are."""
+    parts = (contacts.points_m, contacts.normals, contacts.rotations, contacts.origins_m)
+    return math.isfinite(sum(float(np.vdot(part, part)) for part in parts if part is not None))
 
 
 def _reach(press: OnePress, tiles: Tiles, load: float) -> tuple[FloatArray, float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,7 +40,7 @@ def draw(
     covered = set(joint.columns) if joint is not None else set[str]()
     for path, parameter in parameters.items():
         if parameter.mode == mode and path not in covered:
-            size = _size(path, parameter, joints=joints, taxels=taxels)
+            size = _size(path, parameter.size(), joints=joints, taxels=taxels)
             put(sample, path, _draw_one(path, parameter, rng, size, episode))
     for path, value in together.items():
         put(sample, path, value)
@@ -111,13 +112,13 @@ def _array(numbers: Numbers | None) -> FloatArray:
     return np.asarray(numbers, dtype=np.float64)
 
 
-def _size(path: str, parameter: Parameter, *, joints: int, taxels: int) -> int | None:
-    """Length of a draw; None: a plain float."""
+@lru_cache(maxsize=1024)
+def _size(path: str, own: int | None, *, joints: int, taxels: int) -> int | None:
+    """Length of a draw, of a parameter whose figures hold so many numbers; None: a plain float."""
     name = find(path)
     shape: Shape = name.shape if name is not None else "scalar"
     if shape in ("joint_12", "joint_3") and joints % 3:
         raise ValueError(f"{path} needs three joints a finger; got joints={joints}")
-    own = parameter.size()
     sizes: dict[Shape, int | None] = {
         "scalar": None,
         "joint": joints,
