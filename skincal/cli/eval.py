@@ -162,12 +162,12 @@ def _targets(path: Path) -> list[list[float]]:
 def _evaluated(policies: list[Policy], trial: Trial, ranges: Path | None) -> list[Evaluated]:
     import numpy as np
 
-    from skincal.ranges import read_ranges
+    from skincal.envs.needed import ranges_for
     from skincal.report.evaluation import Evaluated, names_of
     from skincal.train.evaluate import environment_for, evaluate
     from skincal.train.scores import score
 
-    used = None if ranges is None else read_ranges(ranges)
+    used = None if ranges is None else ranges_for(trial.task.value, ranges)
     found: list[Evaluated] = []
     with progress() as bars:
         for name, policy in zip(names_of(policies), policies, strict=True):

@@ -106,7 +106,7 @@ def train(
     else:
         settings = Settings(environments=envs or Settings.environments)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
-        used = _ranges(ranges)
+        used = _ranges(task, ranges)
         # Whatever is wrong with the ranges is told before there is a folder.
         make_environment(work, used).close()
         begin(work, used, out, force=force)
@@ -134,10 +134,11 @@ def _work(
     )
 
 
-def _ranges(file: Path | None) -> Ranges:
-    from skincal.ranges import preset, read_ranges
+def _ranges(task: Task, file: Path | None) -> Ranges:
+    """What is wrong with a file is told with its name."""
+    from skincal.envs.needed import ranges_for
 
-    return preset("iros24") if file is None else read_ranges(file)
+    return ranges_for(task.value, file)
 
 
 def _same(out: Path, task: Task, told: dict[str, Any], work: Work, used: Ranges) -> None:

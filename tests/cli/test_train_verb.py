@@ -87,7 +87,7 @@ def test_ranges_that_lack_a_parameter(tmp_path, capsys):
     less = type(ranges)({name: p for name, p in ranges.items() if name != "skin.scale_per_n"})
     write_ranges(less, tmp_path / "less.toml")
     assert train(tmp_path / "run", "--ranges", tmp_path / "less.toml") == 2
-    assert "skin.scale_per_n" in capsys.readouterr().err
+    assert "less.toml, [skin.scale_per_n]: expected " in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
