@@ -1,15 +1,14 @@
 """Whether measured places are off in a way that goes with something: where on the skin, the force, the hand's pose.
 
 A fit gives every press a place of its own, and takes as wide a prior for it as the places need. Measured places that
-are stretched or that yield with the force leave then no trace in the images; they show in the places alone. The moves y
-of presses whose images tell where they were are regressed on what ``contact_offset`` does to places, X, beside what
-the sensor's pose does, Z:
-
-    share = 1 - |y - Z a - X b|² / (m - p) : |y - Z c|² / (m - z)
+are stretched or that yield with the force leave then no trace in the images; they show in the places alone. The moves
+of presses whose images tell where they were are regressed on what ``contact_offset`` does to places, beside what the
+sensor's pose does (:mod:`skincal.gap.trend`): on offsets in each hand pose, on what goes with the place, on what goes
+with the force, and on all of it.
 
 A press whose images are as right at another place (:mod:`skincal.gap.relocate`) is taken to be where its prior says,
-which is a trend of its own: such presses are left out. The chance is that of a larger share where presses swap their
-moves (Freedman & Lane 1983). What another contact law does to places (:mod:`skincal.gap.law`) must explain much less.
+which is a trend of its own: such presses are left out. What another contact law does to places
+(:mod:`skincal.gap.law`) must explain much less.
 """
 
 from __future__ import annotations
@@ -28,7 +27,8 @@ from skincal.gap.free import clipped, parameters_at
 from skincal.gap.hypothesis import PLACE
 from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.gap.relocate import ambiguous
-from skincal.model.arrays import BoolArray, FloatArray, as_floats
+from skincal.gap.trend import beyond, explained, largest_share, numbers
+from skincal.model.arrays import BoolArray, FloatArray
 
 NAME = "contact_offset"
 _STEP = 0.1
@@ -36,9 +36,12 @@ _KNOWN = 4.0
 """A place is known where its images are worth so much more than its prior, along both directions."""
 _FEWEST = 3
 """Presses for each number at least."""
-_SWAPS = 999
-_SAME = 1e-6
-"""Columns less apart than this, relative, are one: offsets in all poses together are the sensor's pose."""
+_WAYS = (
+    ("pose_across_m", "pose_along_m"),
+    ("stretch_across", "stretch_along", "skew"),
+    ("across_m_per_n", "along_m_per_n"),
+)
+"""Numbers of the effect that belong together."""
 SIGNIFICANT, SHARE = 0.002, 0.12
 """When a trend is named: its p-value at most, and its share at least."""
 _FAINT = 0.5
@@ -52,7 +55,7 @@ class Trend:
     """What goes with the places.
 
     Attributes:
-        found: ``contact_offset`` with the numbers that explain most.
+        found: ``contact_offset`` with the numbers that explain it.
         share: of the variance of the moves, for the numbers that were free.
         p_value: of so large a share.
         rms_m: root mean square of the moves that it explains [m].
@@ -88,24 +91,23 @@ def place_trend(
     columns, turns = _moves(model, material, start)
     least = _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2
     moves = model.hypothesis.places[:, :2]
+    of_way = [[i for i, c in enumerate(start.coords) if c.parameter.name in way] for way in _WAYS]
     if doubtful is not None and len(rows) >= least:
-        faint = _explained(moves[rows], columns[rows], turns[rows])[1] <= _FAINT * SHARE
+        faint = largest_share(moves[rows], columns[rows], turns[rows], of_way) <= _FAINT * SHARE
         rows = rows if faint else rows[~doubtful()[rows]]
     if len(rows) < least:
         return None
-    moves = moves[rows]
-    x, share = _explained(moves, columns[rows], turns[rows])
-    drawn = [
-        _explained(_swapped(moves, turns[rows], rng), columns[rows], turns[rows])[1] for _ in range(_SWAPS)
-    ]
-    made = _beyond(columns[rows] @ x, turns[rows])
-    by_law = [_explained(of[rows], columns[rows], turns[rows])[0] for of in _by_laws(model, material, errors)]
-    most = max((_rms(_beyond(columns[rows] @ own, turns[rows])) for own in by_law), default=0.0)
+    pose = turns[rows]
+    best = explained(moves[rows], columns[rows], pose, of_way, rng)
+    own = columns[rows][..., best.columns]
+    made = beyond(own @ best.x, pose)
+    by_law = [numbers(of[rows], own, pose) for of in _by_laws(model, material, errors)]
+    most = max((_rms(beyond(own @ x, pose)) for x in by_law), default=0.0)
     if most > _OF_LAW * _rms(made):
         return None
-    chance = (1 + sum(other >= share for other in drawn)) / (1 + _SWAPS)
-    found = Found(start, clipped(start.coords, x), 0.0, 0.0)
-    return Trend(found, share, chance, _rms(made))
+    start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
+    found = Found(start, clipped(start.coords, best.x), 0.0, 0.0)
+    return Trend(found, best.share, best.p_value, _rms(made))
 
 
 def with_places(
@@ -179,35 +181,8 @@ def _moves(model: Model, material: Material, start: Start) -> tuple[FloatArray, 
     return np.stack(columns, axis=-1), np.stack(turns, axis=-1)
 
 
-def _explained(moves: FloatArray, columns: FloatArray, turns: FloatArray) -> tuple[FloatArray, float]:
-    """The smallest numbers (n,) that explain most of the moves (P, 2), and their share of the variance."""
-    y, own, pose = moves.ravel(), columns.reshape(moves.size, -1), turns.reshape(moves.size, -1)
-    rest = np.hstack([y[:, None], own])
-    rest = rest - pose @ np.linalg.lstsq(pose, rest, rcond=None)[0]
-    before, beyond = rest[:, 0], rest[:, 1:]
-    x, _, rank, _ = np.linalg.lstsq(beyond, before, rcond=_SAME)
-    left = before - beyond @ x
-    free = len(y) - pose.shape[1]
-    total = float(before @ before) / max(1, free)
-    return as_floats(x), 1 - float(left @ left) / max(1, free - int(rank)) / total if total > 0 else 0.0
-
-
-def _beyond(moves: FloatArray, turns: FloatArray) -> FloatArray:
-    """Moves (P, 2) without what the pose does."""
-    pose = turns.reshape(moves.size, -1)
-    return as_floats(
-        moves - (pose @ np.linalg.lstsq(pose, moves.ravel(), rcond=None)[0]).reshape(moves.shape)
-    )
-
-
 def _rms(moves: FloatArray) -> float:
     return float(np.sqrt((moves**2).sum(axis=1).mean()))
-
-
-def _swapped(moves: FloatArray, turns: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Moves beyond what the pose does, of presses in another order."""
-    beyond = _beyond(moves, turns)
-    return moves - beyond + beyond[rng.permutation(len(moves))]
 
 
 def _by_laws(model: Model, material: Material, errors: list[FloatArray]) -> list[FloatArray]:
