@@ -8,7 +8,7 @@ with the force, and on all of it.
 
 A press whose images are as right at another place (:mod:`skincal.gap.relocate`) is taken to be where its prior says,
 which is a trend of its own: such presses are left out. What another contact law does to places
-(:mod:`skincal.gap.law`) must explain much less.
+(:mod:`skincal.gap.law`) may be there in any case, as much of it as there is.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from skincal.gap.free import clipped, parameters_at
 from skincal.gap.hypothesis import PLACE
 from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.gap.relocate import ambiguous
-from skincal.gap.trend import beyond, explained, largest_share, numbers
-from skincal.model.arrays import BoolArray, FloatArray
+from skincal.gap.trend import beyond, explained, largest_share
+from skincal.model.arrays import BoolArray, FloatArray, as_floats
 
 NAME = "contact_offset"
 _STEP = 0.1
@@ -46,8 +46,8 @@ SIGNIFICANT, SHARE = 0.002, 0.12
 """When a trend is named: its p-value at most, and its share at least."""
 _FAINT = 0.5
 """Doubtful presses hide less than this part of a trend: where there is not even so much, they are not looked for."""
-_OF_LAW = 0.5
-"""A law may move places by so much of what is found at most."""
+_LAWS = 0.1
+"""Laws move places alike; what is less of it than this, relative, is left to chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +97,9 @@ def place_trend(
         rows = rows if faint else rows[~doubtful()[rows]]
     if len(rows) < least:
         return None
-    pose = turns[rows]
-    best = explained(moves[rows], columns[rows], pose, of_way, rng)
-    own = columns[rows][..., best.columns]
-    made = beyond(own @ best.x, pose)
-    by_law = [numbers(of[rows], own, pose) for of in _by_laws(model, material, errors)]
-    most = max((_rms(beyond(own @ x, pose)) for x in by_law), default=0.0)
-    if most > _OF_LAW * _rms(made):
-        return None
+    known = np.concatenate([turns, _by_laws(model, material, errors)], axis=-1)[rows]
+    best = explained(moves[rows], columns[rows], known, of_way, rng)
+    made = beyond(columns[rows][..., best.columns] @ best.x, known)
     start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
     found = Found(start, clipped(start.coords, best.x), 0.0, 0.0)
     return Trend(found, best.share, best.p_value, _rms(made))
@@ -185,14 +180,16 @@ def _rms(moves: FloatArray) -> float:
     return float(np.sqrt((moves**2).sum(axis=1).mean()))
 
 
-def _by_laws(model: Model, material: Material, errors: list[FloatArray]) -> list[FloatArray]:
-    """Moves (P, 2) that presses make to fit each law's residual [m]; the sensor stays."""
+def _by_laws(model: Model, material: Material, errors: list[FloatArray]) -> FloatArray:
+    """Moves (P, 2, r) that presses make to fit what laws leave, the sensor staying, as few columns as say it."""
     prior, press = material.options.place_prior, material.session.press
-    found = [np.zeros((len(model.hypothesis.places), 2)) for _ in errors]
+    found = np.zeros((len(model.hypothesis.places), 2, len(errors)))
     for row in np.unique(press[press >= 0]).tolist():
         own = press == row
         slopes = (model.refit.slopes.place[own] * prior).reshape(-1, PLACE)
         inverse = np.linalg.inv(slopes.T @ slopes + np.eye(PLACE))
-        for moves, error in zip(found, errors, strict=True):
-            moves[row] = (prior * (inverse @ (slopes.T @ error[own].ravel())))[:2]
-    return found
+        for k, error in enumerate(errors):
+            found[row, :, k] = (prior * (inverse @ (slopes.T @ error[own].ravel())))[:2]
+    left, size, _ = np.linalg.svd(found.reshape(2 * len(found), -1), full_matrices=False)
+    main = left[:, size > _LAWS * size.max(initial=0.0)]
+    return as_floats(main.reshape(*found.shape[:2], -1))

@@ -76,7 +76,14 @@ def test_what_a_law_does_to_places_is_no_trend():
     slopes, session = of.model.refit.slopes, of.made.session
     own = np.where((session.press >= 0)[:, None], moves[np.maximum(session.press, 0)], 0.0)
     error = (slopes.place[..., :2] * own[:, None, :]).sum(axis=-1)
-    assert place_trend(model, material_of(of), [error], np.random.default_rng(0)) is None
+    alone = place_trend(model, material_of(of), [], np.random.default_rng(0))
+    beside = place_trend(model, material_of(of), [error], np.random.default_rng(0))
+    assert alone is not None and alone.p_value <= SIGNIFICANT
+    assert beside is not None and beside.p_value > 0.02 and beside.rms_m < 0.2 * alone.rms_m
+    # Something else is found beside what a law does.
+    more = moved(of, moves + stretched(of, -2 * STRETCH)[:, ::-1] + noise(of, 0, 2e-5))
+    found = place_trend(more, material_of(of), [error], np.random.default_rng(0))
+    assert found is not None and found.p_value <= SIGNIFICANT
 
 
 def test_presses_that_may_be_elsewhere_say_nothing():
