@@ -49,7 +49,8 @@ class EffectSkin:
     """A skin, and what it does beyond the base model.
 
     Values are those before the converter: neither rounded nor clipped nor noisy. An effect whose strengths are all
-    neutral is left out; without any the values are bitwise those of the skin.
+    neutral is left out; without any the values are bitwise those of the skin. Where the converter's range begins at
+    rest (``value_min`` zero or more) effects with memory leave no signal below it.
 
     Attributes:
         skin: the base model.
@@ -105,6 +106,15 @@ class EffectSkin:
     def has_memory(self) -> bool:
         """Whether a value depends on earlier samples."""
         return any(a.effect.has_memory and not a.neutral for a in self.effects)
+
+    @property
+    def _no_tension(self) -> bool:
+        """Whether taxels cannot read less than at rest, such as a resistance: their range begins there.
+
+        What has crept away is then missing while nothing presses, but the signal is that at rest, with its noise.
+        """
+        least = self.skin.converter.value_min
+        return least is not None and least >= 0
 
     @cached_property
     def _law_skin(self) -> Skin:
@@ -216,7 +226,8 @@ class EffectSkin:
             states: what effects remember, by their number; changed in place. Empty at the beginning of a session.
         """
         signal = loads_n
-        for number, effect, values in at_work(self.effects, samples, MemoryEffect, self.missing):
+        remembering = at_work(self.effects, samples, MemoryEffect, self.missing)
+        for number, effect, values in remembering:
             sure = np.logical_and.reduce(np.isfinite(signal), axis=1)
             before = states.get(number)
             if sure.all():
@@ -226,6 +237,8 @@ class EffectSkin:
             out = np.full_like(signal, np.nan)
             out[sure], states[number] = effect.run(signal[sure], samples[sure], values, before)
             signal = out
+        if remembering and self._no_tension:
+            signal = np.maximum(signal, 0.0)
         later = at_work(self.effects, samples, SignalEffect, self.missing)
         for _, effect, values in later:
             if effect.stage == Stage.TRANSFER:

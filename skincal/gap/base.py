@@ -12,7 +12,17 @@ import numpy as np
 from skincal.effects import EffectSkin, Samples
 from skincal.fit.observe import Readout
 from skincal.gap.session import GapSession
-from skincal.model import Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
+from skincal.model import (
+    Converter,
+    Cylinder,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    SkinParameters,
+    Surface,
+    TaxelLayout,
+)
 from skincal.model.arrays import FloatArray
 
 Direction = Literal["across", "along", "alpha"]
@@ -62,7 +72,11 @@ class BaseModel:
     def _at(self, pose: SensorPose, elasticity_pa_per_m: float) -> EffectSkin:
         patch = Patch.build(self.surface, self.layout, pose, self.resolution_m, self.margin_m)
         parameters = SkinParameters(elasticity_pa_per_m, self.scale_per_n)
-        return EffectSkin(Skin(patch, parameters), self.surface, missing="abstain")
+        bounds = (
+            (None, None) if self.readout.rest_subtracted else (self.readout.value_min, self.readout.value_max)
+        )
+        converter = Converter(*bounds, integer=self.readout.integer)
+        return EffectSkin(Skin(patch, parameters, converter), self.surface, missing="abstain")
 
     def moved(self, direction: Direction, step: float) -> EffectSkin:
         """The skin with its patch moved [m] or turned [rad]."""
