@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_sessions import BASE, SHORT, contacts_at, skin_with
 
-from skincal.effects import Samples
+from skincal.effects import Samples, SkinStream
 from skincal.effects.recursion import recursion, relaxed
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNKNOWN, UNLOAD
-from skincal.model import Sphere
+from skincal.model import Converter, Sphere
 
 BALL = Sphere(0.006)
 
@@ -124,6 +126,20 @@ def test_creep_recovers_after_the_press():
     assert shown[3] > 0
     assert (np.diff(shown[3:]) < 0).all()
     assert shown[-1] < 1e-6
+
+
+def test_a_signal_that_fell_reads_as_at_rest_afterwards_where_the_range_begins_there():
+    falling = skin_with("creep", amplitude=-0.4, time_constant_s=1.0)
+    force = np.r_[np.linspace(0, 2, 5), np.full(50, 2.0), np.linspace(2, 0, 5), np.zeros(40)]
+    samples = course(force)
+    both_ways = replace(falling, skin=replace(falling.skin, converter=Converter.none()))
+    free, held = both_ways.values(samples), falling.values(samples)
+    assert falling.skin.converter.value_min == 0
+    assert free.min() < -1 and held.min() == 0
+    assert np.array_equal(held, np.maximum(free, 0.0))
+    stream = SkinStream(falling)
+    one_by_one = np.concatenate([stream.step(samples[k : k + 1]) for k in range(len(force))])
+    assert one_by_one == pytest.approx(held, abs=1e-9)
 
 
 @pytest.mark.parametrize(("samples", "most"), [(37, 1.0), (400, 0.5)], ids=["short", "long forgotten"])
