@@ -50,7 +50,7 @@ class Scene:
             raise WorkError(
                 "environment: PyBullet gives no further client. Close environments no longer used."
             )
-        self._pinch, self._iterations = pinch, iterations
+        self._pinch, self._iterations = pinch, int(iterations)
         folder = tempfile.mkdtemp(prefix="skincal-")
         self._tidy = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self._urdf = Path(folder) / "fingers.urdf"

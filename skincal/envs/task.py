@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from numbers import Integral, Real
 from typing import Any, cast
 
 from skincal.dataset.findings import did_you_mean
@@ -57,12 +58,17 @@ def with_single(options: TaskOptions, single: Mapping[str, Any]) -> TaskOptions:
     return replace(options, **single)
 
 
-_EXPECTED = {"rewards": "RewardScales", "grasp": "GraspOptions", "solver_iterations": "a whole number > 0"}
+_EXPECTED = {
+    "rewards": "RewardScales",
+    "grasp": "GraspOptions",
+    "solver_iterations": "a whole number > 0, below 10000",
+}
 
 
 def _fits(name: str, value: object) -> bool:
     if name in ("rewards", "grasp"):
         return isinstance(value, RewardScales if name == "rewards" else GraspOptions)
-    kind = int if name == "solver_iterations" else int | float
-    number = isinstance(value, kind) and not isinstance(value, bool)
+    if isinstance(value, bool):
+        return False
+    number = isinstance(value, Integral if name == "solver_iterations" else Real)
     return number and 0 < cast(float, value) < 1e4

@@ -72,10 +72,10 @@ class BaseModel:
     def _at(self, pose: SensorPose, elasticity_pa_per_m: float) -> EffectSkin:
         patch = Patch.build(self.surface, self.layout, pose, self.resolution_m, self.margin_m)
         parameters = SkinParameters(elasticity_pa_per_m, self.scale_per_n)
-        bounds = (
-            (None, None) if self.readout.rest_subtracted else (self.readout.value_min, self.readout.value_max)
-        )
-        converter = Converter(*bounds, integer=self.readout.integer)
+        told = self.readout
+        converter = Converter(told.value_min, told.value_max, told.integer)
+        if told.rest_subtracted:
+            converter = Converter.none()
         return EffectSkin(Skin(patch, parameters, converter), self.surface, missing="abstain")
 
     def moved(self, direction: Direction, step: float) -> EffectSkin:

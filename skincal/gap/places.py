@@ -28,7 +28,7 @@ from skincal.gap.hypothesis import PLACE
 from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.gap.relocate import ambiguous
 from skincal.gap.trend import beyond, explained, largest_share
-from skincal.model.arrays import BoolArray, FloatArray, as_floats
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NAME = "contact_offset"
 _STEP = 0.1
@@ -47,7 +47,7 @@ SIGNIFICANT, SHARE = 0.002, 0.12
 _FAINT = 0.5
 """Doubtful presses hide less than this part of a trend: where there is not even so much, they are not looked for."""
 _LAWS = 0.1
-"""Laws move places alike; what is less of it than this, relative, is left to chance."""
+"""Laws move places alike; laws, and what is their own, that are less than this, relative, are left to chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Trend:
     Attributes:
         found: ``contact_offset`` with the numbers that explain it.
         share: of the variance of the moves, for the numbers that were free.
-        p_value: of so large a share.
+        p_value: of the clearest part of it being so clear.
         rms_m: root mean square of the moves that it explains [m].
     """
 
@@ -89,16 +89,19 @@ def place_trend(
     rows = _told(model, material)
     (start,) = starts
     columns, turns = _moves(model, material, start)
-    least = _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2
-    moves = model.hypothesis.places[:, :2]
     of_way = [[i for i, c in enumerate(start.coords) if c.parameter.name in way] for way in _WAYS]
-    if doubtful is not None and len(rows) >= least:
-        faint = largest_share(moves[rows], columns[rows], turns[rows], of_way) <= _FAINT * SHARE
-        rows = rows if faint else rows[~doubtful()[rows]]
-    if len(rows) < least:
+    moves = model.hypothesis.places[:, :2]
+    known = _known(model, material, errors, turns, rows)
+    if doubtful is not None and _enough(rows, columns, turns):
+        faint = largest_share(moves[rows], columns[rows], known, of_way) <= _FAINT * SHARE
+        if not faint:
+            rows = rows[~doubtful()[rows]]
+            known = _known(model, material, errors, turns, rows)
+    if not _enough(rows, columns, turns):
         return None
-    known = np.concatenate([turns, _by_laws(model, material, errors)], axis=-1)[rows]
     best = explained(moves[rows], columns[rows], known, of_way, rng)
+    if best is None:
+        return None
     made = beyond(columns[rows][..., best.columns] @ best.x, known)
     start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
     found = Found(start, clipped(start.coords, best.x), 0.0, 0.0)
@@ -133,7 +136,7 @@ def with_places(
     )
 
 
-def _told(model: Model, material: Material) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _told(model: Model, material: Material) -> IntArray:
     """Rows of presses that were learned from and whose images tell where they were."""
     known, press = material.known, material.session.press
     rows = np.unique(press[known & (press >= 0)])
@@ -180,16 +183,29 @@ def _rms(moves: FloatArray) -> float:
     return float(np.sqrt((moves**2).sum(axis=1).mean()))
 
 
-def _by_laws(model: Model, material: Material, errors: list[FloatArray]) -> FloatArray:
-    """Moves (P, 2, r) that presses make to fit what laws leave, the sensor staying, as few columns as say it."""
+def _enough(rows: IntArray, columns: FloatArray, turns: FloatArray) -> bool:
+    """Whether there are presses enough for so many numbers."""
+    return len(rows) >= _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2
+
+
+def _known(
+    model: Model, material: Material, errors: list[FloatArray], turns: FloatArray, rows: IntArray
+) -> FloatArray:
+    """Moves (R, 2, k) of some presses that are there in any case: those of the pose, and those of contact laws.
+
+    A law moves presses to fit what it leaves, the sensor staying; as few columns as say it.
+    """
     prior, press = material.options.place_prior, material.session.press
-    found = np.zeros((len(model.hypothesis.places), 2, len(errors)))
-    for row in np.unique(press[press >= 0]).tolist():
+    found = np.zeros((len(rows), 2, len(errors)))
+    for k, row in enumerate(rows.tolist()):
         own = press == row
         slopes = (model.refit.slopes.place[own] * prior).reshape(-1, PLACE)
         inverse = np.linalg.inv(slopes.T @ slopes + np.eye(PLACE))
-        for k, error in enumerate(errors):
-            found[row, :, k] = (prior * (inverse @ (slopes.T @ error[own].ravel())))[:2]
-    left, size, _ = np.linalg.svd(found.reshape(2 * len(found), -1), full_matrices=False)
+        for law, error in enumerate(errors):
+            found[k, :, law] = (prior * (inverse @ (slopes.T @ error[own].ravel())))[:2]
+    flat = np.nan_to_num(found.reshape(2 * len(rows), len(errors)))
+    length = np.linalg.norm(flat, axis=0)
+    some = length > _LAWS * length.max(initial=0.0)
+    left, size, _ = np.linalg.svd(flat[:, some] / length[some], full_matrices=False)
     main = left[:, size > _LAWS * size.max(initial=0.0)]
-    return as_floats(main.reshape(*found.shape[:2], -1))
+    return np.concatenate([turns[rows], main.reshape(len(rows), 2, main.shape[1])], axis=-1)

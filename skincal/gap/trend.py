@@ -20,6 +20,7 @@ import numpy as np
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _SWAPS = 3999
+"""The best of four groups can then be as rare as one in a thousand."""
 _AT_ONCE = 500
 _SAME = 1e-6
 """Columns less apart than this, relative, are one: offsets in all poses together are the sensor's pose."""
@@ -35,7 +36,7 @@ class Explained:
         columns: indices of the columns that do.
         x: their numbers.
         share: of the variance of the moves, for the numbers that were free.
-        p_value: of the best group being so good.
+        p_value: of the best group being so good; others may have been added to it.
     """
 
     columns: IntArray
@@ -50,8 +51,8 @@ def explained(
     nuisance: FloatArray,
     groups: Sequence[Sequence[int]],
     rng: np.random.Generator,
-) -> Explained:
-    """The columns that moves go with most clearly.
+) -> Explained | None:
+    """The columns that moves go with most clearly; None where no group does anything that the nuisance does not.
 
     Args:
         moves: (P, 2) of the presses.
@@ -60,41 +61,58 @@ def explained(
         groups: of columns that belong together.
         rng: swaps presses.
     """
-    every = [np.array(one) for one in groups if len(one)]
+    every = _usable(columns, nuisance, groups)
+    if not every:
+        return None
     tried = every if len(every) < 2 else [*every, np.concatenate(every)]
     best, chance = _best(moves, columns, nuisance, tried, rng)
     chosen = tried[best]
     left = [one for one in every if not np.isin(one, chosen).any()]
-    while left:
+    while True:
         beside = np.concatenate([nuisance, columns[..., chosen]], axis=-1)
+        left = _usable(columns, beside, left)
+        if not left:
+            break
         best, further = _best(moves, columns, beside, left, rng)
         if further > _FURTHER:
             break
         chosen = np.concatenate([chosen, left.pop(best)])
-    share = largest_share(moves, columns[..., chosen], nuisance, [range(len(chosen))])
+    share = largest_share(moves, columns, nuisance, [chosen])
     return Explained(chosen, numbers(moves, columns[..., chosen], nuisance), share, chance)
 
 
 def largest_share(
-    moves: FloatArray, columns: FloatArray, nuisance: FloatArray, groups: Sequence[Sequence[int]]
+    moves: FloatArray, columns: FloatArray, nuisance: FloatArray, groups: Sequence[Sequence[int] | IntArray]
 ) -> float:
-    """The largest share of the variance that a group, or all together, explains."""
-    every = [np.array(one) for one in groups if len(one)]
-    whole = [*every, np.concatenate(every)]
-    base = _basis(nuisance)
-    return max(float(_shares(_left(_flat(moves), base), columns, base, one)[0]) for one in whole)
+    """The largest share of the variance that a group, or all together, explains; 0 where none can."""
+    every = _usable(columns, nuisance, groups)
+    if not every:
+        return 0.0
+    base = _orthonormal(_flat(nuisance))
+    rest = _left(_flat(moves), base)
+    return max(float(_shares(rest, columns, base, one)[0]) for one in [*every, np.concatenate(every)])
 
 
 def numbers(moves: FloatArray, columns: FloatArray, nuisance: FloatArray) -> FloatArray:
-    """The smallest numbers (n,) that explain most of the moves (P, 2)."""
-    base = _basis(nuisance)
-    own, y = _left(_flat(columns), base), _left(_flat(moves), base)[:, 0]
-    return as_floats(np.linalg.lstsq(own, y, rcond=_SAME)[0])
+    """The smallest numbers (n,) that explain most of the moves (P, 2); 0 of what the nuisance does as well."""
+    base = _orthonormal(_flat(nuisance))
+    own, size = _beside(_flat(columns), base)
+    y = _left(_flat(moves), base)[:, 0]
+    return as_floats(np.linalg.lstsq(own, y, rcond=_SAME)[0] / size)
 
 
 def beyond(moves: FloatArray, nuisance: FloatArray) -> FloatArray:
     """Moves (P, 2) without what the nuisance explains."""
-    return as_floats(_left(_flat(moves), _basis(nuisance)).reshape(moves.shape))
+    return as_floats(_left(_flat(moves), _orthonormal(_flat(nuisance))).reshape(moves.shape))
+
+
+def _usable(
+    columns: FloatArray, nuisance: FloatArray, groups: Sequence[Sequence[int] | IntArray]
+) -> list[IntArray]:
+    """Groups that do anything that the nuisance does not."""
+    base = _orthonormal(_flat(nuisance))
+    every = [np.array(one, dtype=np.int64) for one in groups if len(one)]
+    return [one for one in every if _beside(_flat(columns[..., one]), base)[0].any()]
 
 
 def _best(
@@ -105,7 +123,7 @@ def _best(
     rng: np.random.Generator,
 ) -> tuple[int, float]:
     """The group whose share is least often reached, and the p-value of the best one's being so good."""
-    base = _basis(nuisance)
+    base = _orthonormal(_flat(nuisance))
     rest = beyond(moves, nuisance)
     shares = [np.array([_shares(_flat(rest), columns, base, one)[0] for one in groups])[:, None]]
     for begin in range(0, _SWAPS, _AT_ONCE):
@@ -120,13 +138,14 @@ def _best(
         own[:] = len(row) - np.sort(row).searchsorted(row, "left")
     least = reached.min(axis=0)
     equal = np.flatnonzero(reached[:, 0] == least[0])
-    best = int(equal[np.argmax(table[equal, 0])])
+    # Of groups that are equally clear the one with the fewest columns: others can still be added.
+    best = min(equal.tolist(), key=lambda k: (len(groups[k]), -table[k, 0]))
     return best, float((least <= least[0]).mean())
 
 
 def _shares(moves: FloatArray, columns: FloatArray, base: FloatArray, chosen: IntArray) -> FloatArray:
     """Shares (B,) of the variance of moves (m, B), nuisance taken off, that columns explain."""
-    own = _orthonormal(_left(_flat(columns[..., chosen]), base))
+    own = _orthonormal(_beside(_flat(columns[..., chosen]), base)[0])
     free = len(moves) - base.shape[1]
     total = (moves**2).sum(axis=0)
     left = total - ((own.T @ moves) ** 2).sum(axis=0)
@@ -135,12 +154,17 @@ def _shares(moves: FloatArray, columns: FloatArray, base: FloatArray, chosen: In
 
 
 def _flat(values: FloatArray) -> FloatArray:
-    """(P, 2, ...) as (2 P, ...), at least one column."""
-    return values.reshape(values.shape[0] * values.shape[1], -1)
+    """(P, 2) or (P, 2, n) as (2 P, 1) or (2 P, n)."""
+    return values.reshape(2 * len(values), values.shape[2] if values.ndim > 2 else 1)
 
 
-def _basis(columns: FloatArray) -> FloatArray:
-    return _orthonormal(_flat(columns))
+def _beside(columns: FloatArray, base: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Columns (m, n) without what a basis spans, of unit length or 0 where nothing is left; and their lengths."""
+    left = _left(columns, base)
+    size, whole = np.linalg.norm(left, axis=0), np.linalg.norm(columns, axis=0)
+    lost = size <= _SAME * whole
+    size = np.where(lost, 1.0, size)
+    return as_floats(np.where(lost, 0.0, left / size)), as_floats(size)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

@@ -73,6 +73,8 @@ class Contacts:
     ) -> Contacts:
         """One contact, unchecked: for a simulation, whose vectors have the length they should have.
 
+        The arrays are not copied; they must not be changed afterwards.
+
         Args:
             point_m: (3,) [m].
             normal: (3,) unit contact normal.

@@ -11,7 +11,7 @@ import numpy as np
 from skincal.model.arrays import FloatArray, IntArray
 
 _SIZE = 100.0
-"""Embree's tolerances are absolute lengths: every mesh is made about so large for it."""
+"""Meshes are scaled to this diagonal, as embree's tolerances are absolute lengths."""
 
 
 class RayScene:
@@ -41,7 +41,7 @@ class RayScene:
 
         Args:
             origins: (N, 3) where the rays start.
-            directions: (N, 3) or (3,).
+            directions: (N, 3) or (3,) unit vectors.
         """
         starts = (origins * self._scale).astype(np.float32)
         ways = np.empty_like(starts)

@@ -230,6 +230,10 @@ class _Cast:
         places = self._tip_bound.place(points[:, :3].T)
         near: IntArray = np.flatnonzero(self._tip_bound.distance(places)[0] <= limit_m)
         some = points[near]
+        if not len(near):
+            # Tiles begin before their points do.
+            nothing = np.zeros(0)
+            return near, nothing, nothing, nothing
         origins = (some[:, :3] - self._origin) @ self._rotation
         distance, facing = self._indenter.along(origins, self._direction)
         weight = np.maximum(some[:, 5:] @ self.normal, 0.0)

@@ -167,7 +167,10 @@ def test_options_that_make_no_sense_are_refused_in_words(options: dict[str, Any]
         ({"ranges": "no/such.toml"}, "no/such.toml: expected a ranges file; got no such file"),
         ({"speed_rad_per_second": 1.0}, 'environment speed_rad_per_second: .*Did you mean "speed_rad_per_s"'),
         ({"duration_s": 0}, "environment duration_s: expected a number > 0"),
-        ({"solver_iterations": 2.5}, "environment solver_iterations: expected a whole number > 0"),
+        (
+            {"solver_iterations": 2.5},
+            "environment solver_iterations: expected a whole number > 0, below 10000",
+        ),
         ({"hand": "/nowhere"}, "no such file"),
     ],
 )

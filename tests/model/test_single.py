@@ -22,6 +22,7 @@ from skincal.model import (
     TaxelLayout,
 )
 from skincal.model.response import loads
+from skincal.model.single import loads_of_one
 
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 
@@ -78,11 +79,12 @@ INDENTERS = {
 }
 
 
+@pytest.mark.parametrize("cell_m", [0.5e-3, 4e-3])
 @pytest.mark.parametrize("indenter", INDENTERS.values(), ids=INDENTERS)
 @pytest.mark.parametrize("free", [False, True])
-def test_other_indenters_are_the_batch_of_one_too(indenter: Indenter, free: bool) -> None:
+def test_other_indenters_are_the_batch_of_one_too(indenter: Indenter, free: bool, cell_m: float) -> None:
     rng = np.random.default_rng(1)
-    patch = Patch.build(Cylinder(0.0115), LAYOUT, SensorPose(0.0235, 0.1, 0.1))
+    patch = Patch.build(Cylinder(0.0115), LAYOUT, SensorPose(0.0235, 0.1, 0.1), cell_m)
     felt = 0
     for number in range(80):
         beta, y = rng.normal(0, 0.6), rng.normal(0.0235, 0.008)
@@ -95,11 +97,14 @@ def test_other_indenters_are_the_batch_of_one_too(indenter: Indenter, free: bool
         force, elasticity = 10 ** rng.uniform(-3, 1.5), 10 ** rng.uniform(7, 9.5)
         contacts = Contacts.one(point, normal, force, rotation, origin)
         assert contacts.known.all()
-        short = Skin(patch, SkinParameters(elasticity, 1.0)).loads(indenter, contacts)
+        assert np.array_equal(
+            Skin(patch, SkinParameters(elasticity, 1.0)).loads(indenter, contacts),
+            short := loads_of_one(patch, elasticity, indenter, contacts),
+        )
         batch = loads(patch, elasticity, indenter, contacts)
         assert np.abs(short - batch).max() <= 1e-9 * force
         felt += bool(batch.any())
-    assert felt > 20
+    assert felt > 12
 
 
 def test_an_unchecked_contact_is_the_checked_one() -> None:
