@@ -128,6 +128,8 @@ def gap_story(found: dict[str, Any], out: Path) -> None:
     for effect in found["effects"]:
         numbers = ", ".join(f"{key} {_plain(value)}" for key, value in effect["parameters"].items())
         print(f"Named:    {' or '.join(effect['consistent_with'])} (p = {effect['p_value']:.2g}): {numbers}")
+        if effect["name"] == "contact_offset":
+            print("          That is true of this hand whatever is hidden: its places err with its posture.")
     print(f"Where:    {found['where']}\n")
     gap = found["gap"]
     before = gap["heldout_rmse_before"]
