@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from skincal.fit.types import Bools, Floats
+from skincal.model.converter import Converter
 from skincal.model.rest import rest_from_presses
 
 _SPREAD = 8.0
@@ -47,6 +48,13 @@ class Readout:
     value_max: float | None
     integer: bool
     rest_subtracted: bool = False
+
+    @property
+    def converter(self) -> Converter:
+        """As the model takes it: where rest has been taken off, it is not known where on the scale it clips."""
+        if self.rest_subtracted:
+            return Converter.none()
+        return Converter(self.value_min, self.value_max, self.integer)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,17 +12,7 @@ import numpy as np
 from skincal.effects import EffectSkin, Samples
 from skincal.fit.observe import Readout
 from skincal.gap.session import GapSession
-from skincal.model import (
-    Converter,
-    Cylinder,
-    Patch,
-    Plane,
-    SensorPose,
-    Skin,
-    SkinParameters,
-    Surface,
-    TaxelLayout,
-)
+from skincal.model import Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray
 
 Direction = Literal["across", "along", "alpha"]
@@ -72,11 +62,8 @@ class BaseModel:
     def _at(self, pose: SensorPose, elasticity_pa_per_m: float) -> EffectSkin:
         patch = Patch.build(self.surface, self.layout, pose, self.resolution_m, self.margin_m)
         parameters = SkinParameters(elasticity_pa_per_m, self.scale_per_n)
-        told = self.readout
-        converter = Converter(told.value_min, told.value_max, told.integer)
-        if told.rest_subtracted:
-            converter = Converter.none()
-        return EffectSkin(Skin(patch, parameters, converter), self.surface, missing="abstain")
+        skin = Skin(patch, parameters, self.readout.converter)
+        return EffectSkin(skin, self.surface, missing="abstain")
 
     def moved(self, direction: Direction, step: float) -> EffectSkin:
         """The skin with its patch moved [m] or turned [rad]."""

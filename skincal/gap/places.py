@@ -91,18 +91,18 @@ def place_trend(
     columns, turns = _moves(model, material, start)
     of_way = [[i for i, c in enumerate(start.coords) if c.parameter.name in way] for way in _WAYS]
     moves = model.hypothesis.places[:, :2]
-    known = _known(model, material, errors, turns, rows)
+    nuisance = _nuisance(model, material, errors, turns, rows)
     if doubtful is not None and _enough(rows, columns, turns):
-        faint = largest_share(moves[rows], columns[rows], known, of_way) <= _FAINT * SHARE
+        faint = largest_share(moves[rows], columns[rows], nuisance, of_way) <= _FAINT * SHARE
         if not faint:
             rows = rows[~doubtful()[rows]]
-            known = _known(model, material, errors, turns, rows)
+            nuisance = _nuisance(model, material, errors, turns, rows)
     if not _enough(rows, columns, turns):
         return None
-    best = explained(moves[rows], columns[rows], known, of_way, rng)
+    best = explained(moves[rows], columns[rows], nuisance, of_way, rng)
     if best is None:
         return None
-    made = beyond(columns[rows][..., best.columns] @ best.x, known)
+    made = beyond(columns[rows][..., best.columns] @ best.x, nuisance)
     start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
     found = Found(start, clipped(start.coords, best.x), 0.0, 0.0)
     return Trend(found, best.share, best.p_value, _rms(made))
@@ -188,7 +188,7 @@ def _enough(rows: IntArray, columns: FloatArray, turns: FloatArray) -> bool:
     return len(rows) >= _FEWEST * (columns.shape[-1] + turns.shape[-1]) / 2
 
 
-def _known(
+def _nuisance(
     model: Model, material: Material, errors: list[FloatArray], turns: FloatArray, rows: IntArray
 ) -> FloatArray:
     """Moves (R, 2, k) of some presses that are there in any case: those of the pose, and those of contact laws.

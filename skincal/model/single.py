@@ -17,13 +17,7 @@ from skincal.model.contact import Contacts
 from skincal.model.indenters import Indenter, Sphere
 from skincal.model.patch import Patch
 from skincal.model.tiles import Tiles
-
-_COARSE = 64
-"""Tiles from which the penetration is guessed."""
-_AHEAD = 1.2
-"""How much deeper than that guess is looked at once."""
-_FAR_M = 1e3
-"""Stands for infinity where it would spoil a sum [m]."""
+from skincal.model.touch import AHEAD, COARSE, FAR_M
 
 
 class OnePress(Protocol):
@@ -75,7 +69,7 @@ def loads_of_one(
         contacts: one contact.
     """
     force = float(contacts.force_n[0])
-    if not (0 < force < math.inf and len(patch) and _finite(contacts)):
+    if not (0 < force < math.inf and len(patch) and contacts.known[0]):
         return None
     press: OnePress = _Ball(indenter, contacts) if isinstance(indenter, Sphere) else _Cast(indenter, contacts)
     load, tiles, taxels = force / elasticity_pa_per_m, patch.tiles, patch.layout.taxels
@@ -98,26 +92,20 @@ def loads_of_one(
     return (elasticity_pa_per_m * sums[1:])[None]
 
 
-def _finite(contacts: Contacts) -> bool:
-    """As :attr:`Contacts.known`: a sum of squares is finite where all its terms are."""
-    parts = (contacts.points_m, contacts.normals, contacts.rotations, contacts.origins_m)
-    return math.isfinite(sum(float(np.vdot(part, part)) for part in parts if part is not None))
-
-
 def _reach(press: OnePress, tiles: Tiles, load: float) -> tuple[FloatArray, float, float]:
     """Where tiles begin (B,), a guess of the level and a limit beyond it [m]."""
     place = press.place(tiles)
     begins = press.begins(place, tiles)
     soon = np.arange(len(begins))
-    if len(begins) > _COARSE:
-        soon = begins.argpartition(_COARSE)[:_COARSE]
+    if len(begins) > COARSE:
+        soon = begins.argpartition(COARSE)[:COARSE]
     soon = soon[begins[soon].argsort()]
     distance = press.middles(place[..., soon])
     weight = np.maximum(tiles.facing_m2[soon] @ press.normal, 0.0)
     weight[distance == math.inf] = 0.0
-    near, first = _guess(np.minimum(distance, _FAR_M), weight, load)
+    near, first = _guess(np.minimum(distance, FAR_M), weight, load)
     # Never before the tile that begins first: there must be something to look at.
-    return begins, near, max(first + _AHEAD * (near - first), float(begins[soon[0]]))
+    return begins, near, max(first + AHEAD * (near - first), float(begins[soon[0]]))
 
 
 def _guess(distance: FloatArray, weight: FloatArray, load: float) -> tuple[float, float]:
@@ -208,8 +196,7 @@ class _Cast:
         directions = contacts.local_directions
         self._indenter, self._direction = indenter, directions[0]
         self._rotation, self._origin = rotations[0], origins[0]
-        self._bound = indenter.bound(directions, contacts.local_points_m)
-        self._tip_bound = self._bound.moved(rotations, origins)
+        self._tip_bound = indenter.bound(directions, contacts.local_points_m).moved(rotations, origins)
 
     def place(self, tiles: Tiles) -> FloatArray:
         """Coordinates (1, 3, B) about the bound's axis [m]."""

@@ -14,11 +14,11 @@ from skincal.model.indenters.bound import Bound
 from skincal.model.law import StressLaw, settle_under
 from skincal.model.tiles import Tiles
 
-_COARSE = 64
+COARSE = 64
 """Tiles from which the penetration is guessed."""
-_AHEAD = 1.2
+AHEAD = 1.2
 """How much deeper than that guess is looked at once. A guess that was too low costs a second look, no more."""
-_FAR_M = 1e3
+FAR_M = 1e3
 """Stands for infinity where it would spoil a sum [m]."""
 
 
@@ -113,7 +113,7 @@ def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing, law: StressLaw |
     begins = pressing.tip_bound.distance(place, tiles.radii_m)
     order = np.argsort(begins, axis=1)
     begins = np.sort(begins, axis=1)
-    soonest = order[:, :_COARSE]
+    soonest = order[:, :COARSE]
     single = len(place) == 1
     some = place[:, :, soonest[0]] if single else np.take_along_axis(place, soonest[:, None], axis=2)
     centre = pressing.tip_bound.distance(some)
@@ -142,14 +142,14 @@ def _guess(
     """
     weight = np.maximum((tiles.facing_m2.take(tile, axis=0) @ pressing.normals[:, :, None])[..., 0], 0.0)
     weight[distance_m == np.inf] = 0.0
-    distance = np.minimum(distance_m, _FAR_M)
+    distance = np.minimum(distance_m, FAR_M)
     area, moment = weight.cumsum(axis=1), (weight * distance).cumsum(axis=1)
     carries = distance * area - moment < pressing.load_m3[:, None]
     last = tile.shape[1] - 1 - np.argmax(carries[:, ::-1], axis=1)
     row = np.arange(len(tile))
     area, moment, first = area[row, last], moment[row, last], distance.min(axis=1)
     level = np.divide(pressing.load_m3 + moment, area, out=np.full(len(tile), np.inf), where=area > 0)
-    return level, first + _AHEAD * (level - first)
+    return level, first + AHEAD * (level - first)
 
 
 def _look(
