@@ -36,6 +36,12 @@ class TaskOptions:
     rewards: RewardScales = field(default_factory=RewardScales)
     grasp: GraspOptions = field(default_factory=GraspOptions)
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """All that are numbers, by name, as an environment takes them singly."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, (int, float))}
+
 
 def with_single(options: TaskOptions, single: Mapping[str, Any]) -> TaskOptions:
     """Options with single ones in the place of others.

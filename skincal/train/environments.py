@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
 import numpy as np
@@ -12,6 +13,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from skincal.ranges import Ranges
 from skincal.train.settings import ENVIRONMENT_IDS, Work
+
+if TYPE_CHECKING:
+    from skincal.envs.task import TaskOptions
 
 Make = Callable[[], "gymnasium.Env[Any, Any]"]
 
@@ -22,6 +26,20 @@ def make_environment(work: Work, ranges: Ranges | None) -> gymnasium.Env[Any, An
 
     name = ENVIRONMENT_IDS[work.task]
     return gymnasium.make(name, policy=str(work.policy), ranges=ranges, **work.environment)
+
+
+def in_full(work: Work, ranges: Ranges | None) -> Work:
+    """A run with all numbers that its environment takes by default, so that it stays what it is when defaults change.
+
+    Raises:
+        InputError: the environment cannot be made of this.
+    """
+    environment = make_environment(work, ranges)
+    try:
+        options: TaskOptions = cast(Any, environment.unwrapped).options
+        return replace(work, environment={**options.numbers, **work.environment})
+    finally:
+        environment.close()
 
 
 def parallel(make: Make, number: int, *, processes: bool = False) -> VecEnv:

@@ -45,6 +45,17 @@ def test_what_a_run_leaves_behind(trained):
     assert about.observation[0] == {"name": "image", "size": 16, "steps_ago": 4}
     assert about.observation[-1] == {"name": "movement", "size": 2, "steps_ago": 0}
     assert about.actions == 6
+    assert about.environment["solver_iterations"] == 20 and about.environment["duration_s"] == 6.0
+
+
+def test_a_run_stays_what_it_is_when_defaults_change(trained, tmp_path, monkeypatch):
+    from skincal.envs import MarbleRollEnv, TaskOptions
+    from skincal.train import maker, read_run
+
+    monkeypatch.setattr(MarbleRollEnv, "default_options", classmethod(lambda _: TaskOptions(duration_s=1.0)))
+    environment = maker(*read_run(trained))()
+    assert environment.unwrapped.options == TaskOptions()  # type: ignore[attr-defined]
+    environment.close()
 
 
 def test_json_and_going_on(trained, tmp_path, capsys):
