@@ -22,7 +22,7 @@ import numpy as np
 import skincal.envs
 from skincal.envs.trajectories import POLICY_HZ
 
-COUNTS = (5, 10, 20, 50, 200)
+COUNTS = (5, 10, 20, 30, 50, 200)
 MOST = 1000
 
 

@@ -33,7 +33,7 @@ class BoltRollEnv(RollEnv):
     @classmethod
     def default_options(cls) -> TaskOptions:
         """The sine is up to four times as fast as the marble's ways; fewer iterations would drop it more often."""
-        return TaskOptions(speed_rad_per_s=0.6, solver_iterations=50)
+        return TaskOptions(speed_rad_per_s=0.6, solver_iterations=30)
 
     def _body(self, values: Values) -> Body:
         return Bolt(number(values, "object.bolt.radius_m"), number(values, "object.bolt.mass_kg"))

@@ -1,8 +1,8 @@
 """Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
 
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
-presses (:mod:`skincal.gap.candidates`). The best few are fitted in full, together with the sensor, the places and all
-effects named before, and the one that leaves least is named; those that leave nearly as little stay in its set of
+presses (:mod:`skincal.gap.candidates`). The best few, and all others if those explain little, are fitted in full,
+together with the sensor, the places and all effects named before, and the one that leaves least is named; those that leave nearly as little stay in its set of
 names. It ends when nothing significant is left, when no effect explains a fair part of what is left, or at the most
 effects allowed. At the end each named effect is dropped in turn, and stays out if nothing is lost.
 """
@@ -53,6 +53,8 @@ class ChoiceOptions:
         alike: effects stay in the set of names if they explain at least this part of what the best one does.
         contenders: so many are fitted in full at most.
         contend: effects that explain at least this part of the best are fitted in full.
+        halfway: where those explain less than this part of what is left, so are all others that were searched: far from
+            where the sensor belongs the search may rank an effect low that explains nearly all of it.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
@@ -77,6 +79,7 @@ class ChoiceOptions:
     alike: float = 0.88
     contenders: int = 3
     contend: float = 0.6
+    halfway: float = 0.5
     searched: int = 8
     near: float = 0.1
     enough: float = 0.03
@@ -243,8 +246,13 @@ def choose(
         if chance > options.significant or found[0].scored <= 0:
             break
         heard(f"round {number}: fitting {found[0].effect} and what comes near it")
-        fits = _fitted(model, found, material, options)
+        near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
+        fits = _fitted(model, near, material)
         falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
+        if max(falls.values()) < options.halfway * left:
+            clear = [f for f in found if f not in near and p_value(f.effect, f.scored) <= options.significant]
+            fits += _fitted(model, clear, material)
+            falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
         rounds[-1] = Round(tuple(found), left, falls, dict(fits))
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left
@@ -347,15 +355,12 @@ def _searched(
     return sorted(found, key=lambda f: -f.scored)
 
 
-def _fitted(
-    model: Model, found: Sequence[Found], material: Material, options: ChoiceOptions
-) -> list[tuple[str, Model]]:
-    """Full fits of the best, with what was named before."""
-    near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
-    if len(near) == 1:
-        return [(near[0].effect, extended(model, near[0], material))]
-    tasks = [(model, f, material.alone) for f in near]
-    return [(f.effect, m) for f, m in zip(near, material.options.mapper(_extended, tasks), strict=True)]
+def _fitted(model: Model, found: Sequence[Found], material: Material) -> list[tuple[str, Model]]:
+    """Full fits of some, each with what was named before."""
+    if len(found) == 1:
+        return [(found[0].effect, extended(model, found[0], material))]
+    tasks = [(model, f, material.alone) for f in found]
+    return [(f.effect, m) for f, m in zip(found, material.options.mapper(_extended, tasks), strict=True)]
 
 
 def _extended(task: tuple[Model, Found, Material]) -> Model:
