@@ -2,8 +2,8 @@
 
     y = x_0 ((1 + x / x_0)^g - 1) / g
 
-for x > 0: linear with slope one for small loads, a power g beyond the knee x_0. g = 1 is the straight line, g -> 0 a
-logarithm, g = 2 a parabola. The same curve for all taxels.
+for x > 0: linear with slope one for small loads, a power g beyond the knee x_0. g = 2 is a parabola, g = 1 the
+straight line, g = 0 a logarithm, g = -1 a voltage divider, y = x / (1 + x / x_0). The same curve for all taxels.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray
 
 
+_TINY = 1e-8
+
+
 class ResponseCurve(SignalEffect):
     """See the module."""
 
@@ -24,7 +27,7 @@ class ResponseCurve(SignalEffect):
     stage = Stage.TRANSFER
     meaning = "the counts are a nonlinear function of the taxel's load"
     parameters = (
-        EffectParameter("exponent", "-", 1.0, 0.05, 3.0, "g", typical=-0.35),
+        EffectParameter("exponent", "-", 1.0, -1.0, 3.0, "g", typical=-0.35),
         EffectParameter("knee_n", "N", 0.2, 0.01, 5.0, "x_0", role="form", scale="log"),
     )
     source = (
@@ -36,5 +39,8 @@ class ResponseCurve(SignalEffect):
         """See :meth:`SignalEffect.apply`. Loads below zero stay as they are."""
         del samples, setting
         exponent, knee = values.number("exponent"), values.number("knee_n")
-        curved = knee * np.expm1(exponent * np.log1p(np.maximum(signal, 0.0) / knee)) / exponent
+        log = np.log1p(np.maximum(signal, 0.0) / knee)
+        # To first order in g where the quotient would be of two zeros.
+        bent = np.expm1(exponent * log) / exponent if abs(exponent) > _TINY else log * (1 + exponent * log / 2)
+        curved = knee * bent
         return np.where(signal > 0, curved, signal)

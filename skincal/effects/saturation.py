@@ -2,8 +2,8 @@
 
     y = x / (1 + (k x)^p)^(1/p)    for x > 0
 
-1 / k is the value that is never reached, in counts; the sharpness p goes from a gradual compression (1) to a hard
-clip (20 and more).
+1 / k is the value that is never reached, in counts; the sharpness p goes from a gradual compression (1.5) to a hard
+clip (20 and more). Below that it would bend small values as well, which is ``response_curve``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Saturation(SignalEffect):
         EffectParameter(
             "inverse_ceiling_per_count", "1/counts", 0.0, 0.0, 0.2, "k: one over the ceiling", typical=1 / 80
         ),
-        EffectParameter("sharpness", "-", 4.0, 1.0, 30.0, "p", role="form", scale="log"),
+        EffectParameter("sharpness", "-", 4.0, 1.5, 30.0, "p", role="form", scale="log"),
     )
     source = (
         "Rapp's model of a limiting amplifier: Rapp, 2nd European Conf. on Satellite Communications, 1991."

@@ -41,7 +41,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "first_cycle": ({"cycles": 0.3}, {"cycles": 1.5}, {"cycles": 6.0}),
     "baseline_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "gain_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
-    "saturation": ({"sharpness": 1.5}, {"sharpness": 4.0}, {"sharpness": 15.0}),
+    "saturation": ({"sharpness": 2.0}, {"sharpness": 4.0}, {"sharpness": 15.0}),
     "dead_band": ({"recovery": 0.0}, {"recovery": 1.0}),
     "response_curve": ({"knee_n": 0.05}, {"knee_n": 0.3}, {"knee_n": 1.5}),
     "cover": ({"share": 0.2}, {"share": 0.9}),
