@@ -1,6 +1,10 @@
 """A taxel leaks into its nearest neighbours.
 
-y_j = x_j + c (sum of x_i over the up to four next taxels in the row and the column)
+    y = x + c (N x + h N N x - l D x)
+
+N sums over the up to four next taxels in the row and the column, D is their number. What leaks may leak on to the next
+(h), and may be lost where it comes from (l): with l = 1 it is shared, as in a resistive sheet, and with l = 0 picked up
+besides, as between wires.
 """
 
 from __future__ import annotations
@@ -20,10 +24,17 @@ class Crosstalk(SignalEffect):
     meaning = "a taxel leaks into its nearest neighbours"
     parameters = (
         EffectParameter("leak", "-", 0.0, -0.2, 0.5, "c: part that each neighbour gets", typical=0.08),
+        EffectParameter(
+            "reach", "-", 0.0, 0.0, 0.3, "h: part of it that leaks on to each next one", role="form"
+        ),
+        EffectParameter("loss", "-", 0.0, 0.0, 1.0, "l: part of it that the taxel loses", role="form"),
     )
     source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003."
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""
         del samples
-        return signal + values["leak"] * (signal @ setting.neighbours)
+        near = setting.neighbours
+        gets = signal @ near
+        change = gets + values["reach"] * (gets @ near) - values["loss"] * near.sum(axis=0) * signal
+        return signal + values["leak"] * change

@@ -1,12 +1,16 @@
 """A taxel leaks along its row and column.
 
     y_j = x_j + r (sum of x_i over the rest of the row) + c (sum of x_i over the rest of the column)
+              + d (sum of x_i over all others)
 
 In an array whose taxels share row and column wires, currents find parallel ways through them; to first order in the
-resistance of wires and multiplexers a taxel gets a part of all that share a wire with it.
+resistance of wires and multiplexers a taxel gets a part of all that share a wire with it. Taxels that conduct when
+unloaded also link wires among each other, so that some of it reaches every taxel.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
@@ -28,6 +32,15 @@ class Ghosting(SignalEffect):
         EffectParameter(
             "column_leak", "-", 0.0, -0.2, 0.5, "c: part that each taxel of the column gets", typical=0.06
         ),
+        EffectParameter(
+            "array_leak",
+            "-",
+            0.0,
+            -0.1,
+            0.2,
+            "d: part that taxels in other rows and columns get",
+            typical=0.015,
+        ),
     )
     source = (
         "Parallel paths in resistive arrays: Hidalgo-López et al., J. Sensors 2018, Improving Accuracy in the "
@@ -37,5 +50,7 @@ class Ghosting(SignalEffect):
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""
         del samples
-        leaks = values["row_leak"] * setting.same_row + values["column_leak"] * setting.same_column
+        row, column = setting.same_row, setting.same_column
+        others = 1.0 - np.eye(setting.taxels) - row - column
+        leaks = values["row_leak"] * row + values["column_leak"] * column + values["array_leak"] * others
         return signal + signal @ leaks

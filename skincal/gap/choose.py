@@ -2,9 +2,10 @@
 
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
 presses (:mod:`skincal.gap.candidates`). The best few, and all others if those explain little, are fitted in full,
-together with the sensor, the places and all effects named before, and the one that leaves least is named; those that leave nearly as little stay in its set of
-names. It ends when nothing significant is left, when no effect explains a fair part of what is left, or at the most
-effects allowed. At the end each named effect is dropped in turn, and stays out if nothing is lost.
+together with the sensor, the places and all effects named before, and the one that leaves least is named; those that
+leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect explains a
+fair part of what is left, or at the most effects allowed. At the end each named effect is dropped in turn, and stays
+out if nothing is lost.
 """
 
 from __future__ import annotations

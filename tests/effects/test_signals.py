@@ -36,9 +36,35 @@ def test_crosstalk_leaks_to_the_next_taxels_only(taxel: int, neighbours: list[in
     np.testing.assert_allclose(shown[neighbours], 10.0)
 
 
+def test_crosstalk_that_is_shared_is_a_resistive_sheet_to_second_order():
+    near = skin_with("crosstalk").setting.neighbours
+    laplacian, leak = np.diag(near.sum(axis=0)) - near, 1e-3
+    sheet = np.linalg.solve(np.eye(16) + leak * laplacian, only(6)[0])
+    shown = through("crosstalk", only(6), leak=leak, loss=1.0)[0]
+    np.testing.assert_allclose(shown, sheet, atol=25 * leak**2 * 100.0)
+    assert shown.sum() == pytest.approx(100.0, rel=1e-12)
+
+
+def test_crosstalk_leaks_on():
+    shown = through("crosstalk", only(5), leak=0.1, reach=0.2)[0].reshape(4, 4)
+    assert shown[1, 1] == pytest.approx(100.0 * (1 + 0.1 * 0.2 * 4))
+    assert shown[1, 2] == pytest.approx(10.0)
+    assert shown[2, 2] == pytest.approx(100.0 * 0.1 * 0.2 * 2)
+    assert shown[1, 3] == pytest.approx(100.0 * 0.1 * 0.2)
+    assert shown[3, 3] == 0
+
+
 def test_ghosting_leaks_along_row_and_column_only():
     shown = through("ghosting", only(6), row_leak=0.1, column_leak=0.05)[0].reshape(4, 4)
     expected = np.zeros((4, 4))
+    expected[1], expected[:, 2] = 10.0, 5.0
+    expected[1, 2] = 100.0
+    np.testing.assert_allclose(shown, expected)
+
+
+def test_ghosting_reaches_every_taxel_of_the_array():
+    shown = through("ghosting", only(6), row_leak=0.1, column_leak=0.05, array_leak=0.02)[0].reshape(4, 4)
+    expected = np.full((4, 4), 2.0)
     expected[1], expected[:, 2] = 10.0, 5.0
     expected[1, 2] = 100.0
     np.testing.assert_allclose(shown, expected)
