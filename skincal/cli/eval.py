@@ -68,6 +68,14 @@ def evaluate(
             "--set", metavar="NAME=VALUE", help="A value of the simulation, such as `skin.y_m=0.0225`."
         ),
     ] = None,
+    environment: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--environment",
+            metavar="NAME=VALUE",
+            help="An option of the task, such as `solver_iterations=50`.",
+        ),
+    ] = None,
     trajectory: Annotated[
         str,
         typer.Option(
@@ -93,7 +101,7 @@ def evaluate(
         raise InputError([Problem("--gif", "--out, the folder for the film", "nothing")])
     if out is not None:
         refuse_existing(out, force=force, marker=MARKER)
-    trial = _trial(task, episodes, seed, duration_s, randomize, values or [], trajectory)
+    trial = _trial(task, episodes, seed, duration_s, randomize, values or [], trajectory, environment or [])
     loaded = [read_policy(policy_path(name)) for name in policies]
     for policy in loaded:
         check_task(policy, trial.task)
@@ -120,6 +128,7 @@ def _trial(
     randomize: list[str] | None,
     values: list[str],
     trajectory: str,
+    environment: list[str],
 ) -> Trial:
     from skincal.train import Task as TrainTask
     from skincal.train.evaluate import RANDOMIZED, Trial
@@ -133,17 +142,23 @@ def _trial(
         seed,
         duration_s,
         drawn,
-        dict(_assignment(text) for text in values),
+        dict(_assignment("--set", text) for text in values),
         trajectory if trajectory in ("circle", "random", "still") else _targets(Path(trajectory)),
+        {name: _whole(value) for name, value in (_assignment("--environment", text) for text in environment)},
     )
 
 
-def _assignment(text: str) -> tuple[str, float]:
+def _assignment(option: str, text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
         return name.strip(), float(value)
     except ValueError:
-        raise InputError([Problem("--set", "NAME=VALUE with a number", repr(text))]) from None
+        raise InputError([Problem(option, "NAME=VALUE with a number", repr(text))]) from None
+
+
+def _whole(value: float) -> float:
+    """Options that are counts are whole numbers."""
+    return int(value) if value.is_integer() else value
 
 
 def _targets(path: Path) -> list[list[float]]:

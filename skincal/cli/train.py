@@ -103,6 +103,8 @@ def train(
     if resume:
         work, used = read_run(out)
         _same(out, task, told, work, used)
+        if not work.environment:
+            say(f"{out}: was begun before runs held the environment's numbers; goes on with today's")
     else:
         settings = Settings(environments=envs or Settings.environments)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)

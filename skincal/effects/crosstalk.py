@@ -1,13 +1,15 @@
 """A taxel leaks into its nearest neighbours.
 
-    y = x + c (N x + h N N x - l D x)
+    y = x + c (1 + h A) A x,    A x = N x - l D x
 
-N sums over the up to four next taxels in the row and the column, D is their number. What leaks may leak on to the next
-(h), and may be lost where it comes from (l): with l = 1 it is shared, as in a resistive sheet, and with l = 0 picked up
-besides, as between wires.
+N sums over the up to four next taxels in the row and the column, D is their number. What leaks may be lost where it
+comes from (l): with l = 1 it is shared, as in a resistive sheet, and with l = 0 picked up besides, as between wires.
+And it may leak on (h); a sheet has h = c, to second order in c.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
@@ -24,9 +26,7 @@ class Crosstalk(SignalEffect):
     meaning = "a taxel leaks into its nearest neighbours"
     parameters = (
         EffectParameter("leak", "-", 0.0, -0.2, 0.5, "c: part that each neighbour gets", typical=0.08),
-        EffectParameter(
-            "reach", "-", 0.0, 0.0, 0.3, "h: part of it that leaks on to each next one", role="form"
-        ),
+        EffectParameter("reach", "-", 0.0, 0.0, 0.3, "h: part of it that leaks on", role="form"),
         EffectParameter("loss", "-", 0.0, 0.0, 1.0, "l: part of it that the taxel loses", role="form"),
     )
     source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003."
@@ -35,6 +35,6 @@ class Crosstalk(SignalEffect):
         """See :meth:`SignalEffect.apply`."""
         del samples
         near = setting.neighbours
-        gets = signal @ near
-        change = gets + values["reach"] * (gets @ near) - values["loss"] * near.sum(axis=0) * signal
-        return signal + values["leak"] * change
+        flow = near - np.diag(values.number("loss") * near.sum(axis=0))
+        first = signal @ flow
+        return signal + values["leak"] * (first + values["reach"] * (first @ flow))

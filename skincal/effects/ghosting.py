@@ -1,7 +1,7 @@
-"""A taxel leaks along its row and column.
+"""A taxel leaks along its row and column, and a little everywhere.
 
     y_j = x_j + r (sum of x_i over the rest of the row) + c (sum of x_i over the rest of the column)
-              + d (sum of x_i over all others)
+              + d (sum of x_i over taxels that share neither)
 
 In an array whose taxels share row and column wires, currents find parallel ways through them; to first order in the
 resistance of wires and multiplexers a taxel gets a part of all that share a wire with it. Taxels that conduct when
@@ -9,8 +9,6 @@ unloaded also link wires among each other, so that some of it reaches every taxe
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
@@ -24,7 +22,7 @@ class Ghosting(SignalEffect):
 
     name = "ghosting"
     stage = Stage.CROSSTALK
-    meaning = "a taxel leaks along its row and column"
+    meaning = "a taxel leaks along its row and column, and a little everywhere"
     parameters = (
         EffectParameter(
             "row_leak", "-", 0.0, -0.2, 0.5, "r: part that each taxel of the row gets", typical=0.06
@@ -38,7 +36,7 @@ class Ghosting(SignalEffect):
             0.0,
             -0.1,
             0.2,
-            "d: part that taxels in other rows and columns get",
+            "d: part that each taxel in other rows and columns gets",
             typical=0.015,
         ),
     )
@@ -50,7 +48,5 @@ class Ghosting(SignalEffect):
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""
         del samples
-        row, column = setting.same_row, setting.same_column
-        others = 1.0 - np.eye(setting.taxels) - row - column
-        leaks = values["row_leak"] * row + values["column_leak"] * column + values["array_leak"] * others
-        return signal + signal @ leaks
+        leaks = values["row_leak"] * setting.same_row + values["column_leak"] * setting.same_column
+        return signal + signal @ (leaks + values["array_leak"] * setting.elsewhere)

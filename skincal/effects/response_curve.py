@@ -16,8 +16,6 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray
 
-_TINY = 1e-8
-
 
 class ResponseCurve(SignalEffect):
     """See the module."""
@@ -39,9 +37,5 @@ class ResponseCurve(SignalEffect):
         del samples, setting
         exponent, knee = values.number("exponent"), values.number("knee_n")
         log = np.log1p(np.maximum(signal, 0.0) / knee)
-        # To first order in g where the quotient would be of two zeros.
-        bent = (
-            np.expm1(exponent * log) / exponent if abs(exponent) > _TINY else log * (1 + exponent * log / 2)
-        )
-        curved = knee * bent
-        return np.where(signal > 0, curved, signal)
+        bent = np.expm1(exponent * log) / exponent if exponent else log
+        return np.where(signal > 0, knee * bent, signal)

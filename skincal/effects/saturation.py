@@ -3,7 +3,7 @@
     y = x / (1 + (k x)^p)^(1/p)    for x > 0
 
 1 / k is the value that is never reached, in counts; the sharpness p goes from a gradual compression (1.5) to a hard
-clip (20 and more). Below that it would bend small values as well, which is ``response_curve``.
+clip (20 and more). Below 1.5 it would bend small values as well, which is ``response_curve``.
 """
 
 from __future__ import annotations

@@ -59,6 +59,11 @@ class Setting:
         col = np.arange(self.taxels) % self.patch.layout.cols
         return (col[:, None] == col) - np.eye(self.taxels)
 
+    @cached_property
+    def elsewhere(self) -> FloatArray:
+        """(J, J) one where two taxels share neither row nor column, else zero."""
+        return 1.0 - np.eye(self.taxels) - self.same_row - self.same_column
+
     def moved(self, samples: Samples, across_m: FloatArray, along_m: FloatArray) -> Samples:
         """Samples whose contacts are moved over the surface; a free object goes along without turning.
 

@@ -16,7 +16,7 @@ class TaxelGain(SignalEffect):
     stage = Stage.TRANSFER
     meaning = "taxels differ in gain"
     parameters = (
-        EffectParameter("gain", "-", 1.0, 0.2, 5.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
+        EffectParameter("gain", "-", 1.0, 0.05, 20.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
     )
     source = "Kasolowsky, Bäuml, IROS 2024, equation 4: the scale S_j may be another for each taxel."
 

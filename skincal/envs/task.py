@@ -38,9 +38,9 @@ class TaskOptions:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """All that are numbers, by name, as an environment takes them singly."""
+        """All but rewards and grasp, by name, as an environment takes them singly."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, (int, float))}
+        return {name: value for name, value in values.items() if name not in _TABLES}
 
 
 def with_single(options: TaskOptions, single: Mapping[str, Any]) -> TaskOptions:
@@ -64,6 +64,7 @@ def with_single(options: TaskOptions, single: Mapping[str, Any]) -> TaskOptions:
     return replace(options, **single)
 
 
+_TABLES = ("rewards", "grasp")
 _EXPECTED = {
     "rewards": "RewardScales",
     "grasp": "GraspOptions",
@@ -72,7 +73,7 @@ _EXPECTED = {
 
 
 def _fits(name: str, value: object) -> bool:
-    if name in ("rewards", "grasp"):
+    if name in _TABLES:
         return isinstance(value, RewardScales if name == "rewards" else GraspOptions)
     if isinstance(value, bool):
         return False

@@ -1,10 +1,10 @@
 """Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
 
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
-presses (:mod:`skincal.gap.candidates`). The best few, and all others if those explain little, are fitted in full,
-together with the sensor, the places and all effects named before, and the one that leaves least is named; those that
-leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect explains a
-fair part of what is left, or at the most effects allowed. At the end each named effect is dropped in turn, and stays
+presses (:mod:`skincal.gap.candidates`). The best few, and if those explain little all others that score, are fitted in
+full, together with the sensor, the places and all effects named before, and the one that leaves least is named; those
+that leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect explains
+a fair part of what is left, or at the most effects allowed. At the end each named effect is dropped in turn, and stays
 out if nothing is lost.
 """
 
@@ -52,24 +52,24 @@ class ChoiceOptions:
             be named.
         of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
         alike: effects stay in the set of names if they explain at least this part of what the best one does.
-        contenders: so many are fitted in full at most.
+        contenders: so many are fitted in full at first.
         contend: effects that explain at least this part of the best are fitted in full.
-        halfway: where those explain less than this part of what is left, so are all others that were searched: far from
-            where the sensor belongs the search may rank an effect low that explains nearly all of it.
+        halfway: where those explain less than this part of what is left, so are all others with a significant score:
+            far from where the sensor belongs the search may rank an effect low that explains nearly all of it.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
-        related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
-            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess; so is
-            a later one of the same kind (:data:`KINDS`).
-        of_related: see ``related``.
-        clear: root mean square in units of the noise from which on a later effect is looked at however large the first
-            one was.
         weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
             tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
         beside_law: the same where another contact law explains much: what is not quite right in it leaves nearly as
             much.
         share_of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
+        clear: root mean square in units of the noise from which on a later effect is looked at however large the first
+            one was.
+        related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
+            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess; so is
+            a later one of the same kind (:data:`KINDS`).
+        of_related: see ``related``.
     """
 
     most: int = 4
@@ -250,10 +250,12 @@ def choose(
         near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
         fits = _fitted(model, near, material)
         falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
-        if max(falls.values()) < options.halfway * left:
-            clear = [f for f in found if f not in near and p_value(f.effect, f.scored) <= options.significant]
-            fits += _fitted(model, clear, material)
-            falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
+        others = [f for f in found if f not in near and p_value(f.effect, f.scored) <= options.significant]
+        if others and max(falls.values()) < options.halfway * left:
+            heard(f"round {number}: fitting all others, as these explain little")
+            more = _fitted(model, others, material)
+            falls |= {name: left - excess_of(m, material, null_mean) for name, m in more}
+            fits += more
         rounds[-1] = Round(tuple(found), left, falls, dict(fits))
         name, best = max(fits, key=lambda item: falls[item[0]])
         share = falls[name] / left
@@ -271,7 +273,8 @@ def choose(
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
         alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
-        named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, chance))
+        own = next(p_value(name, f.scored) for f in found if f.effect == name)
+        named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, own))
         heard(f"round {number}: presses again, with {name}")
         model = found_again(best, material)
         if fresh is not None and excess_of(model, material, null_mean) > least:

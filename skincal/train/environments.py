@@ -29,7 +29,9 @@ def make_environment(work: Work, ranges: Ranges | None) -> gymnasium.Env[Any, An
 
 
 def in_full(work: Work, ranges: Ranges | None) -> Work:
-    """A run with all numbers that its environment takes by default, so that it stays what it is when defaults change.
+    """A run with the numbers that its environment takes by default, so that it goes on with them when defaults change.
+
+    Rewards and grasp are not among them.
 
     Raises:
         InputError: the environment cannot be made of this.

@@ -6,7 +6,6 @@ import pytest
 
 from benchmarks.env_speed import PAPER_REAL_TIME, one
 from benchmarks.env_stress import WAYS, stress
-from benchmarks.solver_iterations import apart, episodes
 
 MARBLE, BOLT = "skincal/MarbleRoll-v0", "skincal/BoltRoll-v0"
 
@@ -22,15 +21,6 @@ def test_every_way_of_acting_is_taken_and_none_breaks_a_task() -> None:
     assert found["episodes"] >= len(WAYS)
     assert found["sound"] and found["not_finite"] == 0 and found["outside_the_space"] == 0
     assert 0.0 < found["largest_force_n"] < 60.0
-
-
-def test_iterations_of_the_solver_are_compared_by_the_same_episodes() -> None:
-    some, seconds = episodes(MARBLE, 20, 2, 4)
-    again, _ = episodes(MARBLE, 20, 2, 4)
-    others, _ = episodes(MARBLE, 5, 2, 4)
-    assert seconds > 0 and [len(one) for one in some] == [4, 4]
-    assert [apart(a, b) for a, b in zip(some, again, strict=True)] == [(0.0, 0.0)] * 2
-    assert all(min(apart(a, b)) > 0 for a, b in zip(some, others, strict=True))
 
 
 @pytest.mark.slow

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, scene_of
 
 from skincal.effects import EFFECTS
-from skincal.gap.candidates import best_of
+from skincal.gap.candidates import Found, best_of
 from skincal.gap.choose import (
     KINDS,
     Choice,
@@ -21,6 +23,7 @@ from skincal.gap.choose import (
     likeness,
     of_one_kind,
 )
+from skincal.gap.choose import _searched as searched
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material, Model, begun_again, excess_of, extended, without
@@ -71,6 +74,33 @@ def test_one_hidden_effect_is_named_and_no_other(name: str):
     for key, value in CASES[name][name].items():
         found = choice.after.hypothesis.effects[name][key]
         assert np.abs(found - value).max() < 0.3 * np.abs(value).max(), key
+
+
+@pytest.mark.parametrize(
+    ("halfway", "chance", "expected"), [(0.5, 0.0, ("hysteresis",)), (0.0, 0.0, ()), (0.5, 0.02, ())]
+)
+def test_where_the_best_explain_little_all_others_that_score_are_fitted(
+    monkeypatch: pytest.MonkeyPatch, halfway: float, chance: float, expected: tuple[str, ...]
+):
+    """A search that is misled: what explains nearly all comes far behind what explains next to nothing."""
+    of = case("hysteresis")
+    library, null = library_and_null("hysteresis")
+
+    def misled(*given: Any) -> list[Found]:
+        found = {f.effect: f for f in searched(*given)}
+        right = found.pop("hysteresis", None)
+        wrong = min(found.values(), key=lambda f: f.scored)
+        return [replace(wrong, scored=1e6), *([] if right is None else [replace(right, scored=1e4)])]
+
+    monkeypatch.setattr("skincal.gap.choose._searched", misled)
+    options = ChoiceOptions(halfway=halfway, most=1)
+
+    def p_value(name: str, scored: float) -> float:
+        return chance if name == "hysteresis" else 0.001
+
+    choice = choose(of.model, of.made.material, library, p_value, null.mean_square, options)
+    assert named(choice) == expected
+    assert [one.p_value for one in choice.named] == [0.0] * len(expected)
 
 
 def test_what_lives_in_the_positions_is_named_too():
@@ -251,7 +281,7 @@ def test_equations_for_the_same_thing_are_of_one_kind():
 
 
 def test_what_the_equation_of_the_first_leaves_is_passed_over():
-    one = made({"crosstalk": {"leak": 0.05}, "ghosting": {"row_leak": 0.012, "column_leak": 0.012}})
+    one = made({"crosstalk": {"leak": 0.05}, "ghosting": {"row_leak": 0.02, "column_leak": 0.0}})
     model = based(one)
     of = Case(one, model, scene_of(one, model))
     library = Library.of(of.scene, ("crosstalk", "ghosting"))

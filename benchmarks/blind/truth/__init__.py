@@ -1,4 +1,6 @@
-"""Makes sessions with something hidden in them. Imports nothing of skincal, and no equation of it.
+"""Makes sessions with something hidden in them. Imports nothing of skincal.
+
+Its equations were written to be others than skincal's; ``docs/trust.md`` says which have come near since.
 
 The flow is one way: a :mod:`protocol <benchmarks.blind.truth.protocol>` says which presses there are and when; a
 :mod:`body <benchmarks.blind.truth.body>` is the sensor's pose, its scale and its contact law; the
