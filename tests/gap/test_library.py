@@ -92,7 +92,7 @@ def test_small_effects_explain_what_the_search_finds(name: str, parameter: str):
 
 def test_columns_are_secants_towards_the_inside_of_the_bounds():
     scene, _ = parts()
-    (start,) = scene.bench.starts("crosstalk")
+    start = scene.bench.starts("crosstalk")[0]
     leak = EFFECTS["crosstalk"].parameter("leak")
     expected = scene.bench.values({"crosstalk": {"leak": np.asarray(0.25 * leak.typical)}}) - scene.zero
     assert columns_of(scene, start)[..., 0] == pytest.approx(expected / 0.25)

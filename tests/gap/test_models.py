@@ -17,8 +17,8 @@ HIDDEN = {"crosstalk": {"leak": 0.06}}
 
 def with_crosstalk(one: Made, start: Hypothesis) -> Model:
     """The fit of the base model and a crosstalk from a start."""
-    (search,) = Bench(one.start, one.session).starts("crosstalk")
-    return fitted(start, search.coords, np.zeros(1), {}, wide(one))
+    search = Bench(one.start, one.session).starts("crosstalk")[0]
+    return fitted(start, search.coords, np.zeros(len(search.coords)), {}, wide(one))
 
 
 def wide(one: Made) -> Material:

@@ -116,7 +116,7 @@ def dense(found: Refit, one: Made, learn: np.ndarray, prior_x: np.ndarray) -> tu
 def test_places_are_eliminated_exactly(part: bool):
     one = made({"crosstalk": {"leak": 0.05}}, pressed(12))
     learn = one.material.known if part else np.ones(len(one.session), dtype=bool)
-    coords = coordinates(EFFECTS["crosstalk"], SIZES)
+    coords = [c for c in coordinates(EFFECTS["crosstalk"], SIZES) if c.is_strength]
     near = one.truth.moved(np.array([2e-5, -2e-5, 2e-3, 0.01, -0.01]))
     start, x = near.with_places(near.places + 1e-5), np.array([0.5])
     here = refit(start, one.session, one.reading, AT_ONCE, coords, x, learn)
