@@ -98,7 +98,7 @@ def train(
     """
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     told = {f"--{name}": value for name, value in given.items() if value is not None}
-    from skincal.train import Settings, begin, in_full, read_run
+    from skincal.train import Settings, begin, read_run
 
     if resume:
         work, used = read_run(out)
@@ -109,9 +109,8 @@ def train(
         settings = Settings(environments=envs or Settings.environments)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
         used = _ranges(task, ranges)
-        # Whatever is wrong with the ranges is told before there is a folder.
-        work = in_full(work, used)
         begin(work, used, out, force=force)
+        work, used = read_run(out)
     result = _train(out, work, used, steps or work.steps, processes=processes)
     _draw(result)
     if as_json:

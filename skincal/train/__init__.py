@@ -14,7 +14,7 @@ from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Set
 
 if TYPE_CHECKING:
     from skincal.train.curve import read_curve
-    from skincal.train.environments import in_full, maker, parallel
+    from skincal.train.environments import make_environment, maker, parallel
     from skincal.train.network import Network
     from skincal.train.onnx_file import write_policy
     from skincal.train.run import Trained, begin, read_run, train
@@ -25,7 +25,7 @@ _LEARNING = {
     "Round": "watch",
     "Trained": "run",
     "begin": "run",
-    "in_full": "environments",
+    "make_environment": "environments",
     "maker": "environments",
     "parallel": "environments",
     "read_curve": "curve",
@@ -48,7 +48,7 @@ __all__ = [
     "Work",
     "begin",
     "bundled_policies",
-    "in_full",
+    "make_environment",
     "maker",
     "parallel",
     "policy_path",

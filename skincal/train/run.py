@@ -21,7 +21,7 @@ from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.train.checkpoint import Progress, load_checkpoint, save_checkpoint
 from skincal.train.curve import Curve
 from skincal.train.describe import describe
-from skincal.train.environments import Make, parallel, segment_seed
+from skincal.train.environments import Make, in_full, parallel, segment_seed
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description
@@ -54,11 +54,12 @@ class Trained:
 
 
 def begin(work: Work, ranges: Ranges, out: Path, *, force: bool = False) -> None:
-    """Makes the folder of a run: what it is, and the ranges it randomises over.
+    """Makes the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
 
     Raises:
-        InputError: something is there.
+        InputError: something is there, or the environment cannot be made of this; then there is no folder.
     """
+    work = in_full(work, ranges)
     with whole_folder(out, force=force, marker=MARKER) as temporary:
         content = {"format": FORMAT, **work.as_table()}
         (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")

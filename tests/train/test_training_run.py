@@ -12,6 +12,7 @@ pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
 import small_runs
 
+from skincal.envs import MarbleRollEnv
 from skincal.errors import InputError
 from skincal.ranges import preset
 from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
@@ -176,7 +177,10 @@ def test_published_settings():
 
 def test_work_survives_a_file(tmp_path):
     small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
-    assert read_run(tmp_path / "run")[0] == small_runs.work()
+    # What was not given is written down as well.
+    environment = MarbleRollEnv.default_options().numbers
+    assert read_run(tmp_path / "run")[0] == replace(small_runs.work(), environment=environment)
+    assert environment["solver_iterations"] == 20 and "rewards" not in environment
 
 
 def test_a_damaged_checkpoint(tmp_path):
