@@ -1,11 +1,11 @@
 """Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
 
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
-presses (:mod:`skincal.gap.candidates`). The best few, and if those explain little all others that score, are fitted in
-full, together with the sensor, the places and all effects named before, and the one that leaves least is named; those
-that leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect explains
-a fair part of what is left, or at the most effects allowed. At the end each named effect is dropped in turn, and stays
-out if nothing is lost.
+presses (:mod:`skincal.gap.candidates`). The best few, and in the first round all others that score if those explain
+little, are fitted in full, together with the sensor, the places and all effects named before, and the one that leaves
+least is named; those that leave nearly as little stay in its set of names. It ends when nothing significant is left,
+when no effect explains a fair part of what is left, or at the most effects allowed. At the end each named effect is
+dropped in turn, and stays out if nothing is lost.
 """
 
 from __future__ import annotations
@@ -54,8 +54,9 @@ class ChoiceOptions:
         alike: effects stay in the set of names if they explain at least this part of what the best one does.
         contenders: so many are fitted in full at first.
         contend: effects that explain at least this part of the best are fitted in full.
-        halfway: where those explain less than this part of what is left, so are all others with a significant score:
-            far from where the sensor belongs the search may rank an effect low that explains nearly all of it.
+        halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
+            significant score: far from where the sensor belongs the search may rank an effect low that explains nearly
+            all of it. Later it is not far, and a low score says that what is fitted holds for few other presses.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
@@ -251,7 +252,7 @@ def choose(
         fits = _fitted(model, near, material)
         falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
         others = [f for f in found if f not in near and p_value(f.effect, f.scored) <= options.significant]
-        if others and max(falls.values()) < options.halfway * left:
+        if others and not named and max(falls.values()) < options.halfway * left:
             heard(f"round {number}: fitting all others, as these explain little")
             more = _fitted(model, others, material)
             falls |= {name: left - excess_of(m, material, null_mean) for name, m in more}
