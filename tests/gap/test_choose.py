@@ -103,6 +103,25 @@ def test_where_the_best_explain_little_all_others_that_score_are_fitted(
     assert [one.p_value for one in choice.named] == [0.0] * len(expected)
 
 
+def test_once_something_is_named_a_low_score_is_believed(monkeypatch: pytest.MonkeyPatch):
+    of, (library, null) = two()
+
+    def misled(*given: Any) -> list[Found]:
+        """As the search is in the first round; later what explains nearly all comes far behind."""
+        found = searched(*given)
+        left = [f for f in found if f.effect in TWO]
+        wrong = min((f for f in found if f.effect not in TWO), key=lambda f: f.scored)
+        return (
+            found if len(left) > 1 else [replace(wrong, scored=1e6), *(replace(f, scored=1e4) for f in left)]
+        )
+
+    monkeypatch.setattr("skincal.gap.choose._searched", misled)
+    choice = choose(of.model, of.made.material, library, lambda *_: 0.001, null.mean_square, ChoiceOptions())
+    first, later = choice.rounds
+    assert named(choice) == (first.taken,) and first.taken in TWO
+    assert later.taken is None and not set(later.fits) & set(TWO)
+
+
 def test_what_lives_in_the_positions_is_named_too():
     choice = choice_of("contact_offset")
     assert "contact_offset" in named(choice)[:1]
