@@ -1,6 +1,6 @@
 """Makes sessions with something hidden in them. Imports nothing of skincal.
 
-Its equations were written to be others than skincal's; ``docs/trust.md`` says which have come near since.
+Its equations were written to be others than skincal's; where skincal's have come near, these have been written anew.
 
 The flow is one way: a :mod:`protocol <benchmarks.blind.truth.protocol>` says which presses there are and when; a
 :mod:`body <benchmarks.blind.truth.body>` is the sensor's pose, its scale and its contact law; the

@@ -33,20 +33,33 @@ class Spread(Effect):
 
 @dataclass(frozen=True)
 class Crosstalk(Effect):
-    """A resistive sheet under the taxels: ``(1 + c L) y = x``, L the graph's Laplacian."""
+    """Taxels pick each other up through the air: ``y_j = x_j + c sum_k exp(-(d_jk - 1) / r) w_jk x_k``.
+
+    d is the distance in pitches, across the corners too; w is 1 along a row and ``columns`` along a column, with what
+    lies between for other directions, as wires lie closer one way. Strength c.
+    """
+
+    range_pitches: float = 0.4
+    columns: float = 1.0
 
     name = "crosstalk"
     stage = Stage.COUPLING
     typical = 0.05
 
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical, float(rng.uniform(0.2, 0.6)), float(rng.uniform(0.5, 1.5)))
+
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
         del scene
-        near = neighbours()
-        laplacian = np.diag(near.sum(axis=1)) - near
-        return np.asarray(
-            np.linalg.solve(np.eye(TAXELS) + self.strength * laplacian, x.T).T, dtype=np.float64
-        )
+        row, column = np.divmod(np.arange(TAXELS), COLS)
+        up, aside = row[:, None] - row, column[:, None] - column
+        apart = np.hypot(up, aside)
+        away = np.where(apart > 0, apart, np.inf)
+        wires = (aside**2 + self.columns * up**2) / away**2
+        return x + self.strength * x @ (np.exp(-(away - 1) / self.range_pitches) * wires)
 
 
 @dataclass(frozen=True)

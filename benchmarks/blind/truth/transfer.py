@@ -72,24 +72,39 @@ class DeadBand(Effect):
 
 @dataclass(frozen=True)
 class ResponseCurve(Effect):
-    """A voltage divider: ``y = x (1 + a) / (1 + a x / x1)``; a < 0 bends upwards."""
+    """Bent by an area hyperbolic sine, straight where it begins, or from one slope to another.
+
+    With ``z = x / x1`` and strength a: ``y = x1 asinh(a z) / a`` (a < 0: ``x1 sinh(a z) / a``), or, for two slopes,
+    ``y = x1 (b z + (1 - b) (1 - exp(-z)))`` with ``b = 1 / (1 + a)`` (a < 0: ``b = 1 - a``).
+    """
 
     reference_counts: float = 60.0
+    two_slopes: bool = False
 
     name = "response_curve"
-    typical = 0.3
+    typical = 0.5
+    largest = 12.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
         """See :meth:`Effect.draw`."""
         sign = 1.0 if rng.uniform() < 0.65 else -0.4
-        return cls(cls.typical * sign, float(rng.uniform(50, 100)))
+        two = bool(rng.uniform() < 0.5)
+        return cls(cls.typical * sign, float(rng.uniform(15, 40) if two else rng.uniform(50, 100)), two)
 
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
         del scene
-        below = np.maximum(1 + self.strength * x / self.reference_counts, 0.25)
-        return x * (1 + self.strength) / below
+        z, a = np.maximum(x, 0.0) / self.reference_counts, self.strength
+        if self.two_slopes:
+            slope = 1 / (1 + a) if a > 0 else 1 - a
+            bent = slope * z - (1 - slope) * np.expm1(-z)
+        elif a:
+            # No load is beyond 10 of these.
+            bent = (np.arcsinh(a * z) if a > 0 else np.sinh(np.maximum(a * z, -10.0))) / a
+        else:
+            bent = z
+        return np.where(x > 0, self.reference_counts * bent, x)
 
 
 @dataclass(frozen=True)
