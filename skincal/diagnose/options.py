@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from skincal.gap.choose import ChoiceOptions
+from skincal.gap.choice_options import ChoiceOptions
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class DiagnoseOptions:
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     explained: float = 0.75
     structure: float = 5.0
-    misfit: float = 1.0
+    misfit: float = 0.5
     unexplained: float = 0.12
     much: float = 0.5
     negligible: float = 0.2

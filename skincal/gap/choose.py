@@ -1,11 +1,11 @@
 """Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
 
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
-presses (:mod:`skincal.gap.candidates`). The best few, and in the first round all others that score if those explain
-little, are fitted in full, together with the sensor, the places and all effects named before, and the one that leaves
-least is named; those that leave nearly as little stay in its set of names. It ends when nothing significant is left,
-when no effect explains a fair part of what is left, or at the most effects allowed. At the end each named effect is
-dropped in turn, and stays out if nothing is lost.
+presses (:mod:`skincal.gap.candidates`). The best few, and in the first round all others if those explain little
+(:mod:`skincal.gap.contest`), are fitted in full, together with the sensor, the places and all effects named before, and
+the one that leaves least is named; those that leave nearly as little stay in its set of names. It ends when nothing
+significant is left, when no effect explains a fair part of what is left, or at the most effects allowed. At the end
+each named effect is dropped in turn, and stays out if nothing is lost.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.gap.candidates import Found, Scene, Start, best_of, search
+from skincal.gap.choice_options import ChoiceOptions
+from skincal.gap.contest import Contest, PValue
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import (
@@ -23,7 +25,6 @@ from skincal.gap.models import (
     Model,
     begun_again,
     excess_of,
-    extended,
     found_again,
     scene_of,
     without,
@@ -38,80 +39,6 @@ KINDS: tuple[frozenset[str], ...] = (
 )
 """Effects of which one takes up what another's equation leaves over: signals that go to other taxels, memories that
 fade, curves from load to counts."""
-
-
-@dataclass(frozen=True)
-class ChoiceOptions:
-    """When an effect is named.
-
-    Attributes:
-        most: effects at most.
-        significant: p-value at which there is something.
-        share_first: part of the excess that an effect must explain to be named at all, of what is there in its round.
-        share_later: the same from the second round on: what an equation that is not quite right leaves over must not
-            be named.
-        of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
-        alike: effects stay in the set of names if they explain at least this part of what the best one does.
-        contenders: so many are fitted in full at first.
-        contend: effects that explain at least this part of the best are fitted in full.
-        halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
-            significant score: far from where the sensor belongs the search may rank an effect low that explains nearly
-            all of it. Later it is not far, and a low score says that what is fitted holds for few other presses.
-        searched: so many are searched, those that explain most to first order.
-        near: effects that explain less than this part of the best to first order are not.
-        enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
-        weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
-            tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
-        beside_law: the same where another contact law explains much: what is not quite right in it leaves nearly as
-            much.
-        share_of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
-        clear: root mean square in units of the noise from which on a later effect is looked at however large the first
-            one was.
-        related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
-            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess; so is
-            a later one of the same kind (:data:`KINDS`).
-        of_related: see ``related``.
-    """
-
-    most: int = 4
-    significant: float = 0.01
-    share_first: float = 0.25
-    share_later: float = 0.4
-    of_all: float = 0.06
-    alike: float = 0.88
-    contenders: int = 3
-    contend: float = 0.6
-    halfway: float = 0.5
-    searched: int = 8
-    near: float = 0.1
-    enough: float = 0.03
-    weakest: float = 0.15
-    beside_law: float = 0.25
-    share_of_law: float = 0.8
-    clear: float = 0.4
-    related: float = 0.3
-    of_related: float = 0.25
-
-    def least(self, values: int, law: float = 0.0) -> float:
-        """By how much the weakest effect lowers the squared residual of so many values.
-
-        Args:
-            values: that were read.
-            law: root mean square of what another contact law explains, in units of the noise.
-        """
-        return self.weakest_beside(law) ** 2 * values
-
-    def weakest_beside(self, law: float) -> float:
-        """Root mean square of the weakest effect that is named, in units of the noise.
-
-        Args:
-            law: root mean square of what another contact law explains, in units of the noise.
-        """
-        return max(self.weakest, min(self.share_of_law * law, self.beside_law))
-
-    def later(self, share: float, first: float, values: int) -> float:
-        """A share of the first round's excess, but no more than is clear."""
-        return min(share * first, self.clear**2 * values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,10 +126,6 @@ class Choice:
         return (name, fall / last.excess) if fall > 0 else None
 
 
-PValue = Callable[[str, float], float]
-"""The p-value of an effect's score, from its name and the score."""
-
-
 def choose(
     before: Model,
     material: Material,
@@ -243,22 +166,22 @@ def choose(
         found = _searched(model, material, library, options, extra or {}, passed)
         if not found:
             break
-        chance = p_value(found[0].effect, found[0].scored)
-        rounds.append(Round(tuple(found), left, {}))
-        if chance > options.significant or found[0].scored <= 0:
-            break
         heard(f"round {number}: fitting {found[0].effect} and what comes near it")
-        near = [f for f in found if f.scored >= options.contend * found[0].scored][: options.contenders]
-        fits = _fitted(model, near, material)
-        falls = {name: left - excess_of(m, material, null_mean) for name, m in fits}
-        others = [f for f in found if f not in near and p_value(f.effect, f.scored) <= options.significant]
-        if others and not named and max(falls.values()) < options.halfway * left:
-            heard(f"round {number}: fitting all others, as these explain little")
-            more = _fitted(model, others, material)
-            falls |= {name: left - excess_of(m, material, null_mean) for name, m in more}
-            fits += more
-        rounds[-1] = Round(tuple(found), left, falls, dict(fits))
-        name, best = max(fits, key=lambda item: falls[item[0]])
+        contest = Contest(model, material, p_value, null_mean, options, left)
+        fits = contest.fits([f for f in found if contest.near(f, found)])
+        if not named and contest.little(fits):
+            heard(f"round {number}: fitting all others that score, as these explain little")
+            fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
+        if not named and contest.little(fits) and left > options.sure * least:
+            heard(f"round {number}: fitting all that do not score to some presses")
+            found = contest.scored_in_full(found)
+            fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
+        falls = {name: contest.fall(m) for name, m in fits.items()}
+        rounds.append(Round(tuple(found), left, falls, fits))
+        if not fits:
+            break
+        name = max(falls, key=lambda n: falls[n])
+        best = fits[name]
         share = falls[name] / left
         wanted = options.share_later if len(named) > told else options.share_first
         if share < wanted or falls[name] < max(least, options.later(options.of_all, first, seen)):
@@ -273,7 +196,7 @@ def choose(
             if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
-        alike = [n for n, _ in fits if n != name and falls[n] >= options.alike * falls[name]]
+        alike = [n for n in fits if n != name and falls[n] >= options.alike * falls[name]]
         own = next(p_value(name, f.scored) for f in found if f.effect == name)
         named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, own))
         heard(f"round {number}: presses again, with {name}")
@@ -358,15 +281,3 @@ def _searched(
     found = [one for name in names if (one := best_of(scene, name, *views)) is not None]
     found += [search(scene, start, *views) for name, start in extra.items() if name not in done]
     return sorted(found, key=lambda f: -f.scored)
-
-
-def _fitted(model: Model, found: Sequence[Found], material: Material) -> list[tuple[str, Model]]:
-    """Full fits of some, each with what was named before."""
-    if len(found) == 1:
-        return [(found[0].effect, extended(model, found[0], material))]
-    tasks = [(model, f, material.alone) for f in found]
-    return [(f.effect, m) for f, m in zip(found, material.options.mapper(_extended, tasks), strict=True)]
-
-
-def _extended(task: tuple[Model, Found, Material]) -> Model:
-    return extended(*task)

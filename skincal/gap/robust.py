@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from skincal.fit.observe import expected_counts
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
@@ -318,8 +319,29 @@ def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> 
     for jump in jumped:
         later = (time >= jump.at_s) & (time < jump.until_s)
         for taxel, height in zip(jump.taxels, jump.counts, strict=True):
-            counts[later, taxel] = reading.expected(counts[later, taxel] - height)
+            counts[later, taxel] = _clipped_by_frame(
+                counts[later, taxel] - height, reading.frames[later], reading
+            )
     return reading.with_counts(counts)
+
+
+def _clipped_by_frame(means: FloatArray, frames: FloatArray, reading: Reading) -> FloatArray:
+    """What means of unclipped frames would have been, had each frame been clipped.
+
+    A mean of n frames holds noise of variance s^2 / n still; what averaging took away, s^2 (1 - 1/n), is what clipping
+    lifts it by. With all of s^2 the noise would count twice, and a taxel at rest would read higher than it ever does.
+
+    Args:
+        means: (N,) of the unclipped frames [counts].
+        frames: (N,) how many frames each is the mean of.
+        reading: noise and converter.
+    """
+    clipped = np.empty_like(means)
+    for n in np.unique(frames):
+        rows = frames == n
+        lost = reading.sigma_counts * float(np.sqrt(max(0.0, 1.0 - 1.0 / n)))
+        clipped[rows] = expected_counts(means[rows], lost, reading.readout)
+    return clipped
 
 
 def without_presses(reading: Reading, press: IntArray, rows: IntArray) -> Reading:

@@ -29,7 +29,8 @@ from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_va
 from skincal.diagnose.summary import summary
 from skincal.diagnose.workflow import _pulled, diagnose  # pyright: ignore[reportPrivateUsage]
 from skincal.errors import InputError, WorkError
-from skincal.gap.choose import Choice, ChoiceOptions, Named
+from skincal.gap.choice_options import ChoiceOptions
+from skincal.gap.choose import Choice, Named
 from skincal.gap.null import Null
 from skincal.gap.signatures import Signature
 
@@ -169,10 +170,11 @@ def test_what_is_sure_but_weaker_than_any_effect_that_is_named_is_nothing():
 
 def test_a_residual_far_above_that_of_any_null_session_is_unknown_whatever_it_depends_on():
     null = Null(("fitted",) * 3, {}, 1.0, {}, np.array([-30.0, 5.0, 40.0]))
-    for excess, said in ((500.0, ("unknown", True)), (190.0, ("none", False)), (150.0, ("none", False))):
-        choice = Choice(cast("Any", None), cast("Any", None), (), (), (excess, excess), 180)
+    for excess, said in ((500.0, ("unknown", True)), (210.0, ("unknown", True)), (190.0, ("none", False))):
+        choice = Choice(cast("Any", None), cast("Any", None), (), (), (excess, excess), 360)
         assert judged(choice, null, [], DiagnoseOptions()) == said
-    few = Choice(cast("Any", None), cast("Any", None), (), (), (500.0, 500.0), 1000)
+    # Half the noise is little, however sure it is.
+    few = Choice(cast("Any", None), cast("Any", None), (), (), (500.0, 500.0), 2100)
     assert judged(few, null, [], DiagnoseOptions()) == ("none", False)
 
 

@@ -12,10 +12,10 @@ from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, 
 
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import Found, best_of
+from skincal.gap.choice_options import ChoiceOptions
 from skincal.gap.choose import (
     KINDS,
     Choice,
-    ChoiceOptions,
     Named,
     Round,
     choose,
@@ -101,6 +101,29 @@ def test_where_the_best_explain_little_all_others_that_score_are_fitted(
     choice = choose(of.model, of.made.material, library, p_value, null.mean_square, options)
     assert named(choice) == expected
     assert [one.p_value for one in choice.named] == [0.0] * len(expected)
+
+
+@pytest.mark.parametrize(
+    ("sure", "hidden", "expected"),
+    [(4.0, True, ("hysteresis",)), (1e9, True, ()), (4.0, False, ())],
+)
+def test_what_a_search_finds_far_too_large_is_scored_by_a_full_fit(
+    monkeypatch: pytest.MonkeyPatch, sure: float, hidden: bool, expected: tuple[str, ...]
+):
+    """A search that no effect comes out of with a score: the right one is named, where it is there, and no other."""
+    of = case("hysteresis")
+    library, null = library_and_null("hysteresis")
+
+    def misled(*given: Any) -> list[Found]:
+        found = [f for f in searched(*given) if hidden or f.effect != "hysteresis"]
+        return [replace(f, scored=-float(k)) for k, f in enumerate(found)]
+
+    monkeypatch.setattr("skincal.gap.choose._searched", misled)
+    options = ChoiceOptions(sure=sure, most=1)
+    choice = choose(of.model, of.made.material, library, null.p_value, null.mean_square, options)
+    assert named(choice) == expected
+    assert all(one.p_value <= 0.01 and one.share > 0.7 for one in choice.named)
+    assert hidden or not choice.rounds[0].fits
 
 
 def test_once_something_is_named_a_low_score_is_believed(monkeypatch: pytest.MonkeyPatch):

@@ -20,7 +20,7 @@ from skincal.dataset import HOLD, Dataset, Presses
 from skincal.diagnose.diagnosis import Diagnosis
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.workflow import diagnose
-from skincal.gap.choose import ChoiceOptions
+from skincal.gap.choice_options import ChoiceOptions
 from skincal.predict import predict_dataset
 
 TRUTH = ModelParameters(0.0235, degrees(0.05), 4e8, 70.0, beta_deg=degrees(0.2))

@@ -1,0 +1,82 @@
+"""When an effect is named: the numbers of the choice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """When an effect is named.
+
+    Attributes:
+        most: effects at most.
+        significant: p-value at which there is something.
+        share_first: part of the excess that an effect must explain to be named at all, of what is there in its round.
+        share_later: the same from the second round on: what an equation that is not quite right leaves over must not
+            be named.
+        of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
+        alike: effects stay in the set of names if they explain at least this part of what the best one does.
+        contenders: so many are fitted in full at first.
+        contend: effects that explain at least this part of the best are fitted in full.
+        halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
+            significant score: far from where the sensor belongs the search may rank an effect low that explains nearly
+            all of it. Later it is not far, and a low score says that what is fitted holds for few other presses.
+        sure: while nothing is named, what is left is that many times the weakest effect at least where no effect that
+            was searched scores, and all are fitted in full to the presses learned from, to score with that.
+        searched: so many are searched, those that explain most to first order.
+        near: effects that explain less than this part of the best to first order are not.
+        enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
+        weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
+            tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
+        beside_law: the same where another contact law explains much: what is not quite right in it leaves nearly as
+            much.
+        share_of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
+        clear: root mean square in units of the noise from which on a later effect is looked at however large the first
+            one was.
+        related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
+            for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess; so is
+            a later one of the same kind (:data:`KINDS`).
+        of_related: see ``related``.
+    """
+
+    most: int = 4
+    significant: float = 0.01
+    share_first: float = 0.25
+    share_later: float = 0.4
+    of_all: float = 0.06
+    alike: float = 0.88
+    contenders: int = 3
+    contend: float = 0.6
+    halfway: float = 0.5
+    sure: float = 4.0
+    searched: int = 8
+    near: float = 0.1
+    enough: float = 0.03
+    weakest: float = 0.15
+    beside_law: float = 0.25
+    share_of_law: float = 0.8
+    clear: float = 0.4
+    related: float = 0.3
+    of_related: float = 0.25
+
+    def least(self, values: int, law: float = 0.0) -> float:
+        """By how much the weakest effect lowers the squared residual of so many values.
+
+        Args:
+            values: that were read.
+            law: root mean square of what another contact law explains, in units of the noise.
+        """
+        return self.weakest_beside(law) ** 2 * values
+
+    def weakest_beside(self, law: float) -> float:
+        """Root mean square of the weakest effect that is named, in units of the noise.
+
+        Args:
+            law: root mean square of what another contact law explains, in units of the noise.
+        """
+        return max(self.weakest, min(self.share_of_law * law, self.beside_law))
+
+    def later(self, share: float, first: float, values: int) -> float:
+        """A share of the first round's excess, but no more than is clear."""
+        return min(share * first, self.clear**2 * values)
