@@ -166,8 +166,9 @@ def choose(
         found = _searched(model, material, library, options, extra or {}, passed)
         if not found:
             break
-        heard(f"round {number}: fitting {found[0].effect} and what comes near it")
         contest = Contest(model, material, p_value, null_mean, options, left)
+        if contest.scores(found[0]):
+            heard(f"round {number}: fitting {found[0].effect} and what comes near it")
         fits = contest.fits([f for f in found if contest.near(f, found)])
         if not named and contest.little(fits):
             heard(f"round {number}: fitting all others that score, as these explain little")
