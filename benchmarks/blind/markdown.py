@@ -29,19 +29,26 @@ _ROWS: Sequence[tuple[str, str, str, str]] = (
 
 def as_markdown(suites: Record) -> str:
     """All tables."""
-    parts = [_overview(suites)]
+    return "\n\n".join(sections(suites).values()) + "\n"
+
+
+def sections(suites: Record) -> dict[str, str]:
+    """The tables of what was run, by name: overview, power, effects, confusion, kinds, seconds."""
+    found = {"overview": _overview(suites)}
     if "one" in suites:
         one = suites["one"]
-        parts += [_power(one["power"]), _effects(one["by_effect"]), _confusion(one["confusion"])]
+        found["power"] = _power(one["power"])
+        found["effects"] = _effects(one["by_effect"])
+        found["confusion"] = _confusion(one["confusion"])
     if "outside" in suites:
-        parts.append(_kinds("kind outside the catalogue: unknown", suites["outside"]["by_kind"]))
+        found["kinds"] = _kinds("kind outside the catalogue: unknown", suites["outside"]["by_kind"])
     if "seconds" in suites:
         times = suites["seconds"]
-        parts.append(
+        found["seconds"] = (
             f"A diagnosis took {times['wall_median']:.0f} s (median; processor {times['cpu_median']:.0f} s), "
             f"at most {times['wall_largest']:.0f} s."
         )
-    return "\n\n".join(parts) + "\n"
+    return found
 
 
 def _overview(suites: Record) -> str:

@@ -1,6 +1,6 @@
 """Opens the labels of a blind test that has been run, and says what was found of what was hidden.
 
-    python -m benchmarks.blind score DIR [--out benchmarks/results/blind.json] [--markdown TABLE.md]
+    python -m benchmarks.blind score DIR [--out benchmarks/results/blind.json] [--markdown TABLE.md] [--figures DIR]
 
 A label that is not the one that was sealed before the diagnosis is refused. A test that is not whole is scored with
 ``--partial`` only: labels stay sealed until the run is over.
@@ -16,11 +16,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind.figures import figures
 from benchmarks.blind.markdown import as_markdown
 from benchmarks.blind.measures import summary
 from benchmarks.blind.outcome import Outcome, OutcomeError
 from benchmarks.blind.suites import SUITES, specs
 from benchmarks.blind.truth.writing import unsealed
+from skincal.report.style import save
 
 Record = dict[str, Any]
 
@@ -118,6 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     add("folder", type=Path, help="what `run --out` wrote")
     add("--out", type=Path, help="file for the score (JSON)")
     add("--markdown", type=Path, help="file for the tables; else they are printed")
+    add("--figures", type=Path, help="folder for pictures of power and confusion (PNG)")
     add("--partial", action="store_true", help="open the labels of a test that is not whole")
     return parser
 
@@ -137,6 +140,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     if given.out:
         given.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if given.figures:
+        given.figures.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures(found["suites"]).items():
+            save(figure, given.figures / f"{name}.png")
     text = as_markdown(found["suites"])
     if given.markdown:
         given.markdown.write_text(text, encoding="utf-8")

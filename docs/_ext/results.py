@@ -165,23 +165,44 @@ class Coverage(Results):
         return coverage(content)
 
 
-def blind(content: Mapping[str, Any]) -> list[str]:
-    """The score of the blind test as Markdown, with what was run."""
-    sys.path.insert(0, str(Path(__file__).parents[2]))
-    from benchmarks.blind.markdown import as_markdown
+PICTURED = {
+    "power": "How often an effect is seen, and named by its class, over its strength, with intervals of 95 %.",
+    "confusion": "What was named first for what was hidden, as counts of sessions; lines part the classes.",
+}
+"""Tables of the blind test that a page shows as pictures, and what they say."""
+
+
+def blind(content: Mapping[str, Any], pictures: Mapping[str, str]) -> list[str]:
+    """The score of the blind test as Markdown, with what was run; pictures instead of the tables of these names."""
+    from benchmarks.blind.markdown import sections
 
     sessions, missing = len(content.get("sessions", [])), sum(content.get("missing", {}).values())
     part = f" of {sessions + missing}; **the rest has not been run**" if missing else ""
     seed = content.get("study", {}).get("seed", "unknown")
-    return [f"{sessions} sessions{part}, seed {seed}.", "", *as_markdown(content["suites"]).splitlines(), ""]
+    lines = [f"{sessions} sessions{part}, seed {seed}.", ""]
+    for name, text in sections(content["suites"]).items():
+        if name in pictures:
+            text = f"```{{figure}} {pictures[name]}\n:width: 100%\n\n{PICTURED[name]}\n```"
+        lines += [*text.splitlines(), ""]
+    return lines
 
 
 class Blind(Results):
-    """The tables of the blind test."""
+    """The tables of the blind test, and its pictures, drawn as the page is built."""
 
     def lines(self, content: Any) -> list[str]:
         """The content as Markdown."""
-        return blind(content)
+        sys.path.insert(0, str(Path(__file__).parents[2]))
+        from benchmarks.blind.figures import figures
+        from skincal.report.style import save
+
+        made = Path("_build", "made", "blind")
+        (Path(self.env.srcdir) / made).mkdir(parents=True, exist_ok=True)
+        pictures: dict[str, str] = {}
+        for name, figure in figures(content["suites"]).items():
+            save(figure, Path(self.env.srcdir) / made / f"{name}.png")
+            pictures[name] = f"/{made.as_posix()}/{name}.png"
+        return blind(content, pictures)
 
 
 class Speed(Results):

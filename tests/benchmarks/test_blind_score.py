@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind.figures import figures
 from benchmarks.blind.markdown import as_markdown
 from benchmarks.blind.measures import summary
 from benchmarks.blind.outcome import Outcome, OutcomeError
@@ -161,6 +162,18 @@ def test_gap_of_positions_is_the_shrink_of_the_slack():
     said["gap"] |= {"slack_rms_before_m": 1e-3, "slack_rms_after_m": 0.5e-3}
     gap = summary([Outcome.of(label, said)], [])["one"]["gap_closed"]
     assert gap["median"]["value"] == pytest.approx(0.75)
+
+
+def test_pictures_show_every_session_once():
+    """The numbers in the squares are the counts of sessions; bins of the power curve without a session are left out."""
+    suites = summary(_all(lambda label: _said("effects", ["creep"])), [])
+    drawn = figures(suites)
+    cells = [text for text in drawn["confusion"].axes[0].texts if text.get_text()]
+    assert len(cells) == 22 and sum(int(text.get_text()) for text in cells) == 264
+    assert [label.get_text() for label in drawn["confusion"].axes[0].get_xticklabels()][-1] != "none"
+    ticks = [label.get_text() for label in drawn["power"].axes[0].get_xticklabels()]
+    assert len(ticks) == 6 and sum(int(tick.split("\n")[1].split()[0]) for tick in ticks) == 264
+    assert figures({"none": suites["none"]}) == {}
 
 
 def test_power_grows_with_strength():
