@@ -13,7 +13,14 @@ from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_mean
 from skincal.fit.observe import Readout, clipped_share, observe
 from skincal.gap.base import BaseModel, resolution_of
 from skincal.gap.idle_noise import idle_noise
-from skincal.gap.noise import NoiseFloor, frame_scatter, noise_floor, repeat_scatter, rounding
+from skincal.gap.noise import (
+    NoiseFloor,
+    frame_scatter,
+    noise_floor,
+    noisy_taxels,
+    repeat_scatter,
+    rounding,
+)
 from skincal.gap.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -103,17 +110,20 @@ def floor_of(
         dataset: the session.
         press_slopes: (P, J, 3) slopes of hold images by place and force; None: repeats are not used.
         rng: for intervals.
-        taxels: (J,) those that the slopes are of; None for all.
+        taxels: (J,) those that the slopes, and noise by taxel, are of; None for all.
     """
     readout, nothing = readout_of(dataset), (np.zeros(0), np.zeros(0))
     presses, frames = dataset.presses, dataset.frames
     seen = observe(presses.counts, readout)
     rest_scatter = seen.rest_sigma_counts
     of_frames, of_repeats, hold_frames, idle = nothing, nothing, 1.0, None
+    own = np.full(presses.counts.shape[1], np.nan)
     if frames is not None:
         groups = hold_groups(dataset)
-        of_frames = frame_scatter(frames.counts, groups, readout)
-        idle = idle_noise(frames.counts[frames.press < 0], readout)
+        own = noisy_taxels(frames.counts, groups, readout)
+        usual = frames.counts if np.isnan(own).all() else frames.counts[:, np.isnan(own)]
+        of_frames = frame_scatter(usual, groups, readout)
+        idle = idle_noise(usual[frames.press < 0], readout)
         held = np.bincount(groups[groups >= 0])
         hold_frames = float(np.median(held[held > 0])) if held.any() else 1.0
     elif np.isfinite(seen.frame_sigma_counts):
@@ -126,7 +136,10 @@ def floor_of(
             use &= counts < readout.value_max - 4
         of_repeats = repeat_scatter(counts, first, second, press_slopes, use)
     rest = rest_means(dataset)
-    return noise_floor(of_frames, of_repeats, rest, rest_scatter, hold_frames, readout, rng, idle)
+    found = noise_floor(of_frames, of_repeats, rest, rest_scatter, hold_frames, readout, rng, idle)
+    if taxels is not None:
+        own = own[taxels]
+    return found if np.isnan(own).all() else found.by_taxel(own)
 
 
 def _frames_of_a_mean(sigma: float, rest_scatter: float, readout: Readout) -> float:

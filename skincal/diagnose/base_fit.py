@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.diagnose.prepare import FINAL, OFFSET, SELECTION, TRAIN, Prepared, force_variance
+from skincal.gap.apart import own_variance
 from skincal.gap.faults import Stuck, jumps_under_load, rests_rarely, stuck_taxels, without_stuck
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.law import law_directions
@@ -69,6 +70,9 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     """
     known, beside, session = ready.is_part(TRAIN, SELECTION), _beside(ready), ready.session
     reading, stuck, shifted = _of_staircase(ready, beside)
+    # Where all taxels feel the same, what one of them does alone is noise for effects that are equations for all.
+    alone = np.zeros(reading.trust.shape[1]) if ready.options.base else own_variance(session, reading)
+    reading = reading.with_further(np.broadcast_to(alone, reading.trust.shape))
     first = _first_look(ready, reading, beside)
     wild = glitches(first.slopes.residual, reading.seen, session.press)
     if not leave_out:
@@ -84,7 +88,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
         wild = np.setdiff1d(wild, suspected)
         reading = without_presses(whole, session.press, wild)
         first = _first_look(ready, without_silent(reading, silent, session), beside)
-    reading = reading.with_further(force_variance(first.hypothesis, session, ready.force_noise_n))
+    reading = reading.with_further(alone + force_variance(first.hypothesis, session, ready.force_noise_n))
     values, quiet = first.slopes.values, without_silent(reading, silent, session)
     if not rests_rarely(session):
         stuck = stuck_taxels(values, quiet, session)

@@ -23,12 +23,16 @@ from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.session import Binning, GapSession
 from skincal.gap.signatures import session_mean
-from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, split_presses
+from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, SplitOptions, split_presses
 from skincal.gap.start import start_places
 from skincal.model.arrays import FloatArray, IntArray
 
 FORCE_SIGMA = 0.004
 """By how much the force of a whole press may be off, relative, before that is an effect of its own."""
+
+GAUGE_SIGMA = 0.001
+"""The same for the gauge of a chamber: it errs all along, not from one plateau to the next. What all taxels do alike would
+be taken for its error otherwise."""
 
 EXACT_M = 1e-4
 """What the place of uniform pressure is worth: it does not matter."""
@@ -115,7 +119,7 @@ def prepare(
     # What a fit found of the positions counts where it is sharper than what the data say. What it found of the forces
     # does not: a gain that drifts looks like forces that are off, and would then be explained away.
     # Uniform pressure tells nothing of pose and E, and S cannot be told from the forces.
-    refit = RefitOptions(min(sigma_m, measured_m), FORCE_SIGMA, base=not uniform)
+    refit = RefitOptions(min(sigma_m, measured_m), GAUGE_SIGMA if uniform else FORCE_SIGMA, base=not uniform)
     reach = dataset.meta.position.slack_m
     reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
     names = pose_names(dataset)
@@ -163,10 +167,10 @@ def _lowered(session: GapSession, rest: FloatArray) -> GapSession:
 
 def _weighted(
     session: GapSession, floor: NoiseFloor, model: BaseModel, calibration: Calibration
-) -> tuple[GapSession, float]:
+) -> tuple[GapSession, float | FloatArray]:
     """The session with the number of frames that each observation is worth, and the noise of one."""
     if session.has_frames:
-        return session, floor.frame_counts
+        return session, floor.sigma_counts
     sigma, mean = floor.frame_counts, floor.mean_counts
     if floor.frame_from != "clipped rest":
         # Nothing shows the noise of a frame: what the fit found is that of a hold's mean.
@@ -187,7 +191,7 @@ def _split(dataset: Dataset, session: GapSession, rng: np.random.Generator) -> S
     rows, first = np.unique(session.press[session.press >= 0], return_index=True)
     order = rows[np.argsort(first, kind="stable")]
     part = np.full(len(site), TRAIN, dtype=np.int64)
-    part[order] = split_presses(site[order], rng).part
+    part[order] = split_presses(site[order], rng, SplitOptions(block=1) if uniform_pressure(dataset) else None).part
     return Split(part)
 
 

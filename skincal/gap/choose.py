@@ -41,6 +41,10 @@ KINDS: tuple[frozenset[str], ...] = (
 fade, curves from load to counts."""
 
 
+FEW = 4
+"""An effect with more strengths than this describes taxels one by one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Named:
     """An effect that was named.
@@ -182,6 +186,10 @@ def choose(
         if not fits:
             break
         name = max(falls, key=lambda n: falls[n])
+        alike = [n for n in fits if falls[n] >= options.alike * falls[name]]
+        # What can be read off is there; what takes it up on the way must wait until it is in the model. And an effect
+        # with numbers for each taxel must beat those that need a few for all.
+        name = next((n for n in plain if n in alike), simplest(alike, falls, fits))
         best = fits[name]
         share = falls[name] / left
         wanted = options.share_later if len(named) > told else options.share_first
@@ -197,9 +205,9 @@ def choose(
             if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
-        alike = [n for n in fits if n != name and falls[n] >= options.alike * falls[name]]
+        others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         own = next(p_value(name, f.scored) for f in found if f.effect == name)
-        named.append(Named(name, (name, *sorted(alike, key=lambda n: -falls[n])), share, own))
+        named.append(Named(name, (name, *others), share, own))
         heard(f"round {number}: presses again, with {name}")
         model = found_again(best, material)
         if fresh is not None and excess_of(model, material, null_mean) > least:
@@ -210,6 +218,21 @@ def choose(
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
+
+
+def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str, Model]) -> str:
+    """The effect that explains most of those that explain about as much, one with few numbers before any with many.
+
+    Args:
+        alike: effects that explain about as much, at least one.
+        falls: what each explains.
+        fits: the model with each.
+    """
+
+    def many(name: str) -> bool:
+        return sum(c.effect == name and c.is_strength for c in fits[name].coords) > FEW
+
+    return min(alike, key=lambda n: (many(n), -falls[n]))
 
 
 def of_one_kind(name: str, known: Collection[str]) -> bool:

@@ -58,7 +58,7 @@ def stuck_taxels(values: FloatArray, reading: Reading, session: GapSession) -> l
         session: gives times and presses.
     """
     expected, time = reading.expected(values), times(session)
-    far = max(_FAR_COUNTS, _FAR_SIGMA * reading.sigma_counts)
+    far = np.maximum(_FAR_COUNTS, _FAR_SIGMA * reading.sigma_counts)
     found: list[Stuck] = []
     for bound in (reading.readout.value_min, reading.readout.value_max):
         if bound is None:

@@ -6,7 +6,7 @@ bound of the converter both the noise and the sensitivity shrink, which :class:`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,11 @@ _WIDTH = 1.96
 _AGREE = 3.0
 """Estimates further apart than so many standard errors are not of the same noise."""
 _RESAMPLES = 200
+_NOISY, _SURE, _KNOWN = 1.5, 5.0, 100.0
+"""A taxel is noisy if it scatters by so much more than the middle one, that is so many standard errors, and it has been
+seen with so many degrees of freedom."""
+_NOISE_STEP = 0.1
+"""Noise of noisy taxels is told in steps of so much of its logarithm."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,8 @@ class NoiseFloor:
             back to the same place within a few tenths of a millimetre it is far above the noise.
         repeat_interval: where that lies.
         rounding_counts: that rounding adds to a frame; zero where values are not whole numbers.
+        taxel_counts: of a frame, before rounding and clipping, for each taxel, where some are far noisier than usual;
+            ``frame_counts`` is that of the usual ones then. Empty where all are alike.
     """
 
     frame_counts: float
@@ -67,6 +74,17 @@ class NoiseFloor:
     rounding_counts: float
     repeat_counts: float = float("nan")
     repeat_interval: tuple[float, float] = (float("nan"), float("nan"))
+    taxel_counts: tuple[float, ...] = ()
+
+    @property
+    def sigma_counts(self) -> float | FloatArray:
+        """Noise of a frame: one for all taxels, or (J,)."""
+        return np.array(self.taxel_counts) if self.taxel_counts else self.frame_counts
+
+    def by_taxel(self, noisy_counts: FloatArray) -> NoiseFloor:
+        """The same with the noise (J,) of taxels that are noisier than usual [counts]; NaN for the usual ones."""
+        own = np.where(np.isnan(noisy_counts), self.frame_counts, noisy_counts)
+        return replace(self, taxel_counts=tuple(own.tolist()))
 
 
 def rounding(readout: Readout) -> float:
@@ -119,6 +137,33 @@ def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tupl
         return np.zeros(0), np.zeros(0)
     frames, degrees, taxels = np.array(sizes).T
     return _about_curves(np.array(left), np.array(bends), frames, degrees, taxels)
+
+
+def noisy_taxels(counts: FloatArray, group: IntArray, readout: Readout) -> FloatArray:
+    """Noise of a frame (J,) of taxels that are far noisier than usual [counts]; NaN for the usual ones.
+
+    A loose contact, or an amplifier of its own, and a few taxels scatter several times as much as the others. With one
+    noise for all they would hide what the others show. One that scatters *less* than usual keeps the usual noise: it
+    may be stuck.
+
+    Args:
+        counts: (M, J) frames in the hold.
+        group: (M,) the hold that each belongs to, -1 for none.
+        readout: the converter.
+    """
+    found = np.full(counts.shape[1], np.nan)
+    error = np.full_like(found, np.inf)
+    for taxel in range(counts.shape[1]):
+        squares, freedom = frame_scatter(counts[:, taxel : taxel + 1], group, readout)
+        if freedom.sum() >= _KNOWN:
+            found[taxel] = _robust_deviation(squares, freedom)
+            error[taxel] = found[taxel] / np.sqrt(2 * freedom.sum())
+    usual = _middle(found)
+    noisy = (found > _NOISY * usual) & (found - usual > _SURE * error)
+    # In steps of a few percent, so that many taxels share a noise.
+    steps = np.round(np.log(np.where(noisy, found, 1.0)) / _NOISE_STEP) * _NOISE_STEP
+    alone = [_without(float(value), rounding(readout)) for value in np.exp(steps)]
+    return np.where(noisy, alone, np.nan)
 
 
 def _about_curves(

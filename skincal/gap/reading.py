@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 from skincal.fit.observe import Readout, clipped_share, expected_counts
 from skincal.gap.noise import rounding
 from skincal.gap.session import GapSession
-from skincal.model.arrays import BoolArray, FloatArray, as_floats
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _LEAST_SHARE = 0.2
 """A value far beyond a bound scatters no less than this part of the noise: what is known of it is not certain."""
@@ -23,7 +24,7 @@ class Reading:
     Attributes:
         counts: (N, J) what was read, NaN where nothing was.
         frames: (N,) frames that each row is the mean of, as far as its noise is concerned.
-        sigma_counts: noise of one frame, before rounding and clipping.
+        sigma_counts: (J,) noise of one frame of each taxel, before rounding and clipping.
         readout: the converter.
         trust: (N, J) one where a value counts, less where it is not believed.
         further: (N, J) variance that is not the taxels' own: of the measured force of each frame [counts²].
@@ -31,14 +32,19 @@ class Reading:
 
     counts: FloatArray
     frames: FloatArray
-    sigma_counts: float
+    sigma_counts: FloatArray
     readout: Readout
     trust: FloatArray
     further: FloatArray
 
     @classmethod
-    def of(cls, session: GapSession, sigma_counts: float, readout: Readout) -> Reading:
+    def of(cls, session: GapSession, sigma_counts: float | FloatArray, readout: Readout) -> Reading:
         """All that a session read.
+
+        Args:
+            session: that was recorded.
+            sigma_counts: noise of one frame, one for all taxels or (J,).
+            readout: the converter.
 
         Raises:
             ValueError: a session that was only planned.
@@ -46,7 +52,8 @@ class Reading:
         if session.counts is None:
             raise ValueError("reading: expected a session that was recorded; got a plan")
         trust = np.isfinite(session.counts).astype(np.float64)
-        return cls(session.counts, session.frames, sigma_counts, readout, trust, np.zeros_like(trust))
+        sigma = as_floats(np.broadcast_to(sigma_counts, trust.shape[1:]))
+        return cls(session.counts, session.frames, sigma, readout, trust, np.zeros_like(trust))
 
     @property
     def seen(self) -> BoolArray:
@@ -67,14 +74,17 @@ class Reading:
 
     def deviation(self, values: FloatArray) -> FloatArray:
         """Standard deviation (N, J) of a mean of frames at values (N, J) before the converter [counts]."""
-        knots, share = self._shares
-        full = float(np.hypot(self.sigma_counts, rounding(self.readout)))
-        own = full * np.interp(values, knots, share) / np.sqrt(self.frames)[:, None]
+        full = np.hypot(self.sigma_counts, rounding(self.readout))
+        own = full * self._by_noise(self._share, values) / np.sqrt(self.frames)[:, None]
         return np.hypot(own, np.sqrt(self.further))
 
     def expected(self, values: FloatArray) -> FloatArray:
         """Mean counts (N, J) at values (N, J) before the converter: clipping lifts an untouched taxel."""
-        return as_floats(expected_counts(values, self.sigma_counts, self.readout))
+        return self._by_noise(lambda some, sigma: expected_counts(some, sigma, self.readout), values)
+
+    def expected_of(self, taxel: int, values: FloatArray) -> FloatArray:
+        """The same (n,) of one taxel at values (n,)."""
+        return as_floats(expected_counts(values, float(self.sigma_counts[taxel]), self.readout))
 
     def residual(self, values: FloatArray) -> FloatArray:
         """(N, J) in standard deviations; zero where nothing was read."""
@@ -89,13 +99,38 @@ class Reading:
             self.seen, np.clip(slope, 0.0, 1.0) / self.deviation(values) * np.sqrt(self.trust), 0.0
         )
 
+    def _by_noise(self, of: Callable[[FloatArray, float], FloatArray], values: FloatArray) -> FloatArray:
+        """A function of values (N, J) and of the noise of their taxels: once for all that have the same noise."""
+        if len(self._alike) == 1:
+            return as_floats(of(values, self._alike[0][0]))
+        found = np.empty_like(values)
+        for sigma, taxels in self._alike:
+            found[:, taxels] = of(values[:, taxels], sigma)
+        return found
+
     @cached_property
-    def _shares(self) -> tuple[FloatArray, FloatArray]:
-        """What clipping leaves of the noise, at values about the bounds."""
+    def _alike(self) -> list[tuple[float, IntArray]]:
+        """Each noise that there is, and the taxels that have it."""
+        return [
+            (float(sigma), np.flatnonzero(self.sigma_counts == sigma))
+            for sigma in np.unique(self.sigma_counts)
+        ]
+
+    def _share(self, values: FloatArray, sigma: float) -> FloatArray:
+        """What clipping leaves of the noise, at values of any shape."""
+        knots, share = self._shares[sigma]
+        return as_floats(np.interp(values, knots, share))
+
+    @cached_property
+    def _shares(self) -> dict[float, tuple[FloatArray, FloatArray]]:
+        """What clipping leaves of each noise, at values about the bounds."""
+        return {sigma: self._shares_of(sigma) for sigma, _ in self._alike}
+
+    def _shares_of(self, sigma: float) -> tuple[FloatArray, FloatArray]:
         bounds = [b for b in (self.readout.value_min, self.readout.value_max) if b is not None]
         if not bounds:
             return np.zeros(1), np.ones(1)
-        near = np.linspace(-6.0, 6.0, 61) * self.sigma_counts
+        near = np.linspace(-6.0, 6.0, 61) * sigma
         knots = np.unique(np.concatenate([b + near for b in bounds]))
-        share = [clipped_share(float(knot), self.sigma_counts, self.readout) for knot in knots]
+        share = [clipped_share(float(knot), sigma, self.readout) for knot in knots]
         return knots, np.maximum(share, _LEAST_SHARE)

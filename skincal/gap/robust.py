@@ -302,11 +302,12 @@ def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> 
     share = reading.frames[rows] / reading.frames[rows].sum()
     shown = float(share @ reading.counts[rows, taxel])
     own, bound = values[rows, taxel], reading.readout.value_min
-    most = float(np.abs(shown - own).max()) + 10 * reading.sigma_counts
-    least = -most if bound is None else bound - reading.sigma_counts - float(own.max())
+    noise = float(reading.sigma_counts[taxel])
+    most = float(np.abs(shown - own).max()) + 10 * noise
+    least = -most if bound is None else bound - noise - float(own.max())
 
     def over(offset: float) -> float:
-        return float(share @ reading.expected(own + offset)) - shown
+        return float(share @ reading.expected_of(taxel, own + offset)) - shown
 
     if over(least) >= 0 or over(most) <= 0:
         return least if over(least) >= 0 else most
@@ -320,12 +321,12 @@ def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> 
         later = (time >= jump.at_s) & (time < jump.until_s)
         for taxel, height in zip(jump.taxels, jump.counts, strict=True):
             counts[later, taxel] = _clipped_by_frame(
-                counts[later, taxel] - height, reading.frames[later], reading
+                counts[later, taxel] - height, reading.frames[later], reading, taxel
             )
     return reading.with_counts(counts)
 
 
-def _clipped_by_frame(means: FloatArray, frames: FloatArray, reading: Reading) -> FloatArray:
+def _clipped_by_frame(means: FloatArray, frames: FloatArray, reading: Reading, taxel: int) -> FloatArray:
     """What means of unclipped frames would have been, had each frame been clipped.
 
     A mean of n frames holds noise of variance s^2 / n still; what averaging took away, s^2 (1 - 1/n), is what clipping
@@ -335,11 +336,12 @@ def _clipped_by_frame(means: FloatArray, frames: FloatArray, reading: Reading) -
         means: (N,) of the unclipped frames [counts].
         frames: (N,) how many frames each is the mean of.
         reading: noise and converter.
+        taxel: whose noise.
     """
     clipped = np.empty_like(means)
     for n in np.unique(frames):
         rows = frames == n
-        lost = reading.sigma_counts * float(np.sqrt(max(0.0, 1.0 - 1.0 / n)))
+        lost = float(reading.sigma_counts[taxel] * np.sqrt(max(0.0, 1.0 - 1.0 / n)))
         clipped[rows] = expected_counts(means[rows], lost, reading.readout)
     return clipped
 

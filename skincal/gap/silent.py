@@ -130,18 +130,18 @@ def _silence(expected: FloatArray, reading: Reading, session: GapSession, press:
     rows = rows[expected[rows] > _FAINT_COUNTS]
     heard = np.flatnonzero(_heard(expected[rows], reading, rows, taxel))
     rows = rows[heard[-1] + 1 :] if len(heard) else rows
-    return rows if (expected[rows] ** 2 / _variance(reading, rows)).sum() > SURE else rows[:0]
+    return rows if (expected[rows] ** 2 / _variance(reading, rows)[:, taxel]).sum() > SURE else rows[:0]
 
 
 def _heard(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> BoolArray:
     """Whether a taxel answers in some observations, whatever its noise."""
-    noise = np.sqrt(_variance(reading, rows))
+    noise = np.sqrt(_variance(reading, rows)[:, taxel])
     return reading.counts[rows, taxel] - _SIGMA * noise >= _SILENT * expected
 
 
 def _variance(reading: Reading, rows: IntArray) -> FloatArray:
-    """What noise alone makes of observations [counts²]."""
-    return as_floats(reading.sigma_counts**2 / reading.frames[rows])
+    """What noise alone makes of observations (n, J) [counts²]."""
+    return as_floats(reading.sigma_counts**2 / reading.frames[rows][:, None])
 
 
 def _heard_no_more(
@@ -222,7 +222,7 @@ def _with_any_force(
 def _others_lit(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> bool:
     """Whether other taxels show the press while one is silent; an image of nothing has no place."""
     shown = np.minimum(expected[rows], np.where(reading.seen[rows], reading.counts[rows], 0.0))
-    share = np.maximum(shown, 0.0) ** 2 / _variance(reading, rows)[:, None]
+    share = np.maximum(shown, 0.0) ** 2 / _variance(reading, rows)
     return bool(np.delete(share, taxel, axis=1).sum() > SURE)
 
 

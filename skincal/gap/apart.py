@@ -1,0 +1,65 @@
+"""How much taxels differ from each other under the same pressure, beyond level and gain: what no common equation tells.
+
+In a chamber all taxels feel the same. Still each has its own way of answering: one lags a little more than the others,
+one wanders. Effects are equations for all taxels; what is one taxel's own is, for them, noise. Left out of the noise, it
+makes up most of the residual, and what all taxels have in common, though plain to the eye, explains little of that.
+
+The counts y of taxel j in observation i are split into a line of its own over the pressure p, what all have in common,
+and the rest:
+
+    y_ij = a_j + b_j (p_i + m_i) + e_ij,    m_i the median over taxels of (y_ij - a_j - b_j p_i) / b_j
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.gap.reading import Reading
+from skincal.gap.session import GapSession
+from skincal.gap.signatures import session_mean
+from skincal.model.arrays import BoolArray, FloatArray, as_floats
+
+_FEWEST_TAXELS, _FEWEST = 8, 10
+"""Fewer taxels have no middle one, fewer observations no scatter."""
+_ROUNDS = 3
+_NORMAL = 1.4826
+"""Standard deviation of normal errors over the median of their sizes."""
+
+
+def own_variance(session: GapSession, reading: Reading) -> FloatArray:
+    """Variance (J,) of what each taxel does alone under a pressure that all feel [counts²]; zero where not known.
+
+    Args:
+        session: under uniform pressure.
+        reading: what was read.
+    """
+    samples = session.samples
+    force = session_mean(session, np.where(samples.touching, samples.contacts.force_n, 0.0))
+    rows = np.flatnonzero((session.press >= 0) & np.isfinite(force))
+    seen, counts = reading.seen[rows], np.nan_to_num(reading.counts[rows])
+    known = seen.sum(axis=0) >= _FEWEST
+    variance = np.zeros(counts.shape[1])
+    if known.sum() < _FEWEST_TAXELS:
+        return variance
+    rest = _rest(force[rows] / force[rows].max(), counts[:, known], seen[:, known])
+    noise = reading.deviation(np.nan_to_num(reading.counts))[rows][:, known]
+    size = [_NORMAL * np.median(np.abs(rest[own, j])) for j, own in enumerate(seen[:, known].T)]
+    middle = [np.median(noise[own, j] ** 2) for j, own in enumerate(seen[:, known].T)]
+    variance[known] = np.maximum(np.array(size) ** 2 - np.array(middle), 0.0)
+    return variance
+
+
+def _rest(pressure: FloatArray, counts: FloatArray, seen: BoolArray) -> FloatArray:
+    """What neither an own line nor what all taxels have in common explains (n, J), zero where nothing was read."""
+    common = np.zeros(len(pressure))
+    rest = np.zeros_like(counts)
+    for _ in range(_ROUNDS):
+        slopes, rest = np.zeros(counts.shape[1]), np.zeros_like(counts)
+        for j, own in enumerate(seen.T):
+            line = np.stack([np.ones(own.sum()), (pressure + common)[own]], axis=1)
+            found = np.linalg.lstsq(line, counts[own, j], rcond=None)[0]
+            slopes[j], rest[own, j] = found[1], counts[own, j] - line @ found
+        lively = slopes > 0.2 * np.median(slopes)
+        relative = np.where(seen & lively, rest / np.where(lively, slopes, 1.0), np.nan)
+        common = common + np.nan_to_num(np.nanmedian(relative, axis=1))
+    return as_floats(rest)
