@@ -16,6 +16,7 @@ from skincal.model.arrays import BoolArray, IntArray
 LAW = 0.15
 """What a law explains is told from this on, in units of the noise."""
 _MOST_PULLED = 6
+"""So many presses, or taxels, of a kind are listed."""
 _LOOK = "Look at its frames; press there again."
 
 
@@ -37,6 +38,7 @@ def findings_of(
     all_taxels: int | None = None,
     doubted: Sequence[int] = (),
     pulled: Mapping[int, float] = MappingProxyType({}),
+    noise: tuple[float, Sequence[float]] = (0.0, ()),
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -53,6 +55,7 @@ def findings_of(
         of_law: root mean square of what another contact law would explain, in units of the noise.
         doubted: rows of presses that look like glitches, though others differ as well.
         pulled: rows of presses that fit best with quite another force, and by which part it is larger.
+        noise: of a frame, usually and of each taxel that was looked at, where some are noisier [counts].
     """
     looked: list[int] = list(range(seen.shape[1])) if taxels is None else taxels.tolist()
     found: list[Finding] = []
@@ -86,6 +89,15 @@ def findings_of(
                 "stuck_taxel", "warning", text, "Check wiring and electronics; leave it out where it is used."
             )
         )
+    if noisy := {taxel: own for taxel, own in enumerate(noise[1]) if own > noise[0]}:
+        first = sorted(noisy, key=lambda taxel: -noisy[taxel])[:_MOST_PULLED]
+        names = ", ".join(f"{taxel_name(layout, looked[t])} ({noisy[t]:.1f})" for t in first)
+        more = f" and {len(noisy) - len(first)} more" if len(noisy) > len(first) else ""
+        text = (
+            f"{names}{more}: a frame scatters by so many counts, those of other taxels by {noise[0]:.1f}; they have "
+            "less say for it"
+        )
+        found.append(Finding("noisy_taxel", "warning", text, "Look at wiring, connectors and ground."))
     for one in dead:
         since = "throughout" if one.from_s <= 0 else f"from {one.from_s:.1f} s on"
         name = taxel_name(layout, looked[one.taxel])

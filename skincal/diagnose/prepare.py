@@ -31,8 +31,8 @@ FORCE_SIGMA = 0.004
 """By how much the force of a whole press may be off, relative, before that is an effect of its own."""
 
 GAUGE_SIGMA = 0.001
-"""The same for the gauge of a chamber: it errs all along, not from one plateau to the next. What all taxels do alike would
-be taken for its error otherwise."""
+"""The same for the gauge of a chamber: it errs all along, not from one plateau to the next. What all taxels do alike
+would be taken for its error otherwise."""
 
 EXACT_M = 1e-4
 """What the place of uniform pressure is worth: it does not matter."""
@@ -191,7 +191,9 @@ def _split(dataset: Dataset, session: GapSession, rng: np.random.Generator) -> S
     rows, first = np.unique(session.press[session.press >= 0], return_index=True)
     order = rows[np.argsort(first, kind="stable")]
     part = np.full(len(site), TRAIN, dtype=np.int64)
-    part[order] = split_presses(site[order], rng, SplitOptions(block=1) if uniform_pressure(dataset) else None).part
+    part[order] = split_presses(
+        site[order], rng, SplitOptions(block=1) if uniform_pressure(dataset) else None
+    ).part
     return Split(part)
 
 

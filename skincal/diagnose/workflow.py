@@ -132,6 +132,7 @@ def _diagnosed(
             dataset.presses.counts.shape[1],
             answer.doubted.tolist(),
             _pulled(after, ready, base.glitches),
+            (ready.floor.frame_counts, ready.floor.taxel_counts),
         ),
         ready.split,
         ready.session,

@@ -1,10 +1,11 @@
 """The taxels lag behind the force in time.
 
-    y(t) = x(t - tau)
+    phi tau dy/dt = x(t - (1 - phi) tau) - y
 
-with straight lines between samples: a pure delay, as from the taxels' read-out, a filter in the hand's electronics or
-clocks that do not agree. It shows where the force changes, in proportion to dF/dt. Before the first sample of a session
-the load is taken to have been as in the first.
+with straight lines between samples. With phi = 0 it is a pure delay, y(t) = x(t - tau), as from the taxels' read-out or
+clocks that do not agree; with phi = 1 a low-pass filter of first order in the hand's electronics; between them some of
+both, as of a filter of higher order. The mean lag is tau in any case. It shows where the force changes, in proportion
+to dF/dt. Before the first sample of a session the load is taken to have been as in the first.
 """
 
 from __future__ import annotations
@@ -13,8 +14,12 @@ import numpy as np
 
 from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.recursion import Relaxing, relaxed
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
+
+_NO_LAG_S = 1e-9
+"""A filter as quick as this does nothing."""
 
 
 class Latency(MemoryEffect):
@@ -22,9 +27,14 @@ class Latency(MemoryEffect):
 
     name = "latency"
     meaning = "the taxels lag behind the force in time"
-    parameters = (EffectParameter("delay_s", "s", 0.0, 0.0, 1.0, "tau", typical=0.06),)
+    parameters = (
+        EffectParameter("delay_s", "s", 0.0, 0.0, 1.0, "tau: the mean lag", typical=0.06),
+        EffectParameter(
+            "filtered", "-", 0.0, 0.0, 1.0, "phi: the part of it that is a filter's", role="form"
+        ),
+    )
     covariates = ("time",)
-    source = "Transport delay; Ljung, System Identification, 1999."
+    source = "Transport delay, and a process with dead time and one lag: Ljung, System Identification, 1999."
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
@@ -33,13 +43,26 @@ class Latency(MemoryEffect):
         assert samples.time_s is not None
         if not len(samples):
             return loads_n, state
-        time, x = samples.time_s, loads_n
-        if state is not None:
-            time, x = np.concatenate([state[0], time]), np.vstack([state[1], x])
-        asked = samples.time_s - values.number("delay_s")
-        # All that a later sample may ask for, and one sample before.
-        first = max(int(np.count_nonzero(time <= asked.max())) - 1, 0)
-        return _between(time, x, asked), (time[first:], x[first:])
+        waited, filtering = (None, None) if state is None else state
+        lag, part = values.number("delay_s"), values.number("filtered")
+        late, waited = _delayed(loads_n, samples.time_s, (1 - part) * lag, waited)
+        if part * lag < _NO_LAG_S:
+            return late, (waited, None)
+        if filtering is None:
+            filtering = Relaxing(float(samples.time_s[0]), late[:1], late[:1])
+        smooth, filtering = relaxed(late, samples.time_s, part * lag, filtering)
+        return smooth, (waited, filtering)
+
+
+def _delayed(x: FloatArray, now_s: FloatArray, delay_s: float, before: State) -> tuple[FloatArray, State]:
+    """Loads (K, J) as they were some time ago; those that a later call may ask for are handed on."""
+    time = now_s
+    if before is not None:
+        time, x = np.concatenate([before[0], time]), np.vstack([before[1], x])
+    asked = now_s - delay_s
+    # All that a later sample may ask for, and one sample before.
+    first = max(int(np.count_nonzero(time <= asked.max())) - 1, 0)
+    return _between(time, x, asked), (time[first:], x[first:])
 
 
 def _between(time: FloatArray, x: FloatArray, asked: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
 """How much taxels differ from each other under the same pressure, beyond level and gain: what no common equation tells.
 
 In a chamber all taxels feel the same. Still each has its own way of answering: one lags a little more than the others,
-one wanders. Effects are equations for all taxels; what is one taxel's own is, for them, noise. Left out of the noise, it
-makes up most of the residual, and what all taxels have in common, though plain to the eye, explains little of that.
+one wanders. Effects are equations for all taxels; what is one taxel's own is, for them, noise. Left out of the noise,
+it makes up most of the residual, and what all taxels have in common, though plain to the eye, explains little of that.
 
 The counts y of taxel j in observation i are split into a line of its own over the pressure p, what all have in common,
 and the rest:
@@ -57,8 +57,8 @@ def _rest(pressure: FloatArray, counts: FloatArray, seen: BoolArray) -> FloatArr
         slopes, rest = np.zeros(counts.shape[1]), np.zeros_like(counts)
         for j, own in enumerate(seen.T):
             line = np.stack([np.ones(own.sum()), (pressure + common)[own]], axis=1)
-            found = np.linalg.lstsq(line, counts[own, j], rcond=None)[0]
-            slopes[j], rest[own, j] = found[1], counts[own, j] - line @ found
+            level, slope = np.linalg.lstsq(line, counts[own, j], rcond=None)[0].tolist()
+            slopes[j], rest[own, j] = slope, counts[own, j] - line @ np.array([level, slope])
         lively = slopes > 0.2 * np.median(slopes)
         relative = np.where(seen & lively, rest / np.where(lively, slopes, 1.0), np.nan)
         common = common + np.nan_to_num(np.nanmedian(relative, axis=1))

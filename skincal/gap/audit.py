@@ -22,6 +22,7 @@ import numpy as np
 from scipy.optimize import brentq, lsq_linear
 from scipy.stats import chi2, ncx2
 
+from skincal.fit.observe import Readout
 from skincal.gap.base import BaseColumns, BaseModel
 from skincal.gap.noise import NoiseFloor, Whitening, rounding
 from skincal.gap.projection import Projection, orthonormal
@@ -113,14 +114,18 @@ class Linearised:
         return (change * self.weight[..., None]).reshape(-1, change.shape[-1])
 
 
-def weights(session: GapSession, floor: NoiseFloor, values: FloatArray, whitening: Whitening) -> FloatArray:
+def weights(session: GapSession, floor: NoiseFloor, values: FloatArray, readout: Readout) -> FloatArray:
     """Weights (N, J) [1/counts] of all observations."""
     if session.has_frames:
         frames = session.frames
     else:
-        full = np.hypot(whitening.sigma_counts, rounding(whitening.readout))
+        full = np.hypot(floor.frame_counts, rounding(readout))
         frames = np.full(len(session), (full / floor.mean_counts) ** 2)
-    return np.where(observed_mask(session, values.shape[1]), whitening.weight(values, frames), 0.0)
+    noise, worth = np.broadcast_to(floor.sigma_counts, values.shape[1:]), np.empty_like(values)
+    for sigma in np.unique(noise).tolist():
+        alike = noise == sigma
+        worth[:, alike] = Whitening(sigma, readout).weight(values[:, alike], frames)
+    return np.where(observed_mask(session, values.shape[1]), worth, 0.0)
 
 
 def linearise(
@@ -143,7 +148,7 @@ def linearise(
         rng: for cases that vary from taxel to taxel.
         names: of the effects; None: all.
     """
-    weight = weights(session, floor, base.values, Whitening(floor.frame_counts, model.readout))
+    weight = weights(session, floor, base.values, model.readout)
     prior = np.array([min(options.position_sigma_m, 0.05)] * 2 + [options.force_sigma])
     known = np.nan_to_num
     projection = Projection.of(

@@ -16,7 +16,11 @@ class ChoiceOptions:
         share_later: the same from the second round on: what an equation that is not quite right leaves over must not
             be named.
         of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
-        alike: effects stay in the set of names if they explain at least this part of what the best one does.
+        alike: effects stay in the set of names if they explain at least this part of what the best one does, or less
+            by no more than the weakest effect that is named; ``half`` of it in any case.
+        half: see ``alike``.
+        broad: an effect with numbers for each taxel gives way to one with a few for all that explains this part of what
+            it does.
         contenders: so many are fitted in full at first.
         contend: effects that explain at least this part of the best are fitted in full.
         halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
@@ -46,6 +50,8 @@ class ChoiceOptions:
     share_later: float = 0.4
     of_all: float = 0.06
     alike: float = 0.88
+    half: float = 0.5
+    broad: float = 0.93
     contenders: int = 3
     contend: float = 0.6
     halfway: float = 0.5
@@ -76,6 +82,17 @@ class ChoiceOptions:
             law: root mean square of what another contact law explains, in units of the noise.
         """
         return max(self.weakest, min(self.share_of_law * law, self.beside_law))
+
+    def about(self, fall: float, values: int) -> float:
+        """What an effect must explain that cannot be told from one that explains more.
+
+        A difference that is too small to be named as an effect is too small to choose between two names.
+
+        Args:
+            fall: what the better one explains.
+            values: that were read.
+        """
+        return max(min(self.alike * fall, fall - self.weakest**2 * values), self.half * fall)
 
     def later(self, share: float, first: float, values: int) -> float:
         """A share of the first round's excess, but no more than is clear."""

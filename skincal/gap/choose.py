@@ -186,10 +186,11 @@ def choose(
         if not fits:
             break
         name = max(falls, key=lambda n: falls[n])
-        alike = [n for n in fits if falls[n] >= options.alike * falls[name]]
+        alike = [n for n in fits if falls[n] >= options.about(falls[name], seen)]
         # What can be read off is there; what takes it up on the way must wait until it is in the model. And an effect
         # with numbers for each taxel must beat those that need a few for all.
-        name = next((n for n in plain if n in alike), simplest(alike, falls, fits))
+        close = [n for n in fits if falls[n] >= options.broad * falls[name]]
+        name = next((n for n in plain if n in alike), simplest(close, falls, fits))
         best = fits[name]
         share = falls[name] / left
         wanted = options.share_later if len(named) > told else options.share_first

@@ -80,7 +80,9 @@ class Reading:
 
     def expected(self, values: FloatArray) -> FloatArray:
         """Mean counts (N, J) at values (N, J) before the converter: clipping lifts an untouched taxel."""
-        return self._by_noise(lambda some, sigma: expected_counts(some, sigma, self.readout), values)
+        return self._by_noise(
+            lambda some, sigma: as_floats(expected_counts(some, sigma, self.readout)), values
+        )
 
     def expected_of(self, taxel: int, values: FloatArray) -> FloatArray:
         """The same (n,) of one taxel at values (n,)."""

@@ -299,6 +299,10 @@ def noise_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         ("one frame, before rounding", _counts(floor.frame_counts, floor.frame_interval), floor.frame_from),
         ("mean of a hold", _counts(floor.mean_counts, floor.mean_interval), floor.mean_from),
     ]
+    if floor.taxel_counts:
+        noisy = [own for own in floor.taxel_counts if own > floor.frame_counts]
+        words = f"{len(noisy)} of {len(floor.taxel_counts)} taxels, each by its own hold frames"
+        rows.append(("one frame of a noisier taxel", f"{min(noisy):.1f} to {max(noisy):.1f} counts", words))
     if floor.rounding_counts > 0:
         rows.append(("added to a frame by rounding", f"{floor.rounding_counts:.3f} counts", "whole numbers"))
     if np.isfinite(floor.repeat_counts):
