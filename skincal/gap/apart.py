@@ -57,8 +57,8 @@ def _rest(pressure: FloatArray, counts: FloatArray, seen: BoolArray) -> FloatArr
         slopes, rest = np.zeros(counts.shape[1]), np.zeros_like(counts)
         for j, own in enumerate(seen.T):
             line = np.stack([np.ones(own.sum()), (pressure + common)[own]], axis=1)
-            level, slope = np.linalg.lstsq(line, counts[own, j], rcond=None)[0].tolist()
-            slopes[j], rest[own, j] = slope, counts[own, j] - line @ np.array([level, slope])
+            found = as_floats(np.linalg.lstsq(line, counts[own, j], rcond=None)[0])
+            slopes[j], rest[own, j] = found[1], counts[own, j] - line @ found
         lively = slopes > 0.2 * np.median(slopes)
         relative = np.where(seen & lively, rest / np.where(lively, slopes, 1.0), np.nan)
         common = common + np.nan_to_num(np.nanmedian(relative, axis=1))
