@@ -144,7 +144,7 @@ class Question:
             self.options.choice,
             extra=extra,
             heard=heard,
-            plain=() if ready.rest_counts is None else (OFFSET,),
+            plain=_read_off(base, ready),
             law=of_law(base),
             fresh=ready.start if ready.options.base else None,
         )
@@ -169,6 +169,15 @@ def with_what_was_seen(answer: Answer) -> Answer:
     return replace(
         answer, base=replace(base, model=choice.before), choice=choice, verdict=verdict, seen_only=only
     )
+
+
+def _read_off(base: Base, ready: Prepared) -> tuple[str, ...]:
+    """Effects that can be seen without a model.
+
+    A high level at rest is one; in a chamber, where all taxels feel the same, those that do not answer are another.
+    """
+    high = () if ready.rest_counts is None else (OFFSET,)
+    return (DEAD_TAXEL, *high) if base.dead and not ready.options.base else high
 
 
 def _unheard(_: str) -> None:

@@ -18,6 +18,7 @@ from skincal.gap.noise import (
     frame_scatter,
     noise_floor,
     noisy_taxels,
+    plateau_scatter,
     repeat_scatter,
     rounding,
 )
@@ -116,6 +117,9 @@ def floor_of(
     presses, frames = dataset.presses, dataset.frames
     seen = observe(presses.counts, readout)
     rest_scatter = seen.rest_sigma_counts
+    if uniform_pressure(dataset):
+        # No taxel is untouched there: what the weakest presses scatter by is what they differ by.
+        rest_scatter = plateau_scatter(presses.counts, presses.force_n)
     of_frames, of_repeats, hold_frames, idle = nothing, nothing, 1.0, None
     own = np.full(presses.counts.shape[1], np.nan)
     if frames is not None:

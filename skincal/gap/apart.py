@@ -22,6 +22,9 @@ from skincal.model.arrays import BoolArray, FloatArray, as_floats
 _FEWEST_TAXELS, _FEWEST = 8, 10
 """Fewer taxels have no middle one, fewer observations no scatter."""
 _ROUNDS = 3
+_MOST = 5.0
+"""A taxel's own way is no more than so many times what the middle taxel scatters."""
+_AT_BOUND = 0.5
 _NORMAL = 1.4826
 """Standard deviation of normal errors over the median of their sizes."""
 
@@ -36,17 +39,29 @@ def own_variance(session: GapSession, reading: Reading) -> FloatArray:
     samples = session.samples
     force = session_mean(session, np.where(samples.touching, samples.contacts.force_n, 0.0))
     rows = np.flatnonzero((session.press >= 0) & np.isfinite(force))
-    seen, counts = reading.seen[rows], np.nan_to_num(reading.counts[rows])
+    counts = np.nan_to_num(reading.counts[rows])
+    seen = reading.seen[rows] & ~_at_bound(counts, reading)
     known = seen.sum(axis=0) >= _FEWEST
     variance = np.zeros(counts.shape[1])
     if known.sum() < _FEWEST_TAXELS:
         return variance
     rest = _rest(force[rows] / force[rows].max(), counts[:, known], seen[:, known])
     noise = reading.deviation(np.nan_to_num(reading.counts))[rows][:, known]
-    size = [_NORMAL * np.median(np.abs(rest[own, j])) for j, own in enumerate(seen[:, known].T)]
-    middle = [np.median(noise[own, j] ** 2) for j, own in enumerate(seen[:, known].T)]
-    variance[known] = np.maximum(np.array(size) ** 2 - np.array(middle), 0.0)
+    scatter = [_NORMAL * np.median(np.abs(rest[own, j])) for j, own in enumerate(seen[:, known].T)]
+    by_noise = [np.median(noise[own, j] ** 2) for j, own in enumerate(seen[:, known].T)]
+    # What is far out is no way of answering.
+    most = _MOST * np.median(scatter)
+    variance[known] = np.clip(np.array(scatter) ** 2 - np.array(by_noise), 0.0, most**2)
     return variance
+
+
+def _at_bound(counts: FloatArray, reading: Reading) -> BoolArray:
+    """Where a taxel (n, J) sits at a bound of the converter: stuck, which is to be found, not to be allowed for."""
+    at = np.zeros(counts.shape, dtype=np.bool_)
+    for bound in (reading.readout.value_min, reading.readout.value_max):
+        if bound is not None:
+            at |= np.abs(counts - bound) < _AT_BOUND
+    return at
 
 
 def _rest(pressure: FloatArray, counts: FloatArray, seen: BoolArray) -> FloatArray:
@@ -56,8 +71,8 @@ def _rest(pressure: FloatArray, counts: FloatArray, seen: BoolArray) -> FloatArr
     for _ in range(_ROUNDS):
         slopes, rest = np.zeros(counts.shape[1]), np.zeros_like(counts)
         for j, own in enumerate(seen.T):
-            line = np.stack([np.ones(own.sum()), (pressure + common)[own]], axis=1)
-            found = as_floats(np.linalg.lstsq(line, counts[own, j], rcond=None)[0])
+            line: FloatArray = np.stack([np.ones(int(own.sum())), (pressure + common)[own]], axis=1)
+            found = as_floats(np.linalg.lstsq(line, as_floats(counts[own, j]), rcond=None)[0])
             slopes[j], rest[own, j] = found[1], counts[own, j] - line @ found
         lively = slopes > 0.2 * np.median(slopes)
         relative = np.where(seen & lively, rest / np.where(lively, slopes, 1.0), np.nan)

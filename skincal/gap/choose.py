@@ -42,7 +42,7 @@ fade, curves from load to counts."""
 
 
 FEW = 4
-"""An effect with more strengths than this describes taxels one by one."""
+"""An effect with more strengths than this describes taxels one by one; with fewer it is as simple as any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ def choose(
         contest = Contest(model, material, p_value, null_mean, options, left)
         if contest.scores(found[0]):
             heard(f"round {number}: fitting {found[0].effect} and what comes near it")
-        fits = contest.fits([f for f in found if contest.near(f, found)])
+        fits = contest.fits([f for f in found if contest.near(f, found) or f.effect in plain])
         if not named and contest.little(fits):
             heard(f"round {number}: fitting all others that score, as these explain little")
             fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
@@ -185,18 +185,22 @@ def choose(
         rounds.append(Round(tuple(found), left, falls, fits))
         if not fits:
             break
-        name = max(falls, key=lambda n: falls[n])
+        name = max(falls, key=falls.__getitem__)
+        if falls[name] <= 0:
+            break
         alike = [n for n in fits if falls[n] >= options.about(falls[name], seen)]
         # What can be read off is there; what takes it up on the way must wait until it is in the model. And an effect
-        # with numbers for each taxel must beat those that need a few for all.
+        # with numbers for each taxel must beat those that need fewer.
         close = [n for n in fits if falls[n] >= options.broad * falls[name]]
-        name = next((n for n in plain if n in alike), simplest(close, falls, fits))
+        read = next((n for n in plain if falls.get(n, 0.0) >= least), None)
+        name = read or simplest(close, falls, fits)
         best = fits[name]
         share = falls[name] / left
         wanted = options.share_later if len(named) > told else options.share_first
-        if share < wanted or falls[name] < max(least, options.later(options.of_all, first, seen)):
+        enough = share >= wanted and falls[name] >= max(least, options.later(options.of_all, first, seen))
+        if read is None and not enough:
             break
-        if len(named) > told and falls[name] < options.of_related * first:
+        if read is None and len(named) > told and falls[name] < options.of_related * first:
             known = [one.name for one in named[told:]]
             if of_one_kind(name, known):
                 # What the equation of the first is not quite right in; something else may still be there.
@@ -207,7 +211,10 @@ def choose(
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
         others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
-        own = next(p_value(name, f.scored) for f in found if f.effect == name)
+        # What was read off need not hold for other presses: a taxel may die in the last ones.
+        own = next(
+            p_value(name, f.scored if read is None else falls[name]) for f in found if f.effect == name
+        )
         named.append(Named(name, (name, *others), share, own))
         heard(f"round {number}: presses again, with {name}")
         model = found_again(best, material)
@@ -222,7 +229,7 @@ def choose(
 
 
 def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str, Model]) -> str:
-    """The effect that explains most of those that explain about as much, one with few numbers before any with many.
+    """The effect that explains most of those that explain about as much; few numbers go before many.
 
     Args:
         alike: effects that explain about as much, at least one.
@@ -230,10 +237,11 @@ def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str
         fits: the model with each.
     """
 
-    def many(name: str) -> bool:
-        return sum(c.effect == name and c.is_strength for c in fits[name].coords) > FEW
+    def order(name: str) -> tuple[int, float]:
+        own = sum(c.effect == name and c.is_strength for c in fits[name].coords)
+        return own if own > FEW else 0, -falls[name]
 
-    return min(alike, key=lambda n: (many(n), -falls[n]))
+    return min(alike, key=order)
 
 
 def of_one_kind(name: str, known: Collection[str]) -> bool:

@@ -37,6 +37,8 @@ _WIDTH = 1.96
 _AGREE = 3.0
 """Estimates further apart than so many standard errors are not of the same noise."""
 _RESAMPLES = 200
+_NORMAL = 1.4826
+"""Standard deviation of normal errors over the median of their sizes."""
 _NOISY, _SURE, _KNOWN = 1.5, 5.0, 100.0
 """A taxel is noisy if it scatters by so much more than the middle one, that is so many standard errors, and it has been
 seen with so many degrees of freedom."""
@@ -212,6 +214,28 @@ def force_scatter(force_n: FloatArray, group: IntArray) -> float:
         # Differences of neighbours: the force may drift within a hold, and the skin feels that.
         found.append(float(np.sqrt((np.diff(values) ** 2).mean() / 2)))
     return float(np.median(found)) if found else 0.0
+
+
+def plateau_scatter(means: FloatArray, force_n: FloatArray) -> float:
+    """Noise of a hold mean, from how far each lies off the line through the two about it; NaN with too few [counts].
+
+    On a staircase of uniform pressure nothing is at rest, and no press is repeated; but a curve, also one that differs
+    on the way down, is nearly straight over three plateaus. Where the staircase turns it is not.
+
+    Args:
+        means: (P, J) hold means, in the order of time.
+        force_n: (P,) of the same holds.
+    """
+    first, here, last = force_n[:-2], force_n[1:-1], force_n[2:]
+    inside = (here - first) * (last - here) > 0
+    if inside.sum() < _FEWEST:
+        return float("nan")
+    share = ((here - first)[inside] / (last - first)[inside])[:, None]
+    off = means[1:-1][inside] - (1 - share) * means[:-2][inside] - share * means[2:][inside]
+    sizes = np.abs(off / np.sqrt(1 + share**2 + (1 - share) ** 2))
+    # Of each taxel its own middle, so that those that jump do not count for more.
+    middle = np.nanmedian(sizes[:, np.isfinite(sizes).any(axis=0)], axis=0)
+    return float(_NORMAL * np.median(middle[middle > 0])) if (middle > 0).any() else float("nan")
 
 
 def repeat_scatter(
