@@ -57,6 +57,7 @@ class Chamber:
         plateaus: up; as many down.
         frames: of a plateau.
         seed: of the noise.
+        noisy: taxels that scatter five times as much.
     """
 
     gain: np.ndarray
@@ -67,6 +68,7 @@ class Chamber:
     plateaus: int = 12
     frames: int = 10
     seed: int = 0
+    noisy: tuple[int, ...] = ()
 
     @classmethod
     def plain(cls, **rest: object) -> Chamber:
@@ -91,7 +93,9 @@ class Chamber:
             counts = self.rest + load
             if 2 <= press < len(force) - 1:
                 counts[list(self.group)] += 20.0
-            counts = np.clip(np.round(counts + SIGMA * rng.standard_normal(len(counts))), 0, 255)
+            noise = SIGMA * rng.standard_normal(len(counts))
+            noise[list(self.noisy)] *= 5.0
+            counts = np.clip(np.round(counts + noise), 0, 255)
             if 4 <= press < len(force) - 2:
                 counts[list(self.stuck)] = 255.0
             return counts

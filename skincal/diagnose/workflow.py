@@ -42,6 +42,8 @@ from skincal.model.arrays import IntArray
 
 _PLACE_STEPS = 6
 _WIDTH = 1.96
+_MUCH_WORSE = -1.0
+"""The gap is surely twice as large with what was named as before, if the part that is closed is surely less."""
 _PULLED = 16.0
 """A press that has so many standard deviations of its measured force more, or less, is told."""
 
@@ -104,6 +106,9 @@ def _diagnosed(
     if answer.seen_only:
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
+    if gap.interval[1] < _MUCH_WORSE:
+        # What is named makes presses that nobody has fitted far worse: it is not what is missing.
+        answer = replace(answer, verdict="unknown", unexplained=True)
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")

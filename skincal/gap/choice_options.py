@@ -20,7 +20,8 @@ class ChoiceOptions:
             by no more than the weakest effect that is named; ``half`` of it in any case.
         half: see ``alike``.
         broad: an effect with numbers for each taxel gives way to one with a few for all that explains this part of what
-            it does.
+            it does,
+        no_worse: and leaves no more than so many times what it leaves, or what the weakest effect explains.
         contenders: so many are fitted in full at first.
         contend: effects that explain at least this part of the best are fitted in full.
         halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
@@ -52,6 +53,7 @@ class ChoiceOptions:
     alike: float = 0.88
     half: float = 0.5
     broad: float = 0.93
+    no_worse: float = 1.5
     contenders: int = 3
     contend: float = 0.6
     halfway: float = 0.5
@@ -93,6 +95,17 @@ class ChoiceOptions:
             values: that were read.
         """
         return max(min(self.alike * fall, fall - self.weakest**2 * values), self.half * fall)
+
+    def enough_of(self, fall: float, left: float, values: int) -> float:
+        """What an effect with few numbers must explain to go before one with many that explains more.
+
+        Args:
+            fall: what the one with many explains.
+            left: of what is left before.
+            values: that were read.
+        """
+        rest = max(left - fall, self.weakest**2 * values)
+        return max(self.broad * fall, left - self.no_worse * rest)
 
     def later(self, share: float, first: float, values: int) -> float:
         """A share of the first round's excess, but no more than is clear."""

@@ -191,7 +191,7 @@ def choose(
         alike = [n for n in fits if falls[n] >= options.about(falls[name], seen)]
         # What can be read off is there; what takes it up on the way must wait until it is in the model. And an effect
         # with numbers for each taxel must beat those that need fewer.
-        close = [n for n in fits if falls[n] >= options.broad * falls[name]]
+        close = [n for n in fits if falls[n] >= min(falls[name], options.enough_of(falls[name], left, seen))]
         read = next((n for n in plain if falls.get(n, 0.0) >= least), None)
         name = read or simplest(close, falls, fits)
         best = fits[name]
@@ -210,7 +210,7 @@ def choose(
             if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
-        others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
+        others = () if read else sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         # What was read off need not hold for other presses: a taxel may die in the last ones.
         own = next(
             p_value(name, f.scored if read is None else falls[name]) for f in found if f.effect == name

@@ -158,7 +158,7 @@ def test_other_sensor_and_too_few_presses(
 def test_a_pressure_chamber_goes_the_whole_way(
     tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
 ):
-    chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,))
+    chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,), noisy=(9,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
     assert run("fit", data, "--out", tmp_path / "cal") == 0
@@ -170,10 +170,61 @@ def test_a_pressure_chamber_goes_the_whole_way(
     assert found["verdict"] == "effects"
     names = [effect["name"] for effect in found["effects"]]
     assert names[0] == "taxel_offset"
-    assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel"}
+    assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel", "noisy_taxel"}
     assert found["gap"]["closed"] > 0.7
     new = read_calibration(tmp_path / "new")
     offsets = next(effect for effect in new.effects if effect.name == "taxel_offset").parameters[
         "offset_counts"
     ]
     assert offsets == pytest.approx(chamber.rest, abs=1.5)
+
+
+def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
+    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
+):
+    """What all taxels do alike is no error of the gauge."""
+    chamber = Chamber.plain(memory=0.06, plateaus=16)
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    data = chamber.write(tmp_path / "chamber")
+    assert run("fit", data, "--out", tmp_path / "cal") == 0
+    capsys.readouterr()
+    assert run("diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report") == 0
+    found = json.loads(capsys.readouterr().out)
+    sets = [set(effect["consistent_with"]) for effect in found["effects"]]
+    assert any("taxel_offset" in one for one in sets)
+    assert any(one & {"hysteresis", "creep", "baseline_drift"} for one in sets)
+    assert found["gap"]["closed"] > 0.8
+
+
+def test_what_makes_other_presses_far_worse_is_not_added(
+    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Without frames and rest a curve explains levels at rest and memory nearly as well, but holds for nothing else."""
+    chamber = Chamber.plain(memory=0.06, plateaus=16)
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    data = chamber.write(tmp_path / "chamber", frames=False)
+    assert run("fit", data, "--out", tmp_path / "cal") == 0
+    capsys.readouterr()
+    assert run("diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report") == 0
+    found = json.loads(capsys.readouterr().out)
+    gap = found["gap"]
+    assert gap["heldout_rmse_after"] <= gap["heldout_rmse_before"]
+    if found["verdict"] == "unknown":
+        assert found["effects"] == [] and found["unexplained"] and gap["closed"] is None
+        assert read_calibration(tmp_path / "new").effects == ()
+
+
+def test_a_chamber_without_frames_has_no_more_noise_than_its_plateaus_show(
+    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
+):
+    """No taxel is untouched there, so what presses differ by is not taken for noise."""
+    chamber = Chamber.plain(plateaus=16)
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    data = chamber.write(tmp_path / "chamber", frames=False)
+    assert run("fit", data, "--out", tmp_path / "cal") == 0
+    capsys.readouterr()
+    assert run("diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report") == 0
+    found = json.loads(capsys.readouterr().out)
+    # Of means of ten frames with a noise of one count, rounded.
+    assert found["gap"]["noise_floor_rmse"] == pytest.approx(0.33, rel=0.35)
+    assert [effect["name"] for effect in found["effects"]] == ["taxel_offset"]

@@ -52,6 +52,14 @@ def test_presses_that_may_be_an_effect_are_told_but_not_as_glitches():
     assert "so they were kept" in one.text
 
 
+def test_noisy_taxels_are_told_with_their_noise():
+    seen = np.ones((4, LAYOUT.taxels), dtype=bool)
+    (one,) = findings_of(LAYOUT, PRESSES, [], [], [], seen, noise=(1.0, (1.0, 4.5, 1.0, 6.0, 1.0, 1.0)))
+    assert one.code == "noisy_taxel"
+    assert one.text.startswith("taxel_1_0 (6.0), taxel_0_1 (4.5): a frame scatters by so many counts")
+    assert "those of other taxels by 1.0" in one.text
+
+
 def test_a_jump_says_which_taxels_when_and_how_much():
     (one,) = found(jumps=(Jump((1, 4), 61.25, (3.04, -2.0)),))
     assert one.code == "jump"

@@ -175,6 +175,26 @@ def test_latency_takes_the_load_to_have_been_the_same_before_the_session():
     np.testing.assert_allclose(shown, [base[0], base[0], (base[0] + base[1]) / 2], rtol=1e-12)
 
 
+def test_latency_of_a_filter_is_a_lag_of_first_order_and_its_mean_is_the_same():
+    force = np.concatenate([np.linspace(0.5, 3.0, 40), np.full(160, 3.0)])
+    samples = course(force)
+    base = BASE.values(samples)
+    assert samples.time_s is not None
+    step = float(samples.time_s[1] - samples.time_s[0])
+    late = {
+        part: skin_with("latency", delay_s=0.3, filtered=part).values(samples) for part in (0.0, 0.5, 1.0)
+    }
+    for shown in late.values():
+        # What is missing while it rises, over the rise: the mean lag.
+        missing = (base - shown).sum(axis=0) * step
+        lit = base[-1] - base[0] > 5
+        assert missing[lit] / (base[-1] - base[0])[lit] == pytest.approx(np.full(lit.sum(), 0.3), rel=0.02)
+    # A filter goes on rising after a pure delay has ended.
+    total_of = {part: shown.sum(axis=1) for part, shown in late.items()}
+    assert total_of[0.0][60] == pytest.approx(base[-1].sum(), rel=1e-9)
+    assert total_of[0.5][60] < total_of[0.0][60] * 0.9999 and total_of[1.0][60] < total_of[0.5][60]
+
+
 def phases(count: int = 5) -> list[int]:
     return [LOAD] * count + [HOLD] * count + [UNLOAD] * count + [IDLE]
 

@@ -22,6 +22,7 @@ from skincal.gap.choose import (
     dropped,
     likeness,
     of_one_kind,
+    simplest,
 )
 from skincal.gap.choose import _searched as searched
 from skincal.gap.hypothesis import Hypothesis
@@ -300,6 +301,43 @@ def test_beside_a_law_that_explains_much_an_effect_must_be_stronger():
     options = ChoiceOptions(weakest=0.1, beside_law=0.25, share_of_law=0.5)
     for law, least in ((0.0, 0.1), (0.1, 0.1), (0.4, 0.2), (2.0, 0.25)):
         assert options.least(10_000, law) == pytest.approx(10_000 * least**2)
+
+
+def test_a_difference_too_small_to_be_named_does_not_choose_between_names():
+    options = ChoiceOptions(alike=0.9, half=0.5, weakest=0.1)
+    # The weakest effect lowers the squared residual of 10 000 values by 100.
+    for fall, needed in ((5000.0, 4500.0), (500.0, 400.0), (150.0, 75.0)):
+        assert options.about(fall, 10_000) == pytest.approx(needed)
+
+
+def test_few_numbers_go_before_many_unless_these_leave_far_less():
+    options = ChoiceOptions(broad=0.9, no_worse=1.5, weakest=0.1)
+    # Of 1000 the broad one leaves 200: 50 more may be left.  Of 10 000 values the weakest effect explains 100.
+    for fall, needed in ((800.0, 720.0), (960.0, 864.0), (940.0, 850.0)):
+        assert options.enough_of(fall, 1000.0, 10_000) == pytest.approx(needed)
+    # Where it leaves next to nothing of much, it has been seen that the numbers differ.
+    assert options.enough_of(9990.0, 10_000.0, 10_000) == pytest.approx(9850.0)
+
+
+def test_of_effects_that_explain_as_much_the_one_with_few_numbers_goes_first():
+    of = case("hysteresis")
+    starts = {name: of.scene.bench.starts(name)[0] for name in ("hysteresis", "taxel_offset", "saturation")}
+    fits = {name: replace(of.model, coords=start.coords) for name, start in starts.items()}
+    falls = {"hysteresis": 95.0, "taxel_offset": 100.0, "saturation": 97.0}
+    assert simplest(["hysteresis", "taxel_offset"], falls, fits) == "hysteresis"
+    assert simplest(["hysteresis", "saturation", "taxel_offset"], falls, fits) == "saturation"
+    assert simplest(["taxel_offset"], falls, fits) == "taxel_offset"
+
+
+def test_what_was_read_off_is_named_first_and_alone():
+    of, given = two()
+    library, null = given
+    usual = choose(of.model, of.made.material, library, null.p_value, null.mean_square)
+    second = named(usual)[1]
+    found = choose(of.model, of.made.material, library, null.p_value, null.mean_square, plain=(second,))
+    first = found.named[0]
+    assert first.name == second and first.consistent_with == (second,)
+    assert set(named(found)) == set(named(usual))
 
 
 def test_likeness_is_one_for_the_same_and_little_for_what_acts_otherwise():

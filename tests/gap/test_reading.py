@@ -34,6 +34,22 @@ def test_residuals_of_the_truth_are_standard_normal(readout: Readout, frames: in
     assert residual.std(axis=0) == pytest.approx(np.ones(len(VALUES)), abs=0.17)
 
 
+def test_each_taxel_has_its_own_noise():
+    session = replace(pressed(), frames=np.full(len(pressed()), 4.0))
+    counts = np.broadcast_to(VALUES + 0.3, (len(session), len(VALUES)))
+    session = replace(session, counts=counts)
+    noise = np.array([1.0, 1.0, 5.0, 1.0, 5.0, 2.0, 1.0])
+    whole = Reading.of(session, noise, READOUT)
+    values = np.broadcast_to(VALUES, counts.shape)
+    for j, sigma in enumerate(noise.tolist()):
+        alone = Reading.of(session, sigma, READOUT)
+        for what in ("deviation", "expected", "residual", "weight"):
+            assert getattr(whole, what)(values)[:, j] == pytest.approx(
+                getattr(alone, what)(values)[:, j], rel=1e-9
+            )
+        assert whole.expected_of(j, values[:, j]) == pytest.approx(alone.expected(values)[:, j], abs=1e-4)
+
+
 def test_residuals_of_a_true_model_are_standard_normal():
     one = made()
     residual = one.reading.residual(one.truth.values(one.session))

@@ -15,6 +15,8 @@ from skincal.gap.noise import (
     assumed_floor,
     frame_scatter,
     noise_floor,
+    noisy_taxels,
+    plateau_scatter,
     pooled,
     repeat_scatter,
 )
@@ -123,6 +125,44 @@ def test_noise_of_frames_is_found(sigma: float, glitch: bool):
     low, high = floor.frame_interval
     assert 0.9 * low < sigma < 1.1 * high
     assert floor.mean_counts == pytest.approx(np.hypot(sigma, 1 / np.sqrt(12)) / 5, rel=0.12)
+
+
+def test_noisy_taxels_are_told_from_usual_ones():
+    rng = np.random.default_rng(4)
+    level, sigma = rng.uniform(20, 80, (40, 1, 6)), np.array([1.0, 1.0, 4.0, 1.0, 1.0, 0.2])
+    counts = np.round(level + sigma * rng.normal(size=(40, 25, 6))).reshape(-1, 6)
+    group = np.repeat(np.arange(40), 25)
+    found = noisy_taxels(counts, group, READOUT)
+    # One that scatters less may be stuck: it keeps the usual noise.
+    assert np.flatnonzero(np.isfinite(found)).tolist() == [2]
+    assert found[2] == pytest.approx(4.0, rel=0.12)
+    # Of too few frames nothing is said, and of taxels that are all alike neither.
+    assert np.isnan(noisy_taxels(counts[:50], group[:50], READOUT)).all()
+    assert np.isnan(noisy_taxels(*held(1.0), READOUT)).all()
+
+
+def test_a_floor_with_noisy_taxels_keeps_the_usual_noise():
+    counts, group = held(1.0)
+    floor = noise_floor(
+        frame_scatter(counts, group, READOUT), NOTHING, UNKNOWN, np.nan, 25, READOUT, np.random.default_rng(0)
+    )
+    assert floor.sigma_counts == floor.frame_counts
+    some = floor.by_taxel(np.array([np.nan, 4.0]))
+    assert some.frame_counts == floor.frame_counts
+    assert np.asarray(some.sigma_counts).tolist() == [floor.frame_counts, 4.0]
+
+
+@pytest.mark.parametrize("memory", [0.0, 2.0])
+def test_noise_of_plateaus_is_what_their_curve_leaves(memory: float):
+    rng = np.random.default_rng(6)
+    force = np.concatenate([np.linspace(1.0, 12.0, 12), np.linspace(11.0, 1.0, 11)])
+    down = np.arange(23) > 11
+    curve = 5.0 * force - 0.02 * force**2 + np.where(down, memory * force * (12 - force) / 36, 0.0)
+    gain = rng.uniform(0.5, 1.5, 30)
+    means = curve[:, None] * gain + 0.2 * rng.normal(size=(23, 30))
+    means[8:, 4] += 20.0
+    assert plateau_scatter(means, force) == pytest.approx(0.2, rel=0.35)
+    assert np.isnan(plateau_scatter(means[:5], force[:5]))
 
 
 @pytest.mark.parametrize("fade_s", [0.15, 0.5, 3.0])
