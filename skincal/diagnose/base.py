@@ -119,7 +119,7 @@ def floor_of(
     rest_scatter = seen.rest_sigma_counts
     if uniform_pressure(dataset):
         # No taxel is untouched there: what the weakest presses scatter by is what they differ by.
-        rest_scatter = plateau_scatter(presses.counts, presses.force_n)
+        rest_scatter = float(np.fmin(rest_scatter, plateau_scatter(presses.counts, presses.force_n)))
     of_frames, of_repeats, hold_frames, idle = nothing, nothing, 1.0, None
     own = np.full(presses.counts.shape[1], np.nan)
     if frames is not None:

@@ -71,7 +71,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
     known, beside, session = ready.is_part(TRAIN, SELECTION), _beside(ready), ready.session
     reading, stuck, shifted = _of_staircase(ready, beside)
     # Where all taxels feel the same, what one of them does alone is noise for effects that are equations for all.
-    alone = np.zeros(reading.trust.shape[1]) if ready.options.base else own_variance(session, reading)
+    alone = np.zeros(reading.trust.shape[1]) if ready.options.base else own_variance(session, reading, known)
     reading = reading.with_further(np.broadcast_to(alone, reading.trust.shape))
     first = _first_look(ready, reading, beside)
     wild = glitches(first.slopes.residual, reading.seen, session.press)

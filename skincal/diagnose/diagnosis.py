@@ -70,6 +70,7 @@ class Diagnosis:
         options: settings.
         seed: of the randomness.
         next_presses: in words, the presses that would tell what is still open.
+        refuted: whether what was named is not added, because presses that nobody has fitted are far worse with it.
         next_plan: these presses, where there are such; it is written beside the report.
     """
 
@@ -92,3 +93,4 @@ class Diagnosis:
     seed: int
     next_presses: tuple[str, ...] = ()
     next_plan: Plan | None = None
+    refuted: bool = False

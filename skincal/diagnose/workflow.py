@@ -32,6 +32,7 @@ from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
+from skincal.gap.places import NAME as PLACES
 from skincal.gap.refit import refit
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import without_jumps
@@ -42,8 +43,8 @@ from skincal.model.arrays import IntArray
 
 _PLACE_STEPS = 6
 _WIDTH = 1.96
-_MUCH_WORSE = -1.0
-"""The gap is surely twice as large with what was named as before, if the part that is closed is surely less."""
+_MUCH_WORSE = 0.5
+"""Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
 _PULLED = 16.0
 """A press that has so many standard deviations of its measured force more, or less, is told."""
 
@@ -106,7 +107,8 @@ def _diagnosed(
     if answer.seen_only:
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
-    if gap.interval[1] < _MUCH_WORSE:
+    refuted = answer.verdict == "effects" and gap.refutes(_MUCH_WORSE) and not only_places(choice)
+    if refuted:
         # What is named makes presses that nobody has fitted far worse: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)
     named = answer.verdict == "effects"
@@ -136,7 +138,7 @@ def _diagnosed(
             base.stuck,
             dataset.presses.counts.shape[1],
             answer.doubted.tolist(),
-            _pulled(after, ready, base.glitches),
+            _pulled(before if refuted else after, ready, base.glitches),
             (ready.floor.frame_counts, ready.floor.taxel_counts),
         ),
         ready.split,
@@ -145,9 +147,15 @@ def _diagnosed(
         final,
         options,
         seed,
+        refuted=refuted,
     )
     heard("next presses")
     return with_next_presses(found, dataset, further)
+
+
+def only_places(choice: Choice) -> bool:
+    """Whether all that is named lives in the places, so that images say nothing for it or against it."""
+    return all(one.name == PLACES for one in choice.named)
 
 
 def _ends(ready: Prepared, base: Base, choice: Choice) -> tuple[Hypothesis, Hypothesis]:

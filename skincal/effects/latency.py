@@ -56,6 +56,8 @@ class Latency(MemoryEffect):
 
 def _delayed(x: FloatArray, now_s: FloatArray, delay_s: float, before: State) -> tuple[FloatArray, State]:
     """Loads (K, J) as they were some time ago; those that a later call may ask for are handed on."""
+    if delay_s < _NO_LAG_S:
+        return x, before
     time = now_s
     if before is not None:
         time, x = np.concatenate([before[0], time]), np.vstack([before[1], x])

@@ -14,40 +14,41 @@ from __future__ import annotations
 
 import numpy as np
 
+from skincal.gap.noise import NORMAL
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.gap.signatures import session_mean
-from skincal.model.arrays import BoolArray, FloatArray, as_floats
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _FEWEST_TAXELS, _FEWEST = 8, 10
 """Fewer taxels have no middle one, fewer observations no scatter."""
 _ROUNDS = 3
 _MOST = 5.0
 """A taxel's own way is no more than so many times what the middle taxel scatters."""
-_AT_BOUND = 0.5
-_NORMAL = 1.4826
-"""Standard deviation of normal errors over the median of their sizes."""
+_NEAR_BOUND = 0.5
 
 
-def own_variance(session: GapSession, reading: Reading) -> FloatArray:
+def own_variance(session: GapSession, reading: Reading, among: BoolArray) -> FloatArray:
     """Variance (J,) of what each taxel does alone under a pressure that all feel [counts²]; zero where not known.
 
     Args:
         session: under uniform pressure.
         reading: what was read.
+        among: (N,) observations that may be looked at.
     """
     samples = session.samples
     force = session_mean(session, np.where(samples.touching, samples.contacts.force_n, 0.0))
-    rows = np.flatnonzero((session.press >= 0) & np.isfinite(force))
-    counts = np.nan_to_num(reading.counts[rows])
-    seen = reading.seen[rows] & ~_at_bound(counts, reading)
+    believed = reading.seen & ~_at_bound(np.nan_to_num(reading.counts), reading)
+    pressed = among & (session.press >= 0) & np.isfinite(force) & believed.any(axis=1)
+    rows: IntArray = np.flatnonzero(pressed)
+    counts, seen = np.nan_to_num(reading.counts[rows]), believed[rows]
     known = seen.sum(axis=0) >= _FEWEST
     variance = np.zeros(counts.shape[1])
     if known.sum() < _FEWEST_TAXELS:
         return variance
     rest = _rest(force[rows] / force[rows].max(), counts[:, known], seen[:, known])
     noise = reading.deviation(np.nan_to_num(reading.counts))[rows][:, known]
-    scatter = [_NORMAL * np.median(np.abs(rest[own, j])) for j, own in enumerate(seen[:, known].T)]
+    scatter = [NORMAL * np.median(np.abs(rest[own, j])) for j, own in enumerate(seen[:, known].T)]
     by_noise = [np.median(noise[own, j] ** 2) for j, own in enumerate(seen[:, known].T)]
     # What is far out is no way of answering.
     most = _MOST * np.median(scatter)
@@ -60,7 +61,7 @@ def _at_bound(counts: FloatArray, reading: Reading) -> BoolArray:
     at = np.zeros(counts.shape, dtype=np.bool_)
     for bound in (reading.readout.value_min, reading.readout.value_max):
         if bound is not None:
-            at |= np.abs(counts - bound) < _AT_BOUND
+            at |= np.abs(counts - bound) < _NEAR_BOUND
     return at
 
 
@@ -76,5 +77,6 @@ def _rest(pressure: FloatArray, counts: FloatArray, seen: BoolArray) -> FloatArr
             slopes[j], rest[own, j] = found[1], counts[own, j] - line @ found
         lively = slopes > 0.2 * np.median(slopes)
         relative = np.where(seen & lively, rest / np.where(lively, slopes, 1.0), np.nan)
-        common = common + np.nan_to_num(np.nanmedian(relative, axis=1))
+        some = np.isfinite(relative).any(axis=1)
+        common[some] += np.nanmedian(relative[some], axis=1)
     return as_floats(rest)

@@ -3,7 +3,8 @@
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
 presses (:mod:`skincal.gap.candidates`). The best few, and in the first round all others if those explain little
 (:mod:`skincal.gap.contest`), are fitted in full, together with the sensor, the places and all effects named before, and
-the one that leaves least is named; those that leave nearly as little stay in its set of names. It ends when nothing
+the one that leaves least is named, or a simpler one that leaves about as little; what can be read off goes before all.
+Those that leave nearly as little stay in its set of names. It ends when nothing
 significant is left, when no effect explains a fair part of what is left, or at the most effects allowed. At the end
 each named effect is dropped in turn, and stays out if nothing is lost.
 """
@@ -41,10 +42,6 @@ KINDS: tuple[frozenset[str], ...] = (
 fade, curves from load to counts."""
 
 
-FEW = 4
-"""An effect with more strengths than this describes taxels one by one; with fewer it is as simple as any."""
-
-
 @dataclass(frozen=True, eq=False)
 class Named:
     """An effect that was named.
@@ -53,7 +50,8 @@ class Named:
         name: of the effect.
         consistent_with: names that these data cannot tell apart from it, itself first.
         share: part of the excess of its round that it explains.
-        p_value: of the best score of a null session's effects reaching its score.
+        p_value: of the best score of a null session's effects reaching its score; of what was read off, reaching what a
+            full fit explains.
     """
 
     name: str
@@ -173,7 +171,9 @@ def choose(
         contest = Contest(model, material, p_value, null_mean, options, left)
         if contest.scores(found[0]):
             heard(f"round {number}: fitting {found[0].effect} and what comes near it")
-        fits = contest.fits([f for f in found if contest.near(f, found) or f.effect in plain])
+        fits = contest.fits(
+            [f for f in found if contest.near(f, found) or (f.effect in plain and len(named) == told)]
+        )
         if not named and contest.little(fits):
             heard(f"round {number}: fitting all others that score, as these explain little")
             fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
@@ -229,7 +229,7 @@ def choose(
 
 
 def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str, Model]) -> str:
-    """The effect that explains most of those that explain about as much; few numbers go before many.
+    """Of effects that explain about as much the one that explains most, those with numbers for each taxel last.
 
     Args:
         alike: effects that explain about as much, at least one.
@@ -238,8 +238,8 @@ def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str
     """
 
     def order(name: str) -> tuple[int, float]:
-        own = sum(c.effect == name and c.is_strength for c in fits[name].coords)
-        return own if own > FEW else 0, -falls[name]
+        own = [c for c in fits[name].coords if c.effect == name and c.is_strength]
+        return sum(c.parameter.shape == "per-taxel" for c in own), -falls[name]
 
     return min(alike, key=order)
 

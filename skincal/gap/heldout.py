@@ -47,6 +47,15 @@ class Gap:
     slack_after_m: float
     errors: FloatArray
 
+    def refutes(self, least: float) -> bool:
+        """Whether presses are surely further off after than before.
+
+        Args:
+            least: root mean square of what is added, in units of the noise.
+        """
+        added = self.after**2 - self.before**2
+        return bool(self.interval[1] < 0 and added > (least * self.floor) ** 2)
+
 
 def gap_closed(
     before: Hypothesis,

@@ -37,13 +37,13 @@ _WIDTH = 1.96
 _AGREE = 3.0
 """Estimates further apart than so many standard errors are not of the same noise."""
 _RESAMPLES = 200
-_NORMAL = 1.4826
+NORMAL = 1.4826
 """Standard deviation of normal errors over the median of their sizes."""
 _NOISY, _SURE, _KNOWN = 1.5, 5.0, 100.0
 """A taxel is noisy if it scatters by so much more than the middle one, that is so many standard errors, and it has been
 seen with so many degrees of freedom."""
 _NOISE_STEP = 0.1
-"""Noise of noisy taxels is told in steps of so much of its logarithm."""
+"""Noise of noisy taxels is told in steps of so much of its logarithm: a tenth."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ class NoiseFloor:
 
     def by_taxel(self, noisy_counts: FloatArray) -> NoiseFloor:
         """The same with the noise (J,) of taxels that are noisier than usual [counts]; NaN for the usual ones."""
-        own = np.where(np.isnan(noisy_counts), self.frame_counts, noisy_counts)
-        return replace(self, taxel_counts=tuple(own.tolist()))
+        own = np.fmax(noisy_counts, self.frame_counts)
+        return replace(self, taxel_counts=tuple(own.tolist())) if (own > self.frame_counts).any() else self
 
 
 def rounding(readout: Readout) -> float:
@@ -153,16 +153,33 @@ def noisy_taxels(counts: FloatArray, group: IntArray, readout: Readout) -> Float
         group: (M,) the hold that each belongs to, -1 for none.
         readout: the converter.
     """
-    found = np.full(counts.shape[1], np.nan)
-    error = np.full_like(found, np.inf)
-    for taxel in range(counts.shape[1]):
-        squares, freedom = frame_scatter(counts[:, taxel : taxel + 1], group, readout)
-        if freedom.sum() >= _KNOWN:
-            found[taxel] = _robust_deviation(squares, freedom)
-            error[taxel] = found[taxel] / np.sqrt(2 * freedom.sum())
-    usual = _middle(found)
-    noisy = (found > _NOISY * usual) & (found - usual > _SURE * error)
-    # In steps of a few percent, so that many taxels share a noise.
+    squares: list[FloatArray] = []
+    freedom: list[FloatArray] = []
+    low = -np.inf if readout.value_min is None else readout.value_min + _MARGIN
+    high = np.inf if readout.value_max is None else readout.value_max - _MARGIN
+    for number in np.unique(group[group >= 0]):
+        values = counts[group == number]
+        if len(values) < _FEWEST:
+            continue
+        inside = np.isfinite(values).all(axis=0)
+        inside &= (values.min(axis=0) > low) & (values.max(axis=0) < high)
+        degree = min(_DEGREE, len(values) // _FRAMES_A_DEGREE)
+        curves = np.linalg.qr(legvander(np.linspace(-1.0, 1.0, len(values)), degree))[0]
+        left = values - curves @ (curves.T @ values)
+        squares.append(np.where(inside, (left**2).sum(axis=0), 0.0))
+        freedom.append(np.where(inside, float(len(values) - 1 - degree), 0.0))
+    usual = np.full(counts.shape[1], np.nan)
+    if not squares:
+        return usual
+    found, error = usual.copy(), np.full_like(usual, np.inf)
+    for taxel, (of, free) in enumerate(zip(np.array(squares).T, np.array(freedom).T, strict=True)):
+        if free.sum() >= _KNOWN:
+            found[taxel] = _robust_deviation(of[free > 0], free[free > 0])
+            error[taxel] = found[taxel] / np.sqrt(2 * free.sum())
+    # Of a quiet taxel rounding makes anything up to half a count, as its level lies.
+    least = max(_NOISY * _middle(found), 2 * rounding(readout))
+    noisy = (found > least) & (found - _middle(found) > _SURE * error)
+    # In steps, so that many taxels share a noise.
     steps = np.round(np.log(np.where(noisy, found, 1.0)) / _NOISE_STEP) * _NOISE_STEP
     alone = [_without(float(value), rounding(readout)) for value in np.exp(steps)]
     return np.where(noisy, alone, np.nan)
@@ -235,7 +252,7 @@ def plateau_scatter(means: FloatArray, force_n: FloatArray) -> float:
     sizes = np.abs(off / np.sqrt(1 + share**2 + (1 - share) ** 2))
     # Of each taxel its own middle, so that those that jump do not count for more.
     middle = np.nanmedian(sizes[:, np.isfinite(sizes).any(axis=0)], axis=0)
-    return float(_NORMAL * np.median(middle[middle > 0])) if (middle > 0).any() else float("nan")
+    return float(NORMAL * np.median(middle[middle > 0])) if (middle > 0).any() else float("nan")
 
 
 def repeat_scatter(

@@ -27,7 +27,8 @@ class Reading:
         sigma_counts: (J,) noise of one frame of each taxel, before rounding and clipping.
         readout: the converter.
         trust: (N, J) one where a value counts, less where it is not believed.
-        further: (N, J) variance that is not the taxels' own: of the measured force of each frame [counts²].
+        further: (N, J) variance beside the noise of frames: of the measured force, in a chamber of what a taxel does
+            alone, too [counts²].
     """
 
     counts: FloatArray
@@ -69,7 +70,7 @@ class Reading:
         return replace(self, trust=self.trust * trust)
 
     def with_further(self, variance: FloatArray) -> Reading:
-        """The same with variance (N, J) of a mean that is not the taxels' own [counts²]."""
+        """The same with variance (N, J) of a mean beside the noise of its frames [counts²]."""
         return replace(self, further=variance)
 
     def deviation(self, values: FloatArray) -> FloatArray:

@@ -196,6 +196,12 @@ def _depends(found: Diagnosis) -> list[str]:
 
 def _tried(found: Diagnosis) -> str:
     choice, names = found.choice, [n.name for n in found.choice.named]
+    if found.refuted:
+        gap = found.gap
+        return (
+            f"{_and(names)} would explain {percent(choice.explained)} of the excess, but presses that nobody has "
+            f"fitted are further off then, {gap.after:.3g} counts instead of {gap.before:.3g}: it is not added."
+        )
     if names:
         return (
             f"With {_and(names)} in the model {percent(choice.explained)} of the excess is explained; "
@@ -289,7 +295,10 @@ def _outcome(found: Diagnosis, name: str, score: float | None) -> tuple[str, str
         return "no sign of it, to first order", "no"
     if score < critical_score(found):
         return "no sign of it", "no"
-    return "others explain more" if found.effects else "significant, but explains too little", "no"
+    return (
+        "others explain more, or are simpler" if found.effects else "significant, but explains too little",
+        "no",
+    )
 
 
 def noise_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
@@ -300,7 +309,9 @@ def noise_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         ("mean of a hold", _counts(floor.mean_counts, floor.mean_interval), floor.mean_from),
     ]
     if floor.taxel_counts:
-        noisy = [own for own in floor.taxel_counts if own > floor.frame_counts]
+        noisy = [
+            own for own in floor.taxel_counts if own > floor.frame_counts
+        ]  # by_taxel says there are some
         words = f"{len(noisy)} of {len(floor.taxel_counts)} taxels, each by its own hold frames"
         rows.append(("one frame of a noisier taxel", f"{min(noisy):.1f} to {max(noisy):.1f} counts", words))
     if floor.rounding_counts > 0:

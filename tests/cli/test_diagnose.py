@@ -196,24 +196,6 @@ def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
     assert found["gap"]["closed"] > 0.8
 
 
-def test_what_makes_other_presses_far_worse_is_not_added(
-    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
-):
-    """Without frames and rest a curve explains levels at rest and memory nearly as well, but holds for nothing else."""
-    chamber = Chamber.plain(memory=0.06, plateaus=16)
-    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
-    data = chamber.write(tmp_path / "chamber", frames=False)
-    assert run("fit", data, "--out", tmp_path / "cal") == 0
-    capsys.readouterr()
-    assert run("diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report") == 0
-    found = json.loads(capsys.readouterr().out)
-    gap = found["gap"]
-    assert gap["heldout_rmse_after"] <= gap["heldout_rmse_before"]
-    if found["verdict"] == "unknown":
-        assert found["effects"] == [] and found["unexplained"] and gap["closed"] is None
-        assert read_calibration(tmp_path / "new").effects == ()
-
-
 def test_a_chamber_without_frames_has_no_more_noise_than_its_plateaus_show(
     tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -195,6 +195,19 @@ def test_latency_of_a_filter_is_a_lag_of_first_order_and_its_mean_is_the_same():
     assert total_of[0.5][60] < total_of[0.0][60] * 0.9999 and total_of[1.0][60] < total_of[0.5][60]
 
 
+@pytest.mark.parametrize("filtered", [0.0, 0.5, 1.0])
+def test_latency_is_the_same_sample_by_sample(filtered: float):
+    samples = course(np.r_[0.5, 1.0, 1.5, 2.5, 2.0, 2.0, 0.7], [0.0, 0.1, 0.1, 0.2, 0.3, 0.45, 0.5])
+    skin = skin_with("latency", delay_s=0.12, filtered=filtered)
+    stream = SkinStream(skin)
+    single = np.concatenate([stream.step(samples[k : k + 1]) for k in range(len(samples))])
+    if filtered == 1.0:
+        np.testing.assert_allclose(single, skin.values(samples), atol=1e-9)
+    else:
+        # Of two samples at one moment a delay knows the last one in a session, and not yet in a stream.
+        np.testing.assert_allclose(single[[0, 1, 3, 5, 6]], skin.values(samples)[[0, 1, 3, 5, 6]], atol=1e-9)
+
+
 def phases(count: int = 5) -> list[int]:
     return [LOAD] * count + [HOLD] * count + [UNLOAD] * count + [IDLE]
 

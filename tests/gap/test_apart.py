@@ -21,7 +21,8 @@ def reading(change: np.ndarray | None = None, memory: float = 0.0) -> Reading:
 
 
 def own(of: Reading) -> np.ndarray:
-    return np.sqrt(own_variance(chamber().session, of))
+    session = chamber().session
+    return np.sqrt(own_variance(session, of, np.ones(len(session), dtype=bool)))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.05])
@@ -54,4 +55,13 @@ def test_few_taxels_have_no_middle_one():
         further=ready.reading.further[:, :4],
         sigma_counts=ready.reading.sigma_counts[:4],
     )
-    assert not own_variance(ready.session, few).any()
+    assert not own_variance(ready.session, few, np.ones(len(ready.session), dtype=bool)).any()
+
+
+def test_what_no_taxel_shows_is_left_out():
+    """A plateau at which all taxels sit at a bound, and one that is not believed."""
+    session, one = chamber().session, reading()
+    counts, trust = one.counts.copy(), one.trust.copy()
+    first, last = np.flatnonzero(session.press == 2), np.flatnonzero(session.press == 6)
+    counts[first[:2]], counts[first[2:]], trust[last] = 0.0, 255.0, 0.0
+    assert own(replace(one, counts=counts, trust=trust)).max() < 0.5 * SIGMA

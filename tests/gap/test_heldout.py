@@ -117,3 +117,20 @@ def test_same_seed_same_interval():
     one = made(CROSSTALK)
     assert gap_of(one, seed=3).interval == gap_of(one, seed=3).interval
     assert gap_of(one, seed=3).interval != gap_of(one, seed=4).interval
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "interval", "refuted"),
+    [
+        (1.0, 2.0, (-9.0, -3.0), True),  # surely, and by far
+        (1.0, 2.0, (-9.0, 0.1), False),  # not surely
+        (1.004, 1.02, (-4.6, -3.8), False),  # next to nothing, however large the share
+        (2.0, 1.0, (0.9, 1.0), False),
+        (1.0, 2.0, (float("nan"), float("nan")), False),
+    ],
+)
+def test_presses_that_are_surely_further_off_refute(
+    before: float, after: float, interval: tuple[float, float], refuted: bool
+):
+    gap = Gap(before, after, 0.99, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    assert gap.refutes(0.5) is refuted

@@ -136,6 +136,9 @@ def test_noisy_taxels_are_told_from_usual_ones():
     # One that scatters less may be stuck: it keeps the usual noise.
     assert np.flatnonzero(np.isfinite(found)).tolist() == [2]
     assert found[2] == pytest.approx(4.0, rel=0.12)
+    # Where rounding makes most of the scatter, taxels scatter as their levels lie.
+    quiet = np.round(level + 0.1 * rng.normal(size=(40, 25, 6))).reshape(-1, 6)
+    assert np.isnan(noisy_taxels(quiet, group, READOUT)).all()
     # Of too few frames nothing is said, and of taxels that are all alike neither.
     assert np.isnan(noisy_taxels(counts[:50], group[:50], READOUT)).all()
     assert np.isnan(noisy_taxels(*held(1.0), READOUT)).all()
@@ -150,6 +153,7 @@ def test_a_floor_with_noisy_taxels_keeps_the_usual_noise():
     some = floor.by_taxel(np.array([np.nan, 4.0]))
     assert some.frame_counts == floor.frame_counts
     assert np.asarray(some.sigma_counts).tolist() == [floor.frame_counts, 4.0]
+    assert floor.by_taxel(np.array([np.nan, 0.01])) is floor
 
 
 @pytest.mark.parametrize("memory", [0.0, 2.0])
