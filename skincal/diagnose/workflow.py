@@ -107,7 +107,7 @@ def _diagnosed(
     if answer.seen_only:
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
-    refuted = answer.verdict == "effects" and gap.refutes(_MUCH_WORSE) and not only_places(choice)
+    refuted = answer.verdict == "effects" and gap.refutes(_MUCH_WORSE) and not _only_places(choice)
     if refuted:
         # What is named makes presses that nobody has fitted far worse: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)
@@ -153,7 +153,7 @@ def _diagnosed(
     return with_next_presses(found, dataset, further)
 
 
-def only_places(choice: Choice) -> bool:
+def _only_places(choice: Choice) -> bool:
     """Whether all that is named lives in the places, so that images say nothing for it or against it."""
     return all(one.name == PLACES for one in choice.named)
 
