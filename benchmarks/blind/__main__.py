@@ -1,4 +1,4 @@
-"""``python -m benchmarks.blind make|run|score``; each has ``--help``."""
+"""``python -m benchmarks.blind make|run|score|pack|unpack``; each has ``--help``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-VERBS = ("make", "run", "score")
+from benchmarks.blind import kept
+
+VERBS = ("make", "run", "score", "pack", "unpack")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -15,6 +17,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not given or given[0] not in VERBS:
         print(f"usage: python -m benchmarks.blind {{{','.join(VERBS)}}} [--help]", file=sys.stderr)
         return 0 if given[:1] in (["-h"], ["--help"]) else 2
+    if given[0] in ("pack", "unpack"):
+        return kept.main(given[0], given[1:])
     module = importlib.import_module(f"benchmarks.blind.{given[0]}")
     return int(module.main(given[1:]))
 

@@ -5,8 +5,9 @@
 
 What DIR holds: ``results/NAME.json``, a session each, with the wall and the processor time of both commands;
 ``labels/NAME.sealed``, what is hidden, which only ``python -m benchmarks.blind score`` opens. A session that has a
-result is skipped, so the same command goes on where it was interrupted, and a larger one adds to it. Commands get a
-folder whose name tells nothing. Sessions of all suites take turns: half a run is half of each suite.
+result is skipped, so the same command goes on where it was interrupted, and a larger one adds to it; with other code it
+is another test, and refused. Commands get a folder whose name tells nothing. Sessions of all suites take turns: half a
+run is half of each suite.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ import argparse
 import json
 import shlex
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.bench import COARSE, Bench, RunError, write_whole
+from benchmarks.blind.bench import COARSE, Bench, RunError
+from benchmarks.blind.kept import check_study
 from benchmarks.blind.suites import SUITES, specs
 from benchmarks.blind.truth.spec import Spec
 
@@ -37,19 +40,14 @@ def planned(suites: Sequence[str], seed: int, limit: int | None) -> list[Spec]:
     return [spec for _, spec in sorted(found, key=lambda pair: pair[0])]
 
 
-def check_study(out: Path, study: Record) -> None:
-    """Refuses a folder that holds another test.
-
-    Raises:
-        RunError: it does.
-    """
-    file = out / "study.json"
-    if not file.exists():
-        write_whole(file, (json.dumps(study, indent=1) + "\n").encode())
-        return
-    found = json.loads(file.read_text(encoding="utf-8"))
-    if found != study:
-        raise RunError(f"{file}: holds the test {found}, not {study}; give another --out")
+def code_version() -> str | None:
+    """The commit of this code, with ``-dirty`` where files differ from it; None outside a checkout."""
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        done = subprocess.run(git, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()
 
 
 def check_diagnose(bench: Bench) -> None:
@@ -111,6 +109,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _study(seed: int, extra: Sequence[str]) -> Record:
+    """What the sessions depend on: those of other code are another test."""
+    options = {"diagnose_options": list(extra), "fit_options": list(COARSE)}
+    return {"seed": seed, "code": code_version(), **options}
+
+
 def _has_result(file: Path, retry: bool) -> bool:
     if not file.exists():
         return False
@@ -129,9 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     bench = Bench(given.out, given.keep, given.timeout, extra=extra)
     try:
         check_diagnose(bench)
-        check_study(
-            given.out, {"seed": given.seed, "diagnose_options": list(extra), "fit_options": list(COARSE)}
-        )
+        check_study(given.out, _study(given.seed, extra))
     except RunError as error:
         print(error, file=sys.stderr)
         return 2

@@ -45,7 +45,7 @@ class Base:
         material: the session, split.
         glitches: rows of presses that were left out.
         dead: taxels that do not answer.
-        jumps: of levels, taken off.
+        jumps: of levels, allowed for.
         stuck: taxels that sit at a bound for a while; not believed then.
         silent: taxels that fall silent late; not believed from then on.
         suspected: rows of presses that looked like glitches but for a silent taxel.

@@ -77,7 +77,7 @@ def findings_of(
     for jump in jumps:
         names = ", ".join(taxel_name(layout, looked[t]) for t in jump.taxels)
         back = f" and back at {jump.until_s:.1f} s" if np.isfinite(jump.until_s) else ""
-        text = f"{names}: the level at rest jumps at {jump.at_s:.1f} s by {_heights(jump)} counts{back}; taken off"
+        text = f"{names}: the level at rest jumps at {jump.at_s:.1f} s by {_heights(jump)} counts{back}; allowed for"
         found.append(
             Finding("jump", "warning", text, "Look for a loose connector or a restart of the electronics.")
         )

@@ -91,6 +91,7 @@ class Kept:
             m.reading.frames,
             m.reading.further,
             m.reading.trust,
+            m.reading.lift,
             m.reading.readout,
             m.learn,
             m.score,

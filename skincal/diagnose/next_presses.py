@@ -163,7 +163,7 @@ def expected_reading(session: GapSession, true: Model, like: Reading, dataset: D
     shape = (len(session), like.counts.shape[1])
     trust = np.broadcast_to(like.seen.any(axis=0).astype(np.float64), shape)
     nothing: FloatArray = np.zeros(shape)
-    reading = replace(like, counts=nothing, frames=session.frames, trust=trust, further=nothing)
+    reading = replace(like, counts=nothing, frames=session.frames, trust=trust, further=nothing, lift=nothing)
     frames = dataset.frames
     noise_n = 0.0 if frames is None else force_scatter(frames.force_n, hold_groups(dataset))
     aimed = true.hypothesis.with_places(np.zeros((session.presses, 3)))

@@ -41,13 +41,13 @@ def own_variance(session: GapSession, reading: Reading, among: BoolArray) -> Flo
     believed = reading.seen & ~_at_bound(np.nan_to_num(reading.counts), reading)
     pressed = among & (session.press >= 0) & np.isfinite(force) & believed.any(axis=1)
     rows: IntArray = np.flatnonzero(pressed)
-    counts, seen = np.nan_to_num(reading.counts[rows]), believed[rows]
+    counts, seen = np.nan_to_num(reading.unlifted[rows]), believed[rows]
     known = seen.sum(axis=0) >= _FEWEST
     variance = np.zeros(counts.shape[1])
     if known.sum() < _FEWEST_TAXELS:
         return variance
     rest = _rest(force[rows] / force[rows].max(), counts[:, known], seen[:, known])
-    noise = reading.deviation(np.nan_to_num(reading.counts))[rows][:, known]
+    noise = reading.deviation(np.nan_to_num(reading.unlifted))[rows][:, known]
     scatter = [NORMAL * np.median(np.abs(rest[own, j])) for j, own in enumerate(seen[:, known].T)]
     by_noise = [np.median(noise[own, j] ** 2) for j, own in enumerate(seen[:, known].T)]
     # What is far out is no way of answering.

@@ -29,6 +29,7 @@ class Reading:
         trust: (N, J) one where a value counts, less where it is not believed.
         further: (N, J) variance beside the noise of frames: of the measured force, in a chamber of what a taxel does
             alone, too [counts²].
+        lift: (N, J) what jumps of the level at rest add before the converter [counts].
     """
 
     counts: FloatArray
@@ -37,6 +38,7 @@ class Reading:
     readout: Readout
     trust: FloatArray
     further: FloatArray
+    lift: FloatArray
 
     @classmethod
     def of(cls, session: GapSession, sigma_counts: float | FloatArray, readout: Readout) -> Reading:
@@ -54,12 +56,18 @@ class Reading:
             raise ValueError("reading: expected a session that was recorded; got a plan")
         trust = np.isfinite(session.counts).astype(np.float64)
         sigma = as_floats(np.broadcast_to(sigma_counts, trust.shape[1:]))
-        return cls(session.counts, session.frames, sigma, readout, trust, np.zeros_like(trust))
+        nothing = np.zeros_like(trust)
+        return cls(session.counts, session.frames, sigma, readout, trust, nothing, nothing)
 
     @property
     def seen(self) -> BoolArray:
         """(N, J) where something was read that is believed."""
         return self.trust > 0
+
+    @property
+    def unlifted(self) -> FloatArray:
+        """(N, J) counts less what jumps have added: what they would have been, but for clipping."""
+        return self.counts - self.lift
 
     def with_counts(self, counts: FloatArray) -> Reading:
         """The same with other counts (N, J); where nothing was read, nothing is."""
@@ -73,20 +81,35 @@ class Reading:
         """The same with variance (N, J) of a mean beside the noise of its frames [counts²]."""
         return replace(self, further=variance)
 
+    def lifted(self, counts: FloatArray) -> Reading:
+        """The same with levels at rest that are higher by so much (N, J), beside what lifts them already [counts].
+
+        Lifting what is expected, rather than taking jumps off what was read, leaves to the converter what is its own:
+        nobody can say of a mean what clipping would have made of its frames had they been lower.
+        """
+        return replace(self, lift=self.lift + counts)
+
     def deviation(self, values: FloatArray) -> FloatArray:
         """Standard deviation (N, J) of a mean of frames at values (N, J) before the converter [counts]."""
         full = np.hypot(self.sigma_counts, rounding(self.readout))
-        own = full * self._by_noise(self._share, values) / np.sqrt(self.frames)[:, None]
+        own = full * self._by_noise(self._share, values + self.lift) / np.sqrt(self.frames)[:, None]
         return np.hypot(own, np.sqrt(self.further))
 
     def expected(self, values: FloatArray) -> FloatArray:
         """Mean counts (N, J) at values (N, J) before the converter: clipping lifts an untouched taxel."""
+        return self._shown(values + self.lift)
+
+    def expected_in(self, row: int, values: FloatArray) -> FloatArray:
+        """The same (n, J) of one observation, at any values (n, J)."""
+        return self._shown(values + self.lift[row])
+
+    def _shown(self, values: FloatArray) -> FloatArray:
         return self._by_noise(
             lambda some, sigma: as_floats(expected_counts(some, sigma, self.readout)), values
         )
 
     def expected_of(self, taxel: int, values: FloatArray) -> FloatArray:
-        """The same (n,) of one taxel at values (n,)."""
+        """The same (n,) of one taxel at values (n,) that hold what lifts them already."""
         return as_floats(expected_counts(values, float(self.sigma_counts[taxel]), self.readout))
 
     def residual(self, values: FloatArray) -> FloatArray:

@@ -165,5 +165,6 @@ def of_presses(session: GapSession, reading: Reading, rows: IntArray) -> tuple[G
         frames=reading.frames[keep],
         trust=reading.trust[keep],
         further=reading.further[keep],
+        lift=reading.lift[keep],
     )
     return some, read

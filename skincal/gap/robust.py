@@ -2,7 +2,7 @@
 
 All three are looked for about the fitted base model, and listed as what they are. A glitch press is left out. A taxel
 that dies is a case of ``dead_taxel``, with the moment found by going through all presses. A jump of the level at rest
-is taken off, so that it is not taken for a drift.
+is allowed for, so that it is not taken for a drift.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from skincal.fit.observe import expected_counts
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
@@ -29,6 +28,8 @@ _LEAST_JUMP = 1.5
 _FEWEST = 8
 _TAKEN = 0.5
 """What explains a press takes this part of its squared residual beyond noise."""
+_MIXED = 3.0
+"""Mean squared residual of an observation in which a jump happens, beside what it reads before and after."""
 _OTHERS = 16.0
 """A press differs if its squared residual is so many standard deviations beyond that of noise: of three hundred values
 more than twice as large."""
@@ -62,12 +63,14 @@ class Jump:
         at_s: when, after the session began [s].
         counts: by how much each jumps.
         until_s: when they jump back [s].
+        about_s: between these it may have happened: what was read there is the mean of before and after [s].
     """
 
     taxels: tuple[int, ...]
     at_s: float
     counts: tuple[float, ...]
     until_s: float = float("inf")
+    about_s: tuple[float, float] | None = None
 
 
 def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
@@ -282,14 +285,29 @@ def _jump(row: int, taxels: list[int], values: FloatArray, reading: Reading, ses
     """A jump that shows at rest from a row on: how high it is, and when within the press before it was."""
     rest = np.flatnonzero(session.press < 0)
     before, after = rest[rest < row], rest[rest >= row]
+    between: IntArray = np.arange(int(before[-1]), min(int(after[0]) + 2, len(session)))
+    height = _height(values, reading, before, after, taxels)
+    shifts = np.zeros(1), height
+    stay, moved = (
+        (reading.residual(values + shift)[between][:, taxels] ** 2).mean(axis=1) for shift in shifts
+    )
+    k = int(np.argmin([stay[:k].sum() + moved[k:].sum() for k in range(len(between))]))
+    # The observation in which it happens is a mean of both levels, and says nothing of either.
+    mixed = [int(between[n]) for n in (k - 1, k) if n >= 0 and (stay if n < k else moved)[n] > _MIXED]
+    height = _height(values, reading, np.setdiff1d(before, mixed), np.setdiff1d(after, mixed), taxels)
+    time, first = times(session), int(between[k])
+    about = float(time[max(0, first - 2)]), float(time[min(len(time) - 1, first + 1)])
+    return Jump(tuple(taxels), float(time[first]), tuple(height[taxels].tolist()), about_s=about)
+
+
+def _height(
+    values: FloatArray, reading: Reading, before: IntArray, after: IntArray, taxels: list[int]
+) -> FloatArray:
+    """By how much some taxels (J,) read higher in some rows than in others before [counts]."""
     height = np.zeros(values.shape[1])
     for j in taxels:
         height[j] = _level(values, reading, after, j) - _level(values, reading, before, j)
-    between: IntArray = np.arange(int(before[-1]) + 1, row + 1)
-    ends = (reading.residual(values + shift)[between][:, taxels] for shift in (np.zeros(1), height))
-    stay, moved = ((end**2).sum(axis=1) for end in ends)
-    first = np.argmin([stay[:k].sum() + moved[k:].sum() for k in range(len(between))])
-    return Jump(tuple(taxels), float(times(session)[between[first]]), tuple(height[taxels].tolist()))
+    return height
 
 
 def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> float:
@@ -301,7 +319,7 @@ def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> 
     rows = rows[reading.seen[rows, taxel]]
     share = reading.frames[rows] / reading.frames[rows].sum()
     shown = float(share @ reading.counts[rows, taxel])
-    own, bound = values[rows, taxel], reading.readout.value_min
+    own, bound = values[rows, taxel] + reading.lift[rows, taxel], reading.readout.value_min
     noise = float(reading.sigma_counts[taxel])
     most = float(np.abs(shown - own).max()) + 10 * noise
     least = -most if bound is None else bound - noise - float(own.max())
@@ -315,35 +333,15 @@ def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> 
 
 
 def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> Reading:
-    """The reading with jumps taken off, clipped as it would have been."""
-    counts, time = reading.counts.copy(), times(session)
+    """The reading with jumps allowed for: what is expected jumps as well, and is not trusted while it may do so."""
+    lift, trust, time = np.zeros_like(reading.trust), np.ones_like(reading.trust), times(session)
     for jump in jumped:
         later = (time >= jump.at_s) & (time < jump.until_s)
         for taxel, height in zip(jump.taxels, jump.counts, strict=True):
-            counts[later, taxel] = _clipped_by_frame(
-                counts[later, taxel] - height, reading.frames[later], reading, taxel
-            )
-    return reading.with_counts(counts)
-
-
-def _clipped_by_frame(means: FloatArray, frames: FloatArray, reading: Reading, taxel: int) -> FloatArray:
-    """What means of unclipped frames would have been, had each frame been clipped.
-
-    A mean of n frames holds noise of variance s^2 / n still; what averaging took away, s^2 (1 - 1/n), is what clipping
-    lifts it by. With all of s^2 the noise would count twice, and a taxel at rest would read higher than it ever does.
-
-    Args:
-        means: (N,) of the unclipped frames [counts].
-        frames: (N,) how many frames each is the mean of.
-        reading: noise and converter.
-        taxel: whose noise.
-    """
-    clipped = np.empty_like(means)
-    for n in np.unique(frames):
-        rows = frames == n
-        lost = float(reading.sigma_counts[taxel] * np.sqrt(max(0.0, 1.0 - 1.0 / n)))
-        clipped[rows] = expected_counts(means[rows], lost, reading.readout)
-    return clipped
+            lift[later, taxel] += height
+            if jump.about_s is not None:
+                trust[(time > jump.about_s[0]) & (time < jump.about_s[1]), taxel] = 0.0
+    return reading.lifted(lift).trusting(trust)
 
 
 def without_presses(reading: Reading, press: IntArray, rows: IntArray) -> Reading:

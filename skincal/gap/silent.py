@@ -136,7 +136,7 @@ def _silence(expected: FloatArray, reading: Reading, session: GapSession, press:
 def _heard(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> BoolArray:
     """Whether a taxel answers in some observations, whatever its noise."""
     noise = np.sqrt(_variance(reading, rows)[:, taxel])
-    return reading.counts[rows, taxel] - _SIGMA * noise >= _SILENT * expected
+    return reading.unlifted[rows, taxel] - _SIGMA * noise >= _SILENT * expected
 
 
 def _variance(reading: Reading, rows: IntArray) -> FloatArray:
@@ -221,7 +221,7 @@ def _with_any_force(
 
 def _others_lit(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> bool:
     """Whether other taxels show the press while one is silent; an image of nothing has no place."""
-    shown = np.minimum(expected[rows], np.where(reading.seen[rows], reading.counts[rows], 0.0))
+    shown = np.minimum(expected[rows], np.where(reading.seen[rows], reading.unlifted[rows], 0.0))
     share = np.maximum(shown, 0.0) ** 2 / _variance(reading, rows)
     return bool(np.delete(share, taxel, axis=1).sum() > SURE)
 

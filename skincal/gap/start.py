@@ -72,7 +72,7 @@ def valleys(
     moved = skin.setting.moved(tried, np.tile(across, len(seen)), np.tile(along, len(seen)))
     values = skin.values(moved)[:, session.taxels] if session.taxels is not None else skin.values(moved)
     for i, row in enumerate(seen.tolist()):
-        expected = reading.expected(values[i * spots : (i + 1) * spots])
+        expected = reading.expected_in(row, values[i * spots : (i + 1) * spots])
         spread = np.hypot(reading.sigma_counts / np.sqrt(reading.frames[row]), _IMAGE_ERROR * expected)
         gone = np.where(reading.seen[row], reading.counts[row] - expected, 0.0) / spread
         cost = (gone**2).sum(axis=1) + (across**2 + along**2) / sigma_m**2

@@ -7,8 +7,9 @@ import pytest
 
 from benchmarks.blind import run
 from benchmarks.blind.bench import Bench, RunError
+from benchmarks.blind.kept import check_study, packed, unpack
 from benchmarks.blind.measures import summary
-from benchmarks.blind.run import check_diagnose, check_study, planned, run_all
+from benchmarks.blind.run import check_diagnose, planned, run_all
 from benchmarks.blind.score import main as score_main
 from benchmarks.blind.score import opened
 from benchmarks.blind.suites import CLASS_OF, SUITES, specs
@@ -147,6 +148,33 @@ def test_unknown_suite(tmp_path, capsys):
     with pytest.raises(SystemExit):
         run.main(["--out", str(tmp_path), "--suite", "every"])
     assert "outside" in capsys.readouterr().err
+
+
+def test_a_run_goes_on_elsewhere(bench, tmp_path):
+    check_study(bench.out, {"seed": 3, "code": "abc"})
+    spec = Spec("poor", 1, 3, "foundation", "static")
+    bench.run(spec)
+    file = tmp_path / "sessions.jsonl.gz"
+    file.write_bytes(packed(bench.out))
+    assert unpack(file, tmp_path / "there") == 1
+    assert packed(tmp_path / "there") == file.read_bytes()
+    for at in ("study.json", "labels/poor-001.sealed", "results/poor-001.json"):
+        assert (tmp_path / "there" / at).read_bytes() == (bench.out / at).read_bytes()
+    check_study(tmp_path / "other", {"seed": 3, "code": "abd"})
+    with pytest.raises(RunError, match="another --out"):
+        unpack(file, tmp_path / "other")
+    with pytest.raises(RunError, match=r"poor\.sealed"):
+        unpack(bench.out / "poor.sealed", tmp_path / "there")
+
+
+def test_a_fit_that_asks_for_fewer_taxels_gets_them(tmp_path):
+    file = tmp_path / "asks.py"
+    refuses = 'if verb == "fit" and "--min-active" not in rest: sys.exit("or lower --min-active")\n'
+    file.write_text(STAND_IN.replace('if verb == "fit":', refuses + 'if verb == "fit":'), encoding="utf-8")
+    record = Bench(tmp_path / "out", command=(sys.executable, str(file))).run(
+        Spec("none", 0, 3, "foundation")
+    )
+    assert record["fit"]["status"] == record["diagnose"]["status"] == 0
 
 
 @pytest.mark.slow

@@ -53,6 +53,7 @@ def test_few_taxels_have_no_middle_one():
         counts=ready.reading.counts[:, :4],
         trust=ready.reading.trust[:, :4],
         further=ready.reading.further[:, :4],
+        lift=ready.reading.lift[:, :4],
         sigma_counts=ready.reading.sigma_counts[:4],
     )
     assert not own_variance(ready.session, few, np.ones(len(ready.session), dtype=bool)).any()
