@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from skincal.calibrate import Method, Way
     from skincal.calibration import Calibration
     from skincal.dataset import Dataset
+    from skincal.errors import InputError
     from skincal.fit.options import FitOptions, GridSteps
 
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
@@ -128,6 +129,8 @@ def fit(
     data = read_dataset(dataset)
     warn(data.warnings)
     if uniform_pressure(data):
+        if effects is not None:
+            raise _no_effects_here(effects, dataset)
         say("skincal: uniform pressure: the scale of each taxel is found, pose and elasticity cannot be")
         _fit_uniform(data, out, options, seed, report=report, as_json=as_json, force=force)
         return
@@ -177,6 +180,16 @@ def fit(
         )
         about += f"\n{turns} taken from an interrupted run."
     _tell(outcome.calibration, f"{len(outcome.result.problem)} presses", about, out, report)
+
+
+def _no_effects_here(effects: Path, dataset: Path) -> InputError:
+    from skincal.errors import InputError, Problem
+
+    expected = (
+        f"a dataset of presses; under uniform pressure, as in {dataset}, a fit finds scales and nothing else"
+    )
+    fix = "leave --effects out; `skincal diagnose` finds the effects of such a session anew"
+    return InputError([Problem("--effects", expected, str(effects), fix)])
 
 
 def _fit_uniform(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.calibration import Calibration, check_same_sensor
+from skincal.calibration import Calibration, check_same_sensor, sensor_differences
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
@@ -23,6 +23,7 @@ from skincal.diagnose.base import (
 from skincal.diagnose.plan import plan_session
 from skincal.diagnose.session import gap_session
 from skincal.effects.samples import HOLD
+from skincal.errors import InputError
 from skincal.fit.observe import Readout
 from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
 from skincal.gap.base import BaseColumns, BaseModel, base_columns, resolution_of
@@ -113,7 +114,7 @@ def audit_plan(
         rng: for cases that vary from taxel to taxel.
 
     Raises:
-        InputError: the plan's poses do not suit the hand.
+        InputError: the plan's poses do not suit the hand, or the calibration is of another sensor.
     """
     meta, mount = description.meta, Mount.of(description.meta)
     readout = Readout(meta.sensor.value_min, meta.sensor.value_max, meta.sensor.integer)
@@ -128,6 +129,10 @@ def audit_plan(
             resolution_of(mount.layout),
         )
     else:
+        place = f"hand {description.name}"
+        differ = sensor_differences(calibration, meta.sensor, mount.layout, meta.surface, {}, place=place)
+        if differ:
+            raise InputError(differ)
         own = calibration.parameters()
         model = BaseModel(
             calibration.surface_model(),

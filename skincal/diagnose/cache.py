@@ -1,8 +1,8 @@
-"""What a diagnosis worked out once and need not again: the base fit, the twins' errors, the null sessions.
+"""What a diagnosis worked out once and need not again: the scores of null sessions.
 
 An entry goes by a hash of everything that it depends on, the version of skincal included: the protocol (places, forces,
-times, phases), the sensor, the noise, the settings. So a diagnosis that was interrupted goes on where it was, and one
-of the same presses with the same calibration finds its null sessions ready. Entries are arrays without code.
+times, phases), the sensor, the noise, the settings. So a diagnosis that was interrupted later, or one of the same
+presses with the same calibration, finds its null sessions ready. Entries are arrays without code.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class NamedEffect:
         p_value: of a null session doing as well.
         parameters: a number, or one a taxel or pose.
         intervals: low and high of each, 95 %.
-        where: where the residual lies that it explains.
+        where: in a sentence, where the residual lies that the base model leaves; alike for all.
         share: part of the excess of its round that it explains.
     """
 
@@ -66,7 +66,7 @@ class Diagnosis:
         split: which presses learned, chose, and were kept for the end.
         session: what was looked at.
         material: the same as it was split.
-        calibration: with the effects added; the given one where the verdict is ``none``.
+        calibration: with the effects added; the given one where none are.
         options: settings.
         seed: of the randomness.
         next_presses: in words, the presses that would tell what is still open.

@@ -229,4 +229,7 @@ def _unseen(found: Diagnosis) -> Iterator[str]:
     for cure, names in groups.items():
         yield f"to see {', '.join(names)}: {'; '.join(cure)}"
     if len(groups) >= _MANY:
-        yield "skincal collect --protocol full does all of this in one session, but for tangential forces"
+        yield (
+            "skincal collect --protocol full --second-indenter-mm 4 does all of this in one session, "
+            "but for tangential forces"
+        )

@@ -33,6 +33,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": d.verdict,
         "effects": [_effect(e) for e in d.effects],
         "unexplained": d.unexplained,
+        "refuted": d.refuted,
         "where": d.where,
         "cannot_see": list(d.audit.cannot_see),
         "why_not": dict(d.audit.reasons),

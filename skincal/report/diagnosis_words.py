@@ -38,6 +38,9 @@ def verdict_lines(found: Diagnosis) -> list[str]:
 def _verdict(found: Diagnosis) -> str:
     if found.verdict == "none":
         return "Nothing is missing that these presses could show."
+    if found.refuted:
+        names = " and ".join(one.name for one in found.choice.named)
+        return f"Something is missing. {names} would explain it, but puts presses that nobody has fitted further off."
     if found.verdict == "unknown":
         return "Something is missing that none of the known effects explains."
     names = " and ".join(" or ".join(effect.consistent_with) for effect in found.effects)

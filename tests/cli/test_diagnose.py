@@ -177,6 +177,9 @@ def test_a_pressure_chamber_goes_the_whole_way(
         "offset_counts"
     ]
     assert offsets == pytest.approx(chamber.rest, abs=1.5)
+    assert run("fit", data, "--effects", tmp_path / "new", "--out", tmp_path / "again") == 2
+    assert "under uniform pressure" in capsys.readouterr().err
+    assert not (tmp_path / "again").exists()
 
 
 def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(

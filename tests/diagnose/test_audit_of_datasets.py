@@ -70,6 +70,15 @@ def test_calibration_is_used_and_checked():
         audit_dataset(other, calibration, rng())
 
 
+def test_the_calibration_of_a_plan_is_of_the_hand_that_would_press():
+    calibration = make_calibration()
+    plan = paper_plan(rng(), MOUNT.layout)
+    assert audit_plan(plan, HAND, calibration, rng()).calibrated
+    other = replace(calibration, surface=SurfaceSpec("cylinder", 0.02))
+    with pytest.raises(InputError, match=f"hand {HAND.name}.*radius_m"):
+        audit_plan(plan, HAND, other, rng())
+
+
 def test_nothing_to_audit():
     data = still()
     nowhere = replace(data.presses, position_m=np.full_like(data.presses.position_m, np.nan))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from report.diagnosis_cases import diagnosed
 
+from skincal.diagnose.summary import summary
 from skincal.gap.choose import Round
 from skincal.report.diagnosis_gap import closed_words
 from skincal.report.diagnosis_story import verdict_sentences
@@ -32,6 +33,15 @@ def test_what_shows_in_the_places_is_said_to():
 
 def test_nothing_missing():
     assert verdict_lines(diagnosed("none")[0])[0] == "Nothing is missing that these presses could show."
+
+
+def test_what_held_out_presses_refute_is_told():
+    found, _ = diagnosed("hysteresis")
+    refuted = replace(found, verdict="unknown", effects=(), refuted=True)
+    assert verdict_lines(refuted)[0].startswith("Something is missing. hysteresis would explain it, but")
+    assert summary(refuted)["refuted"] and not summary(found)["refuted"]
+    unknown = replace(found, verdict="unknown", effects=())
+    assert verdict_lines(unknown)[0] == "Something is missing that none of the known effects explains."
 
 
 def test_what_comes_closest_to_what_is_left_is_told():
