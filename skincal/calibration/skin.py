@@ -70,8 +70,8 @@ def effects_of(
 def _array(one: Effect, name: str, value: Numbers, poses: Sequence[str] | None) -> FloatArray:
     array = np.asarray(value, dtype=np.float64)
     parameter = next((p for p in effect(one.name).parameters if p.name == name), None)
-    by_name = poses is not None and one.poses and array.size > 1
-    if poses is None or not by_name or parameter is None or parameter.shape != "per-pose":
+    # Without poses the numbers stay as they are: an effect that lacks its covariate abstains.
+    if not poses or not one.poses or array.size <= 1 or parameter is None or parameter.shape != "per-pose":
         return array
     known = dict(zip(one.poses, array.tolist(), strict=True))
     return np.array([known.get(pose, parameter.neutral) for pose in poses], dtype=np.float64)

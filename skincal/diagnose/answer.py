@@ -215,7 +215,8 @@ def _signatures(
     scene: Scene, base: Base, null: Null, signs: Mapping[str, tuple[str, FloatArray]]
 ) -> tuple[Signature, ...]:
     whole = scene.part(base.material.known)
-    excess = max(1.0, float((whole.residual**2).sum()) - null.mean_square * whole.residual.size)
+    read = int(base.material.reading.seen[whole.rows].sum())
+    excess = max(1.0, float((whole.residual**2).sum()) - null.mean_square * read)
     found: list[Signature] = []
     for name, (meaning, columns) in signs.items():
         fall = float(signature_falls(whole, columns, whole.residual)[0])

@@ -44,7 +44,7 @@ class AuditReport:
         floor: the noise.
         presses: number of presses.
         observations: number of images that were looked at, means over a few frames each.
-        taxels: number of taxels that were looked at, even ones of those that presses reach.
+        taxels: number of taxels that were looked at, evenly spread over those that presses reach.
         has_frames: whether they are of frames; else hold means.
         calibrated: whether pose, E and S are a calibration's; else they are guessed.
         planned: whether there are no data yet, and the noise is assumed.

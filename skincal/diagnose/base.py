@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.calibration import MARGIN_M, Calibration
-from skincal.dataset import Dataset
+from skincal.dataset import Dataset, idle_means
 from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
 from skincal.fit.observe import Readout, clipped_share, observe
@@ -73,7 +73,8 @@ def guessed_model(dataset: Dataset, session: GapSession) -> BaseModel:
         return _scaled(model, GUESSED_PER_N)
     # Of the strongest taxel of each image, which hardly depends on where exactly the press was.
     load = session.means(model.skin.values(session.samples)).max(axis=1)
-    seen = np.nan_to_num(session.counts).max(axis=1)
+    rest = idle_means(dataset) if uniform_pressure(dataset) else rest_means(dataset)
+    seen = np.nan_to_num(session.counts - (0.0 if rest is None else np.nan_to_num(rest))).max(axis=1)
     lit = (load > 0.1 * load.max(initial=0.0)) & (seen > _LIT_COUNTS)
     return _scaled(model, float(np.median(seen[lit] / load[lit])) if lit.any() else GUESSED_PER_N)
 
@@ -83,7 +84,7 @@ def _scaled(model: BaseModel, scale_per_n: float) -> BaseModel:
 
 
 def thinned(model: BaseModel, session: GapSession, most: int = MOST_TAXELS) -> GapSession:
-    """The session as not too many taxels see it: even ones of those that the presses reach.
+    """The session as not too many taxels see it: some of those that the presses reach, evenly spread.
 
     Args:
         model: the base model.

@@ -39,6 +39,7 @@ def findings_of(
     doubted: Sequence[int] = (),
     pulled: Mapping[int, float] = MappingProxyType({}),
     noise: tuple[float, Sequence[float]] = (0.0, ()),
+    order: IntArray | None = None,
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -55,8 +56,16 @@ def findings_of(
         of_law: root mean square of what another contact law would explain, in units of the noise.
         doubted: rows of presses that look like glitches, though others differ as well.
         pulled: rows of presses that fit best with quite another force, and by which part it is larger.
+        order: (N,) rows of the presses, observation by observation, where there is no clock, so that times are numbers
+            of observations; None where there is one.
         noise: of a frame, usually and of each taxel that was looked at, where some are noisier [counts].
     """
+
+    def at(moment: float) -> str:
+        if order is None:
+            return f"{moment:.1f} s"
+        return f"press {presses[order[min(round(moment), len(order) - 1)]]}"
+
     looked: list[int] = list(range(seen.shape[1])) if taxels is None else taxels.tolist()
     found: list[Finding] = []
     if len(glitches):
@@ -76,14 +85,14 @@ def findings_of(
         found.append(Finding("force", "warning", text, fix))
     for jump in jumps:
         names = ", ".join(taxel_name(layout, looked[t]) for t in jump.taxels)
-        back = f" and back at {jump.until_s:.1f} s" if np.isfinite(jump.until_s) else ""
-        text = f"{names}: the level at rest jumps at {jump.at_s:.1f} s by {_heights(jump)} counts{back}; allowed for"
+        back = f" and back at {at(jump.until_s)}" if np.isfinite(jump.until_s) else ""
+        text = f"{names}: the level at rest jumps at {at(jump.at_s)} by {_heights(jump)} counts{back}; allowed for"
         found.append(
             Finding("jump", "warning", text, "Look for a loose connector or a restart of the electronics.")
         )
     for (since, until, level), taxels_then in _together(stuck).items():
         names = ", ".join(taxel_name(layout, looked[t]) for t in taxels_then)
-        text = f"{names}: stuck at {level:g} counts from {since:.1f} s to {until:.1f} s; not looked at then"
+        text = f"{names}: stuck at {level:g} counts from {at(since)} to {at(until)}; not looked at then"
         found.append(
             Finding(
                 "stuck_taxel", "warning", text, "Check wiring and electronics; leave it out where it is used."
@@ -99,7 +108,7 @@ def findings_of(
         )
         found.append(Finding("noisy_taxel", "warning", text, "Look at wiring, connectors and ground."))
     for one in dead:
-        since = "throughout" if one.from_s <= 0 else f"from {one.from_s:.1f} s on"
+        since = "throughout" if one.from_s <= 0 else f"from {at(one.from_s)} on"
         name = taxel_name(layout, looked[one.taxel])
         text = f"{name} does not answer {since}; it reads {one.stuck_counts:.1f} counts"
         found.append(
@@ -113,8 +122,8 @@ def findings_of(
         found.append(Finding("contact_law", "info", text, "E and S make up for it as far as they can."))
     if all_taxels is not None and all_taxels > len(looked):
         text = (
-            f"{len(looked)} of {all_taxels} taxels were looked at, even ones of those that the presses reach; what is "
-            "said of single taxels is said of these"
+            f"{len(looked)} of {all_taxels} taxels were looked at, evenly spread over those that the presses reach; "
+            "what is said of single taxels is said of these"
         )
         found.append(Finding("some_taxels", "info", text, ""))
     never = np.flatnonzero(~seen.any(axis=0))

@@ -89,7 +89,9 @@ def _parameters(calibration: Calibration, hypothesis: Hypothesis) -> ModelParame
     if each is None:
         common = float(np.asarray(scale))
     elif old.scale_per_taxel_per_n:
-        common = old.scale_per_n * each[0] / old.scale_per_taxel_per_n[0]
+        # Taxels that do not answer have no scale.
+        grown = [new / was for new, was in zip(each, old.scale_per_taxel_per_n, strict=True) if was > 0]
+        common = old.scale_per_n * grown[0] if grown else common
     return ModelParameters(
         y_m=pose.y_m,
         alpha_deg=degrees(pose.alpha_rad),

@@ -13,11 +13,11 @@ from skincal.collect.posture import Fingers
 from skincal.collect.press import FAST
 from skincal.collect.travel import PEAK
 from skincal.dataset.model_objects import indenter_of
-from skincal.diagnose.session import pose_numbers
 from skincal.effects import Samples, Steps, hold_session
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.gap.session import GapSession
 from skincal.model import Contacts, Indenter
+from skincal.predict.samples import pose_numbers
 from skincal.robot import HandDescription, Kinematics
 
 Floats = NDArray[np.float64]
@@ -53,7 +53,8 @@ def plan_session(
     radii = np.array([p.indenter_radius_m or indenter.radius_m or 0.0 for p in plan.presses])
     different, kinds = np.unique(radii, return_inverse=True)
     indenters = tuple(indenter_of(indenter, {}, float(r)) for r in different)
-    poses = pose_numbers(np.array([p.pose for p in plan.presses]))
+    names = np.array([p.pose for p in plan.presses])
+    poses = pose_numbers(names, sorted(set(names.tolist())))
     return played_plan(plan, fingers.mount, (indenters, kinds), poses, course, options.frame_rate_hz)
 
 

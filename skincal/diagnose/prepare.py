@@ -14,6 +14,7 @@ from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, thinned
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means, sites
+from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
 from skincal.gap.base import BaseModel
@@ -25,7 +26,7 @@ from skincal.gap.session import Binning, GapSession
 from skincal.gap.signatures import session_mean
 from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, SplitOptions, split_presses
 from skincal.gap.start import start_places
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 FORCE_SIGMA = 0.004
 """By how much the force of a whole press may be off, relative, before that is an effect of its own."""
@@ -38,6 +39,7 @@ EXACT_M = 1e-4
 """What the place of uniform pressure is worth: it does not matter."""
 
 OFFSET = "taxel_offset"
+_SETTLED = 20
 _HIGH_COUNTS, _HIGH_SIGMA = 5.0, 5.0
 """Beyond both a level at rest is so high that places and forces would make up for it, were it left out."""
 
@@ -124,7 +126,7 @@ def prepare(
     reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
     names = pose_names(dataset)
     known: dict[str, Parameters] = dict(effects_of(calibration, names))
-    rest = None if OFFSET in known else _high_rest(dataset, floor, model.readout)
+    rest = None if OFFSET in known else high_rest(dataset, floor, model.readout)
     places = np.zeros((session.presses, PLACE))
     if not uniform:
         above = session if rest is None else _lowered(session, rest)
@@ -149,12 +151,17 @@ def prepare(
     )
 
 
-def _high_rest(dataset: Dataset, floor: NoiseFloor, readout: Readout) -> FloatArray | None:
+def high_rest(dataset: Dataset, floor: NoiseFloor, readout: Readout) -> FloatArray | None:
     """The level at rest (J,) beyond what clipped noise makes of zero, if most taxels are far above it."""
     means = idle_means(dataset) if uniform_pressure(dataset) else rest_means(dataset)
     if means is None or readout.rest_subtracted:
         return None
-    level = np.nan_to_num(means - expected_counts(np.zeros(1), floor.frame_counts, readout))
+    level = as_floats(np.nan_to_num(means))
+    for _ in range(_SETTLED):
+        # What noise that is clipped adds to a level depends on how near to the bound it is.
+        level = np.nan_to_num(means - (expected_counts(level, floor.frame_counts, readout) - level))
+    offset = EFFECTS[OFFSET].parameters[0]
+    level = np.clip(level, offset.low, offset.high)
     return level if np.median(np.abs(level)) > max(_HIGH_COUNTS, _HIGH_SIGMA * floor.frame_counts) else None
 
 

@@ -13,11 +13,11 @@ from skincal.dataset import HOLD, IDLE, Dataset, idle_means
 from skincal.dataset.uniform import at_centre, uniform_pressure
 from skincal.diagnose.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
-from skincal.effects.samples import UNKNOWN
 from skincal.fit.observe import Readout
 from skincal.gap.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
+from skincal.predict.samples import frame_column, last_press, pose_names, pose_numbers
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,9 +28,11 @@ SAME_SITE_M = 1e-4
 
 
 def readout_of(dataset: Dataset) -> Readout:
-    """The converter of a dataset."""
+    """The converter of a dataset: without bounds where rest was taken off, for it is not known where they are then."""
     sensor = dataset.meta.sensor
-    return Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
+    if sensor.baseline == "subtracted":
+        return Readout(None, None, sensor.integer, rest_subtracted=True)
+    return Readout(sensor.value_min, sensor.value_max, sensor.integer)
 
 
 def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
@@ -61,14 +63,13 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     phase = frames.phase.astype(np.int64)
     place = steady_places(np.where((row >= 0)[:, None], frames.position_m, np.nan), force, row, phase)
     use = (row < 0) | (np.isfinite(place).all(axis=1) & np.isfinite(force))
-    row, of_press = row[use], np.maximum(row, 0)[use]
+    owner = last_press(row, row >= 0)
 
     def column(name: str) -> NDArray[Any] | None:
-        own, of = frames.column(name), presses.column(name)
-        if own is not None:
-            return own[use]
-        return None if of is None else of[of_press]
+        found = frame_column(dataset, owner, name)
+        return None if found is None else found[use]
 
+    row, of_press = row[use], owner[use]
     indenters, kinds = _indenters(dataset)
     samples = Samples.of(
         _contacts(dataset, place[use], force[use], None),
@@ -77,7 +78,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         press=np.where(row >= 0, presses.press[of_press], -1),
         time_s=frames.time_s[use],
         phase=frames.phase[use],
-        **_covariates(column),
+        **_covariates(column, pose_names(dataset)),
     )
     return binned(samples, row, frames.counts[use], dataset.surface(), binning)
 
@@ -101,7 +102,7 @@ def _of_presses(dataset: Dataset) -> GapSession:
         (indenters, kinds[use]),
         touching=True,
         press=presses.press[use],
-        **_covariates(column),
+        **_covariates(column, pose_names(dataset)),
     )
     branch = column("branch")
     played = hold_session(holds, times, down=None if branch is None else branch == "down")
@@ -121,37 +122,20 @@ def _contacts(dataset: Dataset, place: Floats, force: Floats, normals: Floats | 
     return Contacts(points, out, force)
 
 
-def _covariates(column: Any) -> dict[str, Any]:
-    """Covariates that are there, as :meth:`Samples.of` takes them."""
+def _covariates(column: Any, poses: tuple[str, ...]) -> dict[str, Any]:
+    """Covariates that are there, as :meth:`Samples.of` takes them; poses by their numbers among all of the dataset."""
     names = ("speed_m_per_s", "cycle", "temperature_c", "shear_u_n", "shear_v_n")
     found = {name: values for name in names if (values := column(name)) is not None and _any(values)}
     if not {"shear_u_n", "shear_v_n"} <= set(found):
         found = {name: values for name, values in found.items() if not name.startswith("shear")}
     pose = column("pose")
     if pose is not None:
-        found["pose"] = pose_numbers(pose)
+        found["pose"] = pose_numbers(pose, poses)
     return found
 
 
 def _any(values: NDArray[Any]) -> bool:
     return bool(np.isfinite(values).any())
-
-
-def pose_names(dataset: Dataset) -> tuple[str, ...]:
-    """Names of the hand poses of a dataset, by their numbers; none where poses were not recorded."""
-    own = None if dataset.frames is None else dataset.frames.column("pose")
-    given = dataset.presses.column("pose") if own is None else own
-    if given is None:
-        return ()
-    return tuple(sorted(set(given.astype(str).tolist()) - {"", "nan"}))
-
-
-def pose_numbers(names: NDArray[Any]) -> Ints:
-    """Numbers of poses in the order of their names; -1 where none is given."""
-    text = names.astype(str)
-    given = sorted(set(text.tolist()) - {"", "nan"})
-    number = {name: i for i, name in enumerate(given)}
-    return np.array([number.get(name, UNKNOWN) for name in text.tolist()], dtype=np.int64)
 
 
 def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], Ints]:

@@ -140,6 +140,7 @@ def _diagnosed(
             answer.doubted.tolist(),
             _pulled(before if refuted else after, ready, base.glitches),
             (ready.floor.frame_counts, ready.floor.taxel_counts),
+            None if ready.session.samples.time_s is not None else ready.session.press,
         ),
         ready.split,
         ready.session,

@@ -86,11 +86,11 @@ def hold_times(
     check_shape("press times", times, (count, 4))
     lasts = np.array([LOADING_S, HOLD_S, LOADING_S])
     after = np.concatenate([[0.0], np.cumsum(lasts)])
-    end = -REST_S
+    end = -np.inf
     for press in times:
         known = np.isfinite(press)
         anchor = int(np.argmax(known))
-        begin = press[anchor] - after[anchor] if known.any() else end + REST_S
+        begin = press[anchor] - after[anchor] if known.any() else max(0.0, end + REST_S)
         begin = max(begin, end)
         for k in range(4):
             earliest = begin if k == 0 else press[k - 1]

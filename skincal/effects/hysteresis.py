@@ -54,6 +54,8 @@ def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple
     are gone through side by side.
     """
     mean = np.zeros_like(x)
+    if not len(x) and state is not None:
+        return mean, state
     starts, lengths = _stretches(np.logical_or.reduce(x > 0, axis=1))
     if not len(starts):
         return mean, np.zeros((len(upper), x.shape[1]))

@@ -46,6 +46,8 @@ class Samples:
         temperature_c: (K,) temperature at the skin [°C].
         shear_n: (K, 2) tangential force along growing beta and along +y [N].
         start_s: the moment from which drifts count [s]; that of the first sample unless given.
+        apart_s: (K,) by how much the clock of each sample was put off so that what came before is forgotten [s]; it
+            counts for memory, not for drifts. None: by nothing.
     """
 
     contacts: Contacts
@@ -61,6 +63,7 @@ class Samples:
     temperature_c: FloatArray | None = None
     shear_n: FloatArray | None = None
     start_s: float = float("nan")
+    apart_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         count = len(self.contacts)
@@ -77,6 +80,8 @@ class Samples:
         if self.time_s is not None and count:
             if not np.isfinite(self.time_s).all() or np.any(np.diff(self.time_s) < 0):
                 raise ValueError("samples time_s: expected finite times that never fall")
+            if self.apart_s is not None:
+                self._set("apart_s", as_floats(self.apart_s), (count,))
             if np.isnan(self.start_s):
                 object.__setattr__(self, "start_s", float(self.time_s[0]))
 
@@ -160,7 +165,7 @@ class Samples:
         """Some of the samples, in their order."""
         some = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
-            for name in ("touching", "indenter", "press", *COVARIATES.values())
+            for name in ("touching", "indenter", "press", "apart_s", *COVARIATES.values())
         }
         return replace(self, contacts=self.contacts[rows], **some)
 
@@ -171,7 +176,10 @@ class Samples:
     @property
     def elapsed_s(self) -> FloatArray:
         """(K,) time since ``start_s`` [s]; zero where there is no clock."""
-        return np.zeros(len(self)) if self.time_s is None else self.time_s - self.start_s
+        if self.time_s is None:
+            return np.zeros(len(self))
+        apart = 0.0 if self.apart_s is None else self.apart_s
+        return as_floats(self.time_s - apart - self.start_s)
 
 
 def _touching(contacts: Contacts, phase: IntArray | None) -> BoolArray:

@@ -16,7 +16,9 @@ class TaxelOffset(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "taxels differ in their level at rest"
     parameters = (
-        EffectParameter("offset_counts", "counts", 0.0, -100.0, 300.0, "o_j", typical=3.0, shape="per-taxel"),
+        EffectParameter(
+            "offset_counts", "counts", 0.0, -65535.0, 65535.0, "o_j", typical=3.0, shape="per-taxel"
+        ),
     )
     source = "Kasolowsky, Bäuml, IROS 2024, table of randomized parameters: an offset for each taxel."
 

@@ -87,9 +87,12 @@ def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
         readout: bounds and rounding.
     """
     value = np.asarray(value, dtype=np.float64)
-    if sigma <= 0:
-        return np.clip(value, readout.value_min, readout.value_max)
+    if readout.rest_subtracted:
+        # Bounds are those of the raw counts, and rest may be anywhere between them.
+        return value.copy()
     low, high = readout.value_min, readout.value_max
+    if sigma <= 0:
+        return np.clip(value, low, high)
     out = value.copy()
     if low is not None:
         out = out + _lifted(value - low, sigma, readout.integer)

@@ -27,6 +27,11 @@ def dead_start(bench: Bench, dead: Sequence[Dead]) -> Start | None:
     """How much each dead taxel answers and what it reads, from the moment that was found; None without any."""
     if not dead or NAME in bench.hypothesis.effects:
         return None
+    if "time" in bench.lacking:
+        # The effect cannot say since when then: one that died would be dead from the beginning.
+        dead = [one for one in dead if one.from_s <= 0]
+        if not dead:
+            return None
     looked = bench.session.taxels
     flat = {(d.taxel if looked is None else int(looked[d.taxel])): d for d in dead}
     from_s = np.zeros(bench.sizes["per-taxel"])

@@ -116,11 +116,15 @@ def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tupl
     left: list[float] = []
     bends: list[FloatArray] = []
     sizes: list[tuple[int, int, int]] = []
+    held = counts[group >= 0]
+    # A taxel that never changes while others do is stuck: it has no noise to show.
+    lively = np.fmax.reduce(held, axis=0, initial=-np.inf) > np.fmin.reduce(held, axis=0, initial=np.inf)
+    lively |= not lively.any()
     for number in np.unique(group[group >= 0]):
         values = counts[group == number]
         if len(values) < _FEWEST:
             continue
-        inside = np.isfinite(values).all(axis=0)
+        inside = lively & np.isfinite(values).all(axis=0)
         inside &= values.min(axis=0, initial=np.inf) > (
             -np.inf if readout.value_min is None else readout.value_min + _MARGIN
         )
@@ -371,7 +375,8 @@ def noise_floor(
     repeat, repeat_interval = pooled(*repeats, rng)
     mean, *ends = (float(np.hypot(v, added) / np.sqrt(hold_frames)) for v in (frame, *interval))
     mean_interval, mean_from = (ends[0], ends[1]), source
-    if repeat < mean and "frames" not in source:
+    # Repeats that read the very same show no noise, but copies, or a simulator without any.
+    if LEAST_COUNTS < repeat < mean and "frames" not in source:
         mean, mean_interval, mean_from = repeat, repeat_interval, "repeats"
     return NoiseFloor(frame, interval, source, mean, mean_interval, mean_from, added, repeat, repeat_interval)
 

@@ -87,7 +87,8 @@ class GapSession:
         number = np.cumsum(np.diff(self.row, prepend=self.row[:1]) != 0)
         # The pause is before the moment of rest that ends a press: after it, loading would seem to last as long.
         number = np.append(number[1:], number[-1:])
-        return replace(self.samples, time_s=self.samples.time_s + _APART_S * number)
+        apart = _APART_S * number
+        return replace(self.samples, time_s=self.samples.time_s + apart, apart_s=apart)
 
     @cached_property
     def paths_m(self) -> FloatArray:

@@ -60,20 +60,12 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
     """
     frames, touch = dataset.frames, touching(dataset)
     assert frames is not None
-    owner = _last_press(frame_presses(dataset), touch)
-
-    def column(name: str) -> NDArray[Any] | None:
-        own, of = frames.column(name), dataset.presses.column(name)
-        if own is None or of is None:
-            return own if of is None else of[owner]
-        missing = ~np.isfinite(own) if own.dtype.kind == "f" else _names(own) == ""
-        return np.where(missing, of[owner], own)
-
+    owner = last_press(frame_presses(dataset), touch)
     # A press whose place is not known has no image, unless it has no force either.
     touch = touch & ((touches.force_n > 0) | np.isfinite(touches.points_m).all(axis=1))
     return _samples(
         touches,
-        column,
+        lambda name: frame_column(dataset, owner, name),
         poses,
         touching=touch,
         press=np.where(touch, frames.press, -1),
@@ -82,8 +74,29 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
     )
 
 
-def _last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
-    """Row of the press (M,) that each frame is of; at rest that of the press before, at first that of the next."""
+def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | None:
+    """A column (M,) of the frames, and that of their presses where frames have none or lack the value.
+
+    Args:
+        dataset: with frames.
+        owner: (M,) row of the press of each frame, of :func:`last_press`.
+        name: of the column.
+    """
+    assert dataset.frames is not None
+    own, of = dataset.frames.column(name), dataset.presses.column(name)
+    if own is None or of is None:
+        return own if of is None else of[owner]
+    missing = ~np.isfinite(own) if own.dtype.kind == "f" else _names(own) == ""
+    return np.where(missing, of[owner], own)
+
+
+def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
+    """Row of the press (M,) that each frame is of; at rest that of the press before, at first that of the next.
+
+    Args:
+        owner: (M,) row of the press, where something touches.
+        touch: (M,) where that is.
+    """
     if not touch.any():
         return np.zeros(len(touch), dtype=np.intp)
     last = np.maximum.accumulate(np.where(touch, np.arange(len(touch)), -1))

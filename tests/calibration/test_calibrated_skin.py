@@ -66,6 +66,8 @@ def test_poses_go_by_their_names():
     assert own["force_bias"]["pose_scale"].tolist() == [1.2, 0.8]
     turned = effects_of(calibration, ("flat", "new", "bent"))
     assert turned["force_bias"]["pose_scale"].tolist() == [0.8, 1.0, 1.2]
+    # A dataset that says nothing of poses: the numbers stay, and the effect abstains.
+    assert effects_of(calibration, ())["force_bias"]["pose_scale"].tolist() == [1.2, 0.8]
     skin = skin_of(calibration, COARSE_M, poses=("flat", "bent"))
     plain = skin_of(calibration, COARSE_M)
     swapped = replace(SHORT, pose=1 - SHORT.pose)

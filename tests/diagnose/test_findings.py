@@ -52,6 +52,15 @@ def test_presses_that_may_be_an_effect_are_told_but_not_as_glitches():
     assert "so they were kept" in one.text
 
 
+def test_without_a_clock_the_press_is_told_instead_of_a_time():
+    seen = np.ones((4, LAYOUT.taxels), dtype=bool)
+    dead, order = (Dead(1, 2.0, 3.0, 0.0),), np.array([0, 1, 2, 2])
+    (one,) = findings_of(LAYOUT, PRESSES, [], [], dead, seen, order=order)
+    assert one.text.startswith("taxel_0_1 does not answer from press 107 on")
+    (timed,) = findings_of(LAYOUT, PRESSES, [], [], dead, seen)
+    assert timed.text.startswith("taxel_0_1 does not answer from 2.0 s on")
+
+
 def test_noisy_taxels_are_told_with_their_noise():
     seen = np.ones((4, LAYOUT.taxels), dtype=bool)
     (one,) = findings_of(LAYOUT, PRESSES, [], [], [], seen, noise=(1.0, (1.0, 4.5, 1.0, 6.0, 1.0, 1.0)))
@@ -64,7 +73,8 @@ def test_a_jump_says_which_taxels_when_and_how_much():
     (one,) = found(jumps=(Jump((1, 4), 61.25, (3.04, -2.0)),))
     assert one.code == "jump"
     assert (
-        one.text == "taxel_0_1, taxel_1_1: the level at rest jumps at 61.2 s by +3.0, -2.0 counts; taken off"
+        one.text
+        == "taxel_0_1, taxel_1_1: the level at rest jumps at 61.2 s by +3.0, -2.0 counts; allowed for"
     )
 
 

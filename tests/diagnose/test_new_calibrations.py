@@ -104,6 +104,11 @@ def test_a_scale_of_each_taxel_stays_one_of_each_taxel():
     new = added(old, scale=1.1 * np.array(each))
     assert new.model.scale_per_taxel_per_n == pytest.approx([1.1 * s for s in each])
     assert new.model.scale_per_n == pytest.approx(1.1 * old.model.scale_per_n)
+    # One that does not answer has none.
+    deaf = (0.0, *each[1:])
+    old = replace(old, model=replace(old.model, scale_per_taxel_per_n=deaf))
+    new = added(old, scale=1.1 * np.array(deaf))
+    assert new.model.scale_per_n == pytest.approx(1.1 * old.model.scale_per_n)
 
 
 def test_it_forgets_the_grid_and_says_where_it_comes_from():

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 from diagnose.diagnose_data import META, moving, still
 
+from skincal.dataset import Dataset
 from skincal.diagnose.base import floor_of, guessed_model
-from skincal.diagnose.session import gap_session, pose_numbers, repeats, sites
+from skincal.diagnose.prepare import high_rest
+from skincal.diagnose.session import gap_session, pose_names, readout_of, repeats, sites
+from skincal.effects import EFFECTS
 from skincal.effects.samples import HOLD, IDLE
+from skincal.gap.noise import assumed_floor
 
 
 def test_frames_become_bins_with_their_covariates():
@@ -70,8 +74,43 @@ def test_sites_and_repeats():
     assert len(repeats(still())[0]) == 0
 
 
-def test_poses_are_numbered_by_name():
-    assert pose_numbers(np.array(["B", "A", "", "B"])).tolist() == [1, 0, -1, 1]
+def test_poses_are_numbered_by_name_those_of_presses_that_are_not_used_as_well():
+    data = still()
+    poses = np.array(["A", "B", *["C"] * (len(data.presses) - 2)])
+    force = data.presses.force_n.copy()
+    force[0] = 0.0
+    presses = replace(data.presses, force_n=force, columns={**data.presses.columns, "pose": poses})
+    data = replace(data, presses=presses)
+    session = gap_session(data)
+    assert pose_names(data) == ("A", "B", "C")
+    assert set(session.samples.pose[session.samples.touching].tolist()) == {1, 2}
+
+
+def test_rest_has_the_covariates_of_the_press_before():
+    data = moving()
+    warmer = 20.0 + np.arange(len(data.presses))
+    presses = replace(data.presses, columns={**data.presses.columns, "temperature_c": warmer})
+    session = gap_session(replace(data, presses=presses))
+    samples = session.samples
+    before = np.maximum.accumulate(np.where(session.row >= 0, session.row, 0))
+    assert samples.temperature_c == pytest.approx(warmer[before])
+
+
+def test_where_rest_was_taken_off_nobody_knows_the_bounds():
+    data = moving()
+    sensor = replace(data.meta.sensor, baseline="subtracted")
+    readout = readout_of(replace(data, meta=replace(data.meta, sensor=sensor)))
+    assert (readout.value_min, readout.value_max, readout.rest_subtracted) == (None, None, True)
+    assert readout_of(data).value_min == 0
+
+
+def test_scale_is_guessed_from_what_is_above_rest():
+    data = moving()
+    high = replace(data, presses=replace(data.presses, counts=data.presses.counts + 100.0))
+    frames = replace(data.frames, counts=data.frames.counts + 100.0)
+    high = replace(high, frames=frames)
+    guessed = [guessed_model(one, gap_session(one)).scale_per_n for one in (data, high)]
+    assert guessed[1] == pytest.approx(guessed[0], rel=0.05)
 
 
 def test_scale_is_guessed_from_the_counts():
@@ -86,3 +125,35 @@ def test_noise_of_frames_and_of_means():
     assert framed.mean_counts == pytest.approx(1.04 / np.sqrt(12), rel=0.12)
     assert means.frame_counts == pytest.approx(1.0, rel=0.2)
     assert means.mean_counts == pytest.approx(1.04 / np.sqrt(12), rel=0.35)
+
+
+def raised(counts: float, least: int) -> Dataset:
+    """The dataset with another level at rest, of a converter that begins there."""
+    data = moving()
+    sensor = replace(data.meta.sensor, value_min=least, value_max=4095)
+    presses = replace(data.presses, counts=data.presses.counts + counts)
+    frames = replace(data.frames, counts=data.frames.counts + counts)
+    return replace(data, meta=replace(data.meta, sensor=sensor), presses=presses, frames=frames)
+
+
+@pytest.mark.parametrize("least", [0, 20])
+def test_a_level_at_rest_is_high_whether_the_converter_begins_there_or_not(least: int):
+    data = raised(20.0, least)
+    level = high_rest(data, assumed_floor(readout_of(data)), readout_of(data))
+    # Clipped at 0 before, its noise lifts it: by itself, or because the converter begins at 20.
+    assert level is not None
+    assert np.median(level) == pytest.approx(20.0 if least else 20.4, abs=0.1)
+    assert np.abs(level - np.median(level)).max() < 1.0
+    low = raised(0.0, 0)
+    assert high_rest(low, assumed_floor(readout_of(low)), readout_of(low)) is None
+
+
+def test_a_taxel_stuck_beyond_what_an_offset_can_be_does_not_end_the_diagnosis():
+    data = raised(20.0, 0)
+    stuck = np.arange(16) == 3
+    frames = replace(data.frames, counts=np.where(stuck, 1e5, data.frames.counts))
+    presses = replace(data.presses, counts=np.where(stuck, 1e5, data.presses.counts))
+    data = replace(data, frames=frames, presses=presses)
+    level = high_rest(data, assumed_floor(readout_of(data)), readout_of(data))
+    offset = EFFECTS["taxel_offset"].parameters[0]
+    assert level is not None and level[3] == offset.high

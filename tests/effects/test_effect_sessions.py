@@ -34,7 +34,7 @@ from skincal.effects import (
 )
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.errors import InputError
-from skincal.model import Converter, SkinParameters, Sphere
+from skincal.model import Contacts, Converter, SkinParameters, Sphere
 
 BALL = Sphere(0.006)
 PUBLIC = {
@@ -127,6 +127,19 @@ def test_all_effects_at_once_stream_as_the_session():
     assert skin.has_memory
 
 
+@pytest.mark.parametrize("name", ["hysteresis", "creep", "rate", "latency"])
+def test_a_stream_remembers_over_a_sample_without_a_place(name: str):
+    pressed = np.flatnonzero(SHORT.touching & (SHORT.contacts.force_n > 0.5))
+    points = SHORT.contacts.points_m.copy()
+    points[pressed[len(pressed) // 2]] = np.nan
+    lost = replace(SHORT, contacts=Contacts(points, SHORT.contacts.normals, SHORT.contacts.force_n))
+    skin = BASE.with_effects({name: EFFECTS[name].at_strength(1.0, np.random.default_rng(0), LAYOUT)})
+    stream = SkinStream(skin)
+    steps = np.vstack([stream.step(lost[k : k + 1]) for k in range(len(lost))])
+    assert np.isnan(steps).any()
+    np.testing.assert_allclose(steps, skin.values(lost), rtol=0, atol=1e-9)
+
+
 def test_a_stream_takes_loads_that_are_known_already():
     skin = BASE.with_effects({"creep": {"amplitude": 0.3}, "taxel_offset": {"offset_counts": 2.0}})
     stream, loads = SkinStream(skin), BASE.contact(SHORT).loads_n
@@ -176,6 +189,10 @@ def test_standard_times_where_none_are_known():
     assert given[1, 3] == 40.0
     assert (np.diff(given, axis=1) > 0).all()
     assert (np.diff(hold_times(4, [0.0, 1.0, np.nan, 3.0]).ravel()) >= 0).all()
+    # A clock may begin anywhere.
+    early = hold_times(3, [-100.0, -50.0, -10.0])
+    assert early[:, 0].tolist() == [-100.0, -50.0, -10.0]
+    assert hold_times(1)[0, 0] == 0.0
 
 
 def test_presses_are_played_as_load_hold_and_unload():

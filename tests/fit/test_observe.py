@@ -85,6 +85,11 @@ def test_values_at_the_upper_bound_are_marked_and_dead_taxels_stay_nan() -> None
     assert np.isnan(seen.values[:, 2]).all()
 
 
+def test_where_rest_was_taken_off_no_bound_lifts_anything() -> None:
+    around = np.linspace(-3.0, 300.0, 50)
+    assert np.array_equal(expected_counts(around, 1.0, Readout(0, 255, True, rest_subtracted=True)), around)
+
+
 def test_a_subtracted_level_at_rest_is_not_taken_off_twice() -> None:
     counts = np.full((20, 2), 0.4)
     assert observe(counts, Readout(0, 255, True, rest_subtracted=True)).values == pytest.approx(counts)

@@ -63,10 +63,13 @@ def test_only_dead_taxels_are_searched_and_the_moment_is_not():
     assert len(start.x) == len(start.coords)
 
 
-def test_without_a_clock_a_taxel_is_dead_throughout():
+def test_without_a_clock_only_what_was_dead_throughout_is_looked_for():
     one = made()
-    found = begun(bench_of(one, without(one.session, time_s=None)))
+    bench = bench_of(one, without(one.session, time_s=None))
+    found = begun(bench)
     assert "from_s" not in found or not np.any(found["from_s"])
+    assert found["answer"] == pytest.approx(np.where(np.arange(9) == 1, 0.1, 1.0))
+    assert dead_start(bench, DEAD[:1]) is None
 
 
 def test_columns_of_few_taxels_are_told_by_the_taxel_of_the_layout():

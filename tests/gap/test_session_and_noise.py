@@ -75,6 +75,10 @@ def test_memory_does_not_reach_over_presses_without_frames():
     assert not force[:-1][pause].any() and not force[1:][pause].any()
     assert (np.diff(np.cumsum(pause)[np.flatnonzero(np.diff(holds.row) > 0)]) == 1).all()
     assert np.allclose(np.diff(after)[~pause], np.diff(before)[~pause])
+    # Drifts go on by the clock of the session.
+    assert np.allclose(holds.remembered.elapsed_s, holds.samples.elapsed_s)
+    late = np.arange(len(after)) > len(after) // 2
+    assert np.allclose(holds.remembered[late].elapsed_s, holds.samples[late].elapsed_s)
 
 
 @pytest.mark.parametrize("presses", [3, 7, 60, 90])
@@ -125,6 +129,14 @@ def test_noise_of_frames_is_found(sigma: float, glitch: bool):
     low, high = floor.frame_interval
     assert 0.9 * low < sigma < 1.1 * high
     assert floor.mean_counts == pytest.approx(np.hypot(sigma, 1 / np.sqrt(12)) / 5, rel=0.12)
+
+
+def test_a_stuck_taxel_does_not_lower_the_noise_of_the_others():
+    counts, group = held(1.0)
+    counts[:, 2] = 100.0
+    squares, freedom = frame_scatter(counts, group, READOUT)
+    others, _ = frame_scatter(np.delete(counts, 2, axis=1), group, READOUT)
+    assert np.array_equal(squares, others) and freedom.min() > 0
 
 
 def test_noisy_taxels_are_told_from_usual_ones():
@@ -238,6 +250,9 @@ def test_repeats_are_a_bound_from_above():
         NOTHING, (np.full(30, 0.1), near), REST, np.nan, 1.0, READOUT, np.random.default_rng(0)
     )
     assert still.mean_from == "repeats" and still.mean_counts == pytest.approx(0.1, rel=0.1)
+    # Repeats without any noise are copies: they do not say that there is none.
+    copies = noise_floor(NOTHING, (np.zeros(30), near), REST, np.nan, 1.0, READOUT, np.random.default_rng(0))
+    assert copies.mean_from != "repeats" and copies.mean_counts > 0.1
 
 
 def test_floor_from_clipped_rest_and_from_nothing():
