@@ -75,8 +75,9 @@ def gap_closed(
         rows: (N,) observations that are looked at.
         rng: for the interval.
     """
-    seen = reading.seen & rows[:, None]
     ends = [hypothesis.values(session) for hypothesis in (before, after)]
+    # A press beyond the rim of a mesh has no image.
+    seen = reading.seen & rows[:, None] & np.isfinite(ends[0]) & np.isfinite(ends[1])
     first, second = (np.where(seen, reading.counts - reading.expected(v), 0.0) ** 2 for v in ends)
     noise = np.where(seen, reading.deviation(ends[1]) ** 2, 0.0)
     presses = np.unique(session.press[rows])

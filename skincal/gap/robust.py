@@ -199,7 +199,8 @@ def dead_taxels(values: FloatArray, reading: Reading, session: GapSession) -> li
     found: list[Dead] = []
     for taxel in range(values.shape[1]):
         y, x = reading.counts[:, taxel], expected[:, taxel]
-        ok = reading.seen[:, taxel]
+        # A press beyond the rim of a mesh has no image.
+        ok = reading.seen[:, taxel] & np.isfinite(x)
         best = (SURE, None)
         for begin in [0, *starts[1 :: max(1, len(starts) // 30)]]:
             rows = np.flatnonzero(ok & (np.arange(len(y)) >= begin))

@@ -121,7 +121,7 @@ def _settled(
 
 def _usual(costs: FloatArray, session: GapSession) -> float:
     """What presses cost usually."""
-    return float(np.median(costs[np.unique(session.press[session.press >= 0])]))
+    return float(np.nanmedian(costs[np.unique(session.press[session.press >= 0])]))
 
 
 def _silence(expected: FloatArray, reading: Reading, session: GapSession, press: int, taxel: int) -> IntArray:

@@ -333,6 +333,15 @@ def test_a_slow_drift_is_no_jump():
     assert jumps_of(one, one.reading) == []
 
 
+def test_a_press_without_an_image_does_not_hide_that_a_taxel_is_dead():
+    one, values, reading = dying(reached(), None, 3.0)
+    lost = values.copy()
+    lost[one.session.press == 4] = np.nan
+    (plain,) = dead_taxels(values, reading, one.session)
+    (found,) = dead_taxels(lost, reading, one.session)
+    assert (found.taxel, found.from_s) == (plain.taxel, plain.from_s)
+
+
 def test_a_dead_taxel_does_not_jump_as_well():
     one, values, reading = dying(reached(), 12, 17.0)
     dead = dead_taxels(values, reading, one.session)
