@@ -39,7 +39,8 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     way = way or choose_way(dataset)
     rig, kinds = _rig(dataset)
     presses = dataset.presses
-    across, along = unroll(rig.arc_radius_m, presses.position_m)
+    beta = dataset.meta.mount.beta_deg
+    across, along = unroll(rig.arc_radius_m, presses.position_m, rad(beta or 0.0))
     table = PressTable(
         presses.press.astype(np.intp),
         across,
@@ -60,6 +61,10 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     )
 
 
+_EXACT_M = 1e-6
+"""What a measured place is worth at best [m]."""
+
+
 def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     if uniform_pressure(dataset):
         reason = f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
@@ -70,7 +75,12 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     position, radius = meta.position, _mesh_radius(dataset, surface)
     scale = meta.force.scale_sigma if meta.force is not None else 0.0
-    return Rig(layout, surface, indenters, readout, position.sigma_m, position.slack_m, radius, scale), kinds
+    # A place that is known exactly is still one that a fit may move by nothing to speak of; and where the slack is not
+    # bounded, a press still lies on the patch.
+    sigma = max(position.sigma_m, _EXACT_M)
+    low, high = layout.bounds_m
+    slack = position.slack_m if np.isfinite(position.slack_m) else float((high - low).max()) / 2
+    return Rig(layout, surface, indenters, readout, sigma, slack, radius, scale), kinds
 
 
 def _mesh_radius(dataset: Dataset, surface: Surface) -> float | None:
@@ -95,14 +105,17 @@ def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], NDArray[np.intp]
     return tuple(dataset.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
 
 
-def unroll(arc_radius_m: float | None, points_m: Floats) -> tuple[Floats, Floats]:
+def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0) -> tuple[Floats, Floats]:
     """Arc round the finger R beta (x where there is no R) and position along y of points (K, 3) [m].
 
-    On a mesh these are labels of places: R is the mesh's at the sensor's nominal pose, and the same everywhere.
+    On a mesh these are labels of places: R is the mesh's at the sensor's nominal pose, and the same everywhere. Angles
+    are within half a turn of ``about_rad``, where the sensor is, so that none of its presses lies across a cut.
     """
     if arc_radius_m is None:
         return points_m[:, 0].copy(), points_m[:, 1].copy()
-    return arc_radius_m * np.arctan2(points_m[:, 0], points_m[:, 2]), points_m[:, 1].copy()
+    beta = np.arctan2(points_m[:, 0], points_m[:, 2]) - about_rad
+    beta = about_rad + (beta + np.pi) % (2 * np.pi) - np.pi
+    return arc_radius_m * beta, points_m[:, 1].copy()
 
 
 def moved(dataset: Dataset, surface: Surface, rows: NDArray[np.intp], slack_m: Floats) -> Floats:
@@ -139,6 +152,23 @@ def search_box(
     ]
     if elasticity_pa_per_m is not None and elasticity_pa_per_m[0] <= 0:
         wrong.append(Problem("range of E", "positive values [Pa/m]", f"{elasticity_pa_per_m[0]:g}"))
+    if not uniform_pressure(dataset):
+        own = [
+            ("y", y_m, mount.y_range_m),
+            ("alpha", alpha_deg, mount.alpha_range_deg),
+            ("beta", across, mount.beta_range_deg),
+            ("x", across, mount.x_range_m),
+        ]
+        wrong += [
+            Problem(
+                f"[mount] {name}_range",
+                "low below high: a fit needs room to search, and finds what is known well at once",
+                f"{bounds[0]:g} and {bounds[1]:g}",
+                "Widen it a little.",
+            )
+            for name, asked, bounds in own
+            if asked is None and bounds is not None and not bounds[0] < bounds[1]
+        ]
     if wrong:
         raise InputError(wrong)
     radius = surface.radius_m if isinstance(surface, Cylinder) else _mesh_radius(dataset, surface)

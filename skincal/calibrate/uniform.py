@@ -9,7 +9,15 @@ import numpy as np
 
 from skincal import __version__
 from skincal.calibrate.problem import search_box
-from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration import (
+    MARGIN_M,
+    Calibration,
+    Finding,
+    Interval,
+    Loss,
+    ModelParameters,
+    Provenance,
+)
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, at_centre
@@ -68,6 +76,7 @@ def calibrate_uniform(
         )
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     rest = idle_means(dataset)
+    rest_known = rest is not None
     if rest is None:
         # Without frames at rest the lowest pressure has to do: a line need not meet the origin.
         rest = np.min(np.where(np.isfinite(presses.counts), presses.counts, np.inf), axis=0)
@@ -76,14 +85,15 @@ def calibrate_uniform(
     use = np.isfinite(presses.counts) & ~seen.saturated & pressed[:, None]
     one = _calibration(dataset, 1.0, None, {}, Loss(0.0, 0.0, 0), Provenance(""), ())
     loads = _loads(one, dataset)
-    scales = fit_scales(loads, seen.values, use, active_counts)
+    scales = fit_scales(loads, seen.values, use, active_counts, rest_known=rest_known)
     if not scales.told.any():
         raise refusal(
             dataset,
             f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated. "
             "Press harder, or lower --active-counts",
         )
-    draws = common_draws(loads, seen.values, use, active_counts, DRAWS, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    draws = common_draws(loads, seen.values, use, active_counts, DRAWS, rng, rest_known=rest_known)
     low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2])
     mean_square = float(np.nanmean(scales.residual**2))
     noise = {"noise_sigma_counts": seen.frame_sigma_counts} if np.isfinite(seen.frame_sigma_counts) else {}
@@ -141,7 +151,7 @@ def _calibration(
 
 def _loads(one: Calibration, dataset: Dataset) -> Floats:
     """Loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
-    placed = at_centre(dataset)
+    placed = at_centre(dataset, MARGIN_M)
     skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
     points = one.surface_model().project(placed.presses.position_m)
     contacts = Contacts(points, one.surface_model().normal_at(points), placed.presses.force_n)

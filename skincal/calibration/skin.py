@@ -71,7 +71,7 @@ def _array(one: Effect, name: str, value: Numbers, poses: Sequence[str] | None) 
     array = np.asarray(value, dtype=np.float64)
     parameter = next((p for p in effect(one.name).parameters if p.name == name), None)
     # Without poses the numbers stay as they are: an effect that lacks its covariate abstains.
-    if not poses or not one.poses or array.size <= 1 or parameter is None or parameter.shape != "per-pose":
+    if not poses or not one.poses or array.ndim == 0 or parameter is None or parameter.shape != "per-pose":
         return array
     known = dict(zip(one.poses, array.tolist(), strict=True))
     return np.array([known.get(pose, parameter.neutral) for pose in poses], dtype=np.float64)

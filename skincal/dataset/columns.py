@@ -124,9 +124,9 @@ class ColumnReader:
         """A column as text, shape (rows,); '' where a cell is empty or NaN."""
         column = self._table.columns[name]
         if column.dtype == object:
-            cells = ["" if cell in ("NaN", "nan") else str(cell) for cell in column]
+            cells = ["" if cell in ("NaN", "nan") else _as_whole(str(cell)) for cell in column]
         elif column.dtype.kind == "f":
-            cells = ["" if np.isnan(cell) else f"{cell:g}" for cell in column]
+            cells = ["" if np.isnan(cell) else _as_whole(repr(float(cell))) for cell in column]
         else:
             cells = [str(cell) for cell in column]
         return np.array(cells, dtype=object)
@@ -220,3 +220,9 @@ def _how_to_add(missing: Sequence[str]) -> str:
 
 def _first(names: Sequence[str], shown: int = 6) -> str:
     return ", ".join(names[:shown]) + (f", … ({len(names)} in all)" if len(names) > shown else "")
+
+
+def _as_whole(text: str) -> str:
+    """A cell without the decimals that a program writes where a column of whole numbers has gaps: ``1.0`` is ``1``."""
+    whole, point, rest = text.partition(".")
+    return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else text

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.dataset.dataset import Dataset
-from skincal.model import FlatPunch
+from skincal.model import FlatPunch, Plane
 
 UNIFORM = (
     "every press is a flat punch larger than the patch: such uniform pressure looks the same for every pose and every "
@@ -33,15 +33,46 @@ def notes_on(dataset: Dataset) -> tuple[str, ...]:
     return (f"{UNIFORM}.",) if uniform_pressure(dataset) else ()
 
 
-def at_centre(dataset: Dataset) -> Dataset:
-    """The dataset of a chamber with every contact whose place is not known at the sensor's nominal centre."""
+def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """The part of the force of each press (P,) that a modelled skin bears.
+
+    ``force_n`` of a chamber is the pressure times the area of the punch that it is written as, and a modelled skin ends
+    a margin beyond its taxels: the rest of the punch presses on what is not modelled. 1 for all other presses.
+
+    Args:
+        dataset: a session.
+        margin_m: how far the modelled skin reaches beyond the taxels.
+    """
+    whole = np.ones(len(dataset.presses))
+    if not (uniform_pressure(dataset) and isinstance(dataset.surface(), Plane)):
+        return whole
+    low, high = dataset.layout().bounds_m
+    skin_m2 = float(np.prod(high - low + 2 * margin_m))
+    radii = dataset.indenter_radii_m()
+    own = dataset.meta.indenter.radius_m
+    return skin_m2 / (np.pi * np.where(np.isfinite(radii), radii, np.nan if own is None else own) ** 2)
+
+
+def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
+    """The dataset of a chamber as a modelled skin feels it.
+
+    Every contact whose place is not known is at the sensor's nominal centre, and forces are what the skin bears of them
+    (:func:`borne`).
+
+    Args:
+        dataset: of uniform pressure.
+        margin_m: how far the modelled skin reaches beyond the taxels.
+    """
     centre = dataset.surface().wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0][0]
 
     def placed(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> np.ndarray:
         return np.where(np.isfinite(points), points, centre)
 
-    presses = replace(dataset.presses, position_m=placed(dataset.presses.position_m))
+    presses, share = dataset.presses, borne(dataset, margin_m)
     frames = dataset.frames
     if frames is not None:
-        frames = replace(frames, position_m=placed(frames.position_m))
+        # One punch stands for the pressure of all frames; those of no press have no force.
+        force = frames.force_n * float(np.median(share))
+        frames = replace(frames, position_m=placed(frames.position_m), force_n=force)
+    presses = replace(presses, position_m=placed(presses.position_m), force_n=presses.force_n * share)
     return replace(dataset, presses=presses, frames=frames)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.calibration import Calibration
+from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform import uniform_pressure
+from skincal.dataset.uniform import borne, uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, thinned
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means, sites
@@ -146,9 +146,17 @@ def prepare(
         refit,
         full,
         Reading.of(full, sigma, model.readout),
-        0.0 if dataset.frames is None else force_scatter(dataset.frames.force_n, hold_groups(dataset)),
+        _force_noise(dataset),
         rest,
     )
+
+
+def _force_noise(dataset: Dataset) -> float:
+    """Noise of the measured force of a frame, as far as the modelled skin bears it [N]."""
+    if dataset.frames is None:
+        return 0.0
+    share = float(np.median(borne(dataset, MARGIN_M)))
+    return share * force_scatter(dataset.frames.force_n, hold_groups(dataset))
 
 
 def high_rest(dataset: Dataset, floor: NoiseFloor, readout: Readout) -> FloatArray | None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.calibration import MARGIN_M
 from skincal.dataset import HOLD, IDLE, Dataset, idle_means
 from skincal.dataset.uniform import at_centre, uniform_pressure
 from skincal.diagnose.steady import steady_places
@@ -18,6 +19,7 @@ from skincal.gap.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
 from skincal.predict.samples import frame_column, last_press, pose_names, pose_numbers
+from skincal.predict.touches import frame_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,7 +43,7 @@ def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
     Presses without a known place, or without force, are left out of the observations. Uniform pressure needs no place.
     """
     if uniform_pressure(dataset):
-        dataset = at_centre(dataset)
+        dataset = at_centre(dataset, MARGIN_M)
     return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset, binning)
 
 
@@ -70,9 +72,11 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         return None if found is None else found[use]
 
     row, of_press = row[use], owner[use]
+    measured = frame_normals(dataset)
+    normals = None if measured is None else np.asarray(measured[use], dtype=np.float64)
     indenters, kinds = _indenters(dataset)
     samples = Samples.of(
-        _contacts(dataset, place[use], force[use], None),
+        _contacts(dataset, place[use], force[use], normals),
         (indenters, kinds[of_press]),
         touching=row >= 0,
         press=np.where(row >= 0, presses.press[of_press], -1),

@@ -46,7 +46,9 @@ class Scales:
     told: Bools
 
 
-def fit_scales(loads_n: Floats, values: Floats, use: Bools, least_counts: float) -> Scales:
+def fit_scales(
+    loads_n: Floats, values: Floats, use: Bools, least_counts: float, *, rest_known: bool = True
+) -> Scales:
     """Finds the scale of each taxel.
 
     Args:
@@ -54,11 +56,14 @@ def fit_scales(loads_n: Floats, values: Floats, use: Bools, least_counts: float)
         values: (K, J) values above the level at rest [counts].
         use: (K, J) values that are believed.
         least_counts: a taxel that never rises so far tells nothing.
+        rest_known: whether the level at rest was seen: few values are laid through it then, else lines are free.
     """
     use = use & np.isfinite(values) & (loads_n > 0)
     y, x = np.where(use, values, 0.0), np.where(use, loads_n, 0.0)
     told = (use.sum(axis=0) >= 2) & ((y > least_counts).sum(axis=0) >= 2)
-    free = told & (use.sum(axis=0) >= _FREE)
+    several = np.ptp(np.where(use, loads_n, np.nan_to_num(np.max(loads_n * use, axis=0))), axis=0) > 0
+    told &= several | rest_known
+    free = told & ((use.sum(axis=0) >= _FREE) | (not rest_known))
     weight = use.astype(np.float64)
     scale = offset = np.zeros(y.shape[1])
     squares = np.ones(y.shape[1])
@@ -93,8 +98,23 @@ def _medians(off: Floats, use: Bools) -> Floats:
 
 
 def common_draws(
-    loads_n: Floats, values: Floats, use: Bools, least_counts: float, count: int, rng: np.random.Generator
+    loads_n: Floats,
+    values: Floats,
+    use: Bools,
+    least_counts: float,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    rest_known: bool = True,
 ) -> Floats:
-    """Draws (count,) of the common scale [1/N], presses resampled (bootstrap); arguments as :func:`fit_scales`."""
+    """Draws of the common scale [1/N], presses resampled (bootstrap); arguments as :func:`fit_scales`.
+
+    Those in which no taxel tells anything, as of one press drawn again and again, are left out: at most ``count`` are
+    there.
+    """
     rows = rng.integers(0, len(values), (count, len(values)))
-    return np.array([fit_scales(loads_n[r], values[r], use[r], least_counts).common_per_n for r in rows])
+    drawn = [
+        fit_scales(loads_n[r], values[r], use[r], least_counts, rest_known=rest_known).common_per_n
+        for r in rows
+    ]
+    return np.array([scale for scale in drawn if scale > 0])

@@ -135,7 +135,9 @@ def _middle_times(dataset: Dataset) -> Floats | None:
         many = np.bincount(owner[wanted], minlength=len(middle))
         total = np.bincount(owner[wanted], frames.time_s[wanted], len(middle))
         middle[many > 0] = total[many > 0] / many[many > 0]
-    # A press without a frame: as if in the middle of the session.
+    if clock:
+        middle = np.where(np.isfinite(middle), middle, (given[1] + given[2]) / 2)
+    # A press without a frame and times: as if in the middle of the session.
     return np.where(np.isfinite(middle), middle, np.median(frames.time_s))
 
 

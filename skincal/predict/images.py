@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +75,12 @@ def images_with_effects(
         touches = Touches.of_presses(on, dataset)
         touches = touches if slack_m is None else touches.moved(slack_m)
         played = played_presses(touches.taken(others), dataset, others, poses)
-        each = len(played.samples) // len(others)
-        for k, values in enumerate(_values(on.full, ends, played.samples, progress, each)):
+        samples = played.samples
+        if dataset.frames is not None and len(dataset.frames) and samples.time_s is not None:
+            # Drifts count from the beginning of the session.
+            samples = replace(samples, start_s=min(float(dataset.frames.time_s[0]), samples.start_s))
+        each = len(samples) // len(others)
+        for k, values in enumerate(_values(on.full, ends, samples, progress, each)):
             presses[k][others] = played.means(
                 np.asarray(readout(values) if readout else values, dtype=np.float64)
             )

@@ -9,9 +9,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.calibration import Calibration, skin_of
+from skincal.calibration import MARGIN_M, Calibration, skin_of
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.columns import NORMAL
+from skincal.dataset.uniform import borne
 from skincal.effects import EffectSkin
 from skincal.errors import WorkError
 from skincal.model import Contacts, Indenter, Skin, Surface
@@ -103,7 +104,8 @@ class Touches:
         """The presses of a dataset at their measured positions."""
         presses = dataset.presses
         points = _on_surface(on, presses.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
-        return cls(on, points, presses.normals, presses.force_n, radius_keys(dataset.indenter_radii_m()))
+        force = presses.force_n * borne(dataset, MARGIN_M)
+        return cls(on, points, presses.normals, force, radius_keys(dataset.indenter_radii_m()))
 
     @classmethod
     def of_frames(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
@@ -111,11 +113,9 @@ class Touches:
         frames = dataset.frames
         assert frames is not None
         points = _on_surface(on, frames.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
-        force = np.where(touching(dataset), frames.force_n, 0.0)
-        own = [frames.column(name) for name in NORMAL]
-        normals = (
-            np.stack([c for c in own if c is not None], axis=1) if all(c is not None for c in own) else None
-        )
+        share = borne(dataset, MARGIN_M)[frame_presses(dataset)]
+        force = np.where(touching(dataset), frames.force_n * share, 0.0)
+        normals = frame_normals(dataset)
         radii = dataset.indenter_radii_m()[frame_presses(dataset)]
         if (
             dataset.meta.indenter.kind != "mesh"
@@ -194,6 +194,19 @@ def frame_presses(dataset: Dataset) -> Ints:
     order = np.argsort(press)
     place = np.minimum(np.searchsorted(press[order], frames.press), len(press) - 1)
     return np.where(frames.press >= 0, order[place], 0).astype(np.intp)
+
+
+def frame_normals(dataset: Dataset) -> Floats | None:
+    """Measured normals (M, 3) of the frames, those of their presses where frames have none; None without either."""
+    frames = dataset.frames
+    assert frames is not None
+    parts = [c for name in NORMAL if (c := frames.column(name)) is not None]
+    own = np.stack(parts, axis=1) if len(parts) == len(NORMAL) else None
+    of = dataset.presses.normals
+    if of is None:
+        return own
+    of = np.where((frames.press >= 0)[:, None], of[frame_presses(dataset)], np.nan)
+    return of if own is None else np.where(np.isfinite(own).all(axis=1, keepdims=True), own, of)
 
 
 def _on_surface(on: CalibratedSkin, position_m: Floats, *, unknown: bool) -> Floats:

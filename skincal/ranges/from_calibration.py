@@ -17,6 +17,7 @@ fingertip), the range that the mount allows is taken.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -178,7 +179,12 @@ def _ruled_out(published: Parameter, allowed: tuple[float, float] | None) -> boo
 def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibration) -> None:
     scales = calibration.model.scale_per_taxel_per_n
     if scales is not None:
-        offsets = tuple(scale - calibration.model.scale_per_n for scale in scales)
+        common = calibration.model.scale_per_n
+        # A taxel that does not answer must not with any S that is drawn.
+        most = 2 * max(common, *(end for end in calibration.intervals["scale_per_n"] if isfinite(end)))
+        if calibration.draws is not None:
+            most = max(most, float(calibration.draws["scale_per_n"].max()))
+        offsets = tuple(scale - common if scale > 0 else -most for scale in scales)
         parameters["skin.scale_offset_per_n"] = Parameter.constant(offsets, source="calibrated")
 
 

@@ -134,6 +134,28 @@ def test_unrolling_gives_arcs_round_a_finger_and_x_on_a_plane() -> None:
         assert back[1] == pytest.approx(along)
 
 
+def test_presses_of_a_sensor_at_the_back_of_the_finger_stay_together() -> None:
+    beta = np.radians([170.0, 178.0, -179.0, -172.0])
+    points = 0.0115 * np.stack([np.sin(beta), np.zeros(4), np.cos(beta)], axis=1)
+    across, _ = unroll(0.0115, points, np.radians(178.0))
+    assert np.degrees(across / 0.0115) == pytest.approx([170.0, 178.0, 181.0, 188.0])
+
+
+def test_places_known_exactly_or_not_bounded_are_no_error(session: Dataset) -> None:
+    position = replace(session.meta.position, sigma_m=0.0, slack_m=np.inf)
+    rig = fit_problem(replace(session, meta=replace(session.meta, position=position)), FitOptions()).rig
+    assert 0 < rig.position_sigma_m <= 1e-6
+    assert rig.slack_m == pytest.approx(np.ptp(session.layout().bounds_m, axis=0).max() / 2)
+
+
+def test_a_mount_without_room_is_refused(session: Dataset) -> None:
+    mount = replace(session.meta.mount, alpha_range_deg=(0.0, 0.0))
+    tight = replace(session, meta=replace(session.meta, mount=mount))
+    with pytest.raises(InputError, match="alpha_range: expected low below high"):
+        search_box(tight)
+    assert search_box(tight, alpha_deg=(-5.0, 5.0)).alpha_rad[1] > 0
+
+
 def test_ranges_come_from_the_mount_unless_given(session: Dataset) -> None:
     box = search_box(session)
     low, high = session.meta.mount.beta_range_deg or (0.0, 0.0)

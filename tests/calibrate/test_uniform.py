@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,8 @@ def test_scales_of_a_chamber(tmp_path: Path, frames: bool):
     ratio = own[lit] / chamber.gain[lit]
     assert ratio == pytest.approx(np.median(ratio), rel=0.04)
     assert own[9] == 0.0
+    # The punch is a circle of 0.1 m, and a taxel bears the pressure times its own area.
+    assert np.median(ratio) == pytest.approx(np.pi * 0.1**2 / 0.0025**2, rel=0.02)
     for name in ("y_m", "x_m", "alpha_deg", "elasticity_pa_per_m"):
         assert outcome.calibration.intervals[name] == (-np.inf, np.inf)
         assert not outcome.calibration.identified(name)
@@ -38,6 +41,16 @@ def test_scales_of_a_chamber(tmp_path: Path, frames: bool):
     codes = [finding.code for finding in outcome.calibration.findings]
     assert codes == ["uniform_pressure", "no_answer"]
     assert "(2, 1)" in outcome.calibration.findings[1].text
+
+
+@pytest.mark.parametrize("presses", [3, 4, 6, 12])
+def test_few_pressures_without_rest_give_the_same_scales(tmp_path: Path, presses: int):
+    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
+    rows = np.linspace(0, len(data.presses) // 2, presses).astype(int)
+    few = replace(data, presses=data.presses.select(rows))
+    whole, part = (calibrate_uniform(one).calibration for one in (data, few))
+    assert part.model.scale_per_n == pytest.approx(whole.model.scale_per_n, rel=0.05)
+    assert part.intervals["scale_per_n"][0] > 0.5 * part.model.scale_per_n
 
 
 def test_the_calibration_predicts_what_it_was_made_of(tmp_path: Path):

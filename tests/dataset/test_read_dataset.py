@@ -110,6 +110,14 @@ def test_nothing_known_of_the_position(tmp_path: Path) -> None:
     assert dataset.frames.press.tolist() == [-1, 0, 0, 0]
 
 
+def test_a_pose_has_the_same_name_whatever_wrote_it(folder: Path) -> None:
+    """A column of whole numbers with a gap is one of 1.0 in a CSV, and of floats in a Parquet file."""
+    table = pd.read_csv(folder / "presses.csv")
+    table["pose"] = [1.0, None, *[0.0] * (len(table) - 2)]
+    table.to_csv(folder / "presses.csv", index=False)
+    assert read_dataset(folder).presses.columns["pose"][:3].tolist() == ["1", "", "0"]
+
+
 def test_optional_columns_are_kept_and_may_have_gaps(folder: Path) -> None:
     table = pd.read_csv(folder / "presses.csv")
     table["branch"] = ["up", "down", None, *["up"] * (len(table) - 3)]

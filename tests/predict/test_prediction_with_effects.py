@@ -12,10 +12,12 @@ from calibrations import make_calibration
 
 from skincal.calibration import Calibration, Effect, effect_from, skin_of, stream_of
 from skincal.dataset import Dataset, IndenterSpec
+from skincal.diagnose.session import gap_session
 from skincal.effects import EFFECTS, Samples, hold_session, hold_times
 from skincal.errors import InputError
 from skincal.model import Contacts, Sphere
 from skincal.predict import predict_dataset
+from skincal.predict.touches import frame_normals, frame_presses
 
 Session = Callable[..., Dataset]
 POSES = ("A", "B")
@@ -167,6 +169,32 @@ def test_without_a_clock_only_what_needs_none_is_there(session: Session) -> None
     assert both.abstaining == {"creep": ("time",)}
     assert "t_start_s, t_hold_s, t_release_s, t_end_s of every press" in str(both.warnings[0])
     assert not only.warnings
+
+
+def test_drifts_of_a_press_without_frames_count_from_the_beginning_of_the_session(session: Session) -> None:
+    data, drifting = session(6), calibrated(Effect("baseline_drift", {"slope_counts_per_s": 0.05}))
+    last = int(data.presses.press[-1])
+    fewer = replace(data, frames=data.frames.select(data.frames.press != last))
+    whole, part = (predict_dataset(drifting, one).dataset.presses.counts[-1] for one in (data, fewer))
+    assert part == pytest.approx(whole, abs=0.5)
+
+
+def test_frames_have_the_normals_of_their_press(session: Session) -> None:
+    data = session(6)
+    own = data.surface().normal_at(data.surface().project(data.presses.position_m))
+    tilted = own + 0.1 * np.array([0.0, 1.0, 0.0])
+    tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
+    data = replace(data, presses=replace(data.presses, normals=tilted))
+    normals = frame_normals(data)
+    assert normals is not None
+    touching = data.frames.press >= 0
+    assert normals[touching] == pytest.approx(tilted[frame_presses(data)[touching]])
+    assert np.isnan(normals[~touching]).all()
+    samples = gap_session(data).samples
+    off = samples.contacts.normals[samples.touching] - data.surface().normal_at(
+        samples.contacts.points_m[samples.touching]
+    )
+    assert np.abs(off[:, 1]).min() > 0.08
 
 
 def test_poses_go_by_their_names(session: Session) -> None:

@@ -95,6 +95,15 @@ def test_scales_of_the_taxels_are_offsets_from_the_common_one(name):
     assert ranges["skin.scale_offset_per_n"].source == "calibrated"
 
 
+def test_a_taxel_that_does_not_answer_answers_with_no_scale_that_is_drawn():
+    scales = (0.0, *[68.0] * 15)
+    model = ModelParameters(0.0235, -3.0, 5.1e8, 68.0, beta_deg=2.1, scale_per_taxel_per_n=scales)
+    wide = replace(make_calibration(model=model), draws=None)
+    wide = replace(wide, intervals={**wide.intervals, "scale_per_n": (40.0, 220.0)})
+    ranges = from_calibration(wide)
+    assert ranges["skin.scale_offset_per_n"].value[0] <= -220.0
+
+
 def constant(value):
     return Parameter.constant(value, source="calibrated")
 
