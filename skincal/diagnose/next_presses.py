@@ -89,7 +89,7 @@ def with_next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generat
 
 def next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generator) -> NextPresses:
     """What to press next; arguments as of :func:`with_next_presses`."""
-    words = tuple(_unseen(found))
+    words = tuple(_unseen(found, by_hand=not uniform_pressure(dataset)))
     if uniform_pressure(dataset):
         return NextPresses((_SINGLE, *words))
     if found.verdict == "unknown":
@@ -220,15 +220,20 @@ def _shape(found: Diagnosis, rig: Rig, words: tuple[str, ...], rng: np.random.Ge
     return NextPresses((said, *words), plan)
 
 
-def _unseen(found: Diagnosis) -> Iterator[str]:
-    """What to record so that effects can be seen that these presses cannot show, those alike together."""
+def _unseen(found: Diagnosis, *, by_hand: bool) -> Iterator[str]:
+    """What to record so that effects can be seen that these presses cannot show, those alike together.
+
+    Args:
+        found: a diagnosis.
+        by_hand: whether a hand may press, which a sensor in a pressure chamber has none of.
+    """
     facts = facts_of(found.session)
     groups: dict[tuple[str, ...], list[str]] = {}
     for name in found.audit.cannot_see:
         groups.setdefault(cures(found.audit.effects[name], facts), []).append(name)
     for cure, names in groups.items():
         yield f"to see {', '.join(names)}: {'; '.join(cure)}"
-    if len(groups) >= _MANY:
+    if by_hand and len(groups) >= _MANY:
         yield (
             "skincal collect --protocol full --second-indenter-mm 4 does all of this in one session, "
             "but for tangential forces"

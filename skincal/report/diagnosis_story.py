@@ -13,6 +13,7 @@ from skincal.effects import EFFECTS, EffectParameter
 from skincal.gap.split import FINAL, SELECTION, TRAIN
 from skincal.model.arrays import FloatArray
 from skincal.report.diagnosis_candidates import critical_score, law_words, units
+from skincal.report.diagnosis_words import left_words
 from skincal.report.fit_quantities import with_digits
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def verdict_sentences(found: Diagnosis) -> list[str]:
         if found.choice.closest is not None:
             name, part = found.choice.closest
             near = f"(what comes closest, {name}, explains {percent(part)} of that)"
-        left = f"{percent(1 - found.choice.explained)} of the excess residual is left"
+        left = f"{left_words(found)} of the excess residual is left"
         lines.append(f"{left} {near}: something else is missing, too.")
     return [*lines, *_not_shown(found), _calibration_sentence(found)]
 

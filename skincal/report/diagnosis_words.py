@@ -22,17 +22,22 @@ def verdict_lines(found: Diagnosis) -> list[str]:
         lines.append(found.where)
     lines += _gap(found)
     if found.unexplained and found.verdict == "effects":
-        share = 100 * (1 - found.choice.explained)
         near = "no known effect explains it"
         if found.choice.closest is not None:
             name, part = found.choice.closest
             near = f"{name} comes closest, and explains {100 * part:.0f} % of that"
-        lines.append(f"{share:.0f} % of the excess residual is left; {near}")
+        lines.append(f"{left_words(found)} of the excess residual is left; {near}")
     if found.audit.cannot_see:
         lines.append("these presses could not show: " + ", ".join(found.audit.cannot_see))
     lines += [f"{finding.severity}: {finding.text}. {finding.advice}".rstrip() for finding in found.findings]
     lines += [f"next: {press}" for press in found.next_presses]
     return lines
+
+
+def left_words(found: Diagnosis) -> str:
+    """How much of the excess residual the named effects leave, in words."""
+    share = 100 * (1 - found.choice.explained)
+    return "less than 1 %" if share < 0.5 else f"{share:.0f} %"
 
 
 def _verdict(found: Diagnosis) -> str:

@@ -61,6 +61,14 @@ def test_what_comes_closest_to_what_is_left_is_told():
     assert any(line.endswith("is left; no known effect explains it") for line in verdict_lines(bare))
 
 
+def test_next_to_nothing_left_is_not_told_as_nothing():
+    found, _ = diagnosed("hysteresis")
+    first = found.choice.excess[0]
+    choice = replace(found.choice, excess=(first, 0.001 * first))
+    lines = verdict_lines(replace(found, choice=choice, unexplained=True))
+    assert any(line.startswith("less than 1 % of the excess residual is left") for line in lines)
+
+
 def test_without_a_gap_no_share_of_it_is_told():
     found, _ = diagnosed("hysteresis")
     nothing = float("nan")
