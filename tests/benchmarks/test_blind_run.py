@@ -24,7 +24,7 @@ assert (Path(rest[0]) / "presses.csv").exists() or rest == ["--help"]
 out = Path(rest[rest.index("--out") + 1]) if "--out" in rest else None
 if verb == "fit":
     out.mkdir(parents=True)
-    print(json.dumps({"best": {}}))
+    print(json.dumps({"best": {}, "calibration": str(out)}))
 elif verb == "diagnose" and out:
     assert (Path(rest[1])).is_dir()
     print("a message", file=sys.stderr)
@@ -158,8 +158,14 @@ def test_a_run_goes_on_elsewhere(bench, tmp_path):
     file.write_bytes(packed(bench.out))
     assert unpack(file, tmp_path / "there") == 1
     assert packed(tmp_path / "there") == file.read_bytes()
-    for at in ("study.json", "labels/poor-001.sealed", "results/poor-001.json"):
+    for at in ("study.json", "labels/poor-001.sealed"):
         assert (tmp_path / "there" / at).read_bytes() == (bench.out / at).read_bytes()
+    before, after = (
+        json.loads((out / "results/poor-001.json").read_text(encoding="utf-8"))
+        for out in (bench.out, tmp_path / "there")
+    )
+    # All but where it was written.
+    assert before["fit"]["json"].pop("calibration") and before == after
     check_study(tmp_path / "other", {"seed": 3, "code": "abd"})
     with pytest.raises(RunError, match="another --out"):
         unpack(file, tmp_path / "other")
