@@ -40,6 +40,8 @@ EXACT_M = 1e-4
 
 OFFSET = "taxel_offset"
 _SETTLED = 20
+"""Steps to the level at rest of which clipped noise makes a mean; each halves the error or more."""
+
 _HIGH_COUNTS, _HIGH_SIGMA = 5.0, 5.0
 """Beyond both a level at rest is so high that places and forces would make up for it, were it left out."""
 
