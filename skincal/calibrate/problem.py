@@ -162,7 +162,7 @@ def search_box(
         wrong += [
             Problem(
                 f"[mount] {name}_range",
-                "low below high: a fit needs room to search, and finds what is known well at once",
+                "low below high, for a fit needs room to search",
                 f"{bounds[0]:g} and {bounds[1]:g}",
                 "Widen it a little.",
             )

@@ -61,8 +61,8 @@ def fit_scales(
     use = use & np.isfinite(values) & (loads_n > 0)
     y, x = np.where(use, values, 0.0), np.where(use, loads_n, 0.0)
     told = (use.sum(axis=0) >= 2) & ((y > least_counts).sum(axis=0) >= 2)
-    several = np.ptp(np.where(use, loads_n, np.nan_to_num(np.max(loads_n * use, axis=0))), axis=0) > 0
-    told &= several | rest_known
+    # One load alone, as of a press that is drawn again and again, has no line.
+    told &= rest_known | (np.ptp(np.where(use, x, x.max(axis=0)), axis=0) > 0)
     free = told & ((use.sum(axis=0) >= _FREE) | (not rest_known))
     weight = use.astype(np.float64)
     scale = offset = np.zeros(y.shape[1])
