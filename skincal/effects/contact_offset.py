@@ -51,15 +51,21 @@ class ContactOffset(InputEffect):
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""
+        return setting.moved(samples, *self.moves_m(samples, values, setting).T)
+
+    def moves_m(self, samples: Samples, values: Values, setting: Setting) -> FloatArray:
+        """How far the places of K samples (K, 2) are moved over the surface, across and along [m]."""
         place = (samples.contacts.points_m - setting.centre_m) @ setting.axes.T
         across, along = place[:, 0], place[:, 1]
         force, skew = np.maximum(samples.contacts.force_n, 0.0), values["skew"]
         move_across = values["stretch_across"] * across + skew * along + values["across_m_per_n"] * force
         move_along = values["stretch_along"] * along + skew * across + values["along_m_per_n"] * force
-        return setting.moved(
-            samples,
-            _finite(move_across + self._of_pose("pose_across_m", samples, values)),
-            _finite(move_along + self._of_pose("pose_along_m", samples, values)),
+        return np.stack(
+            [
+                _finite(move_across + self._of_pose("pose_across_m", samples, values)),
+                _finite(move_along + self._of_pose("pose_along_m", samples, values)),
+            ],
+            axis=-1,
         )
 
     @staticmethod

@@ -246,9 +246,15 @@ class Scene:
             return place
         return np.concatenate([place, self.slopes.place[..., :2] * way[:, None, None]], axis=-1)
 
-    def part(self, rows: BoolArray) -> View:
-        """The scene as some observations (N,) show it."""
-        shared = np.concatenate([self.slopes.base, self.slopes.effect, self.law], axis=-1)
+    def part(self, rows: BoolArray, *, told: bool = False) -> View:
+        """The scene as some observations (N,) show it.
+
+        Args:
+            rows: which they are.
+            told: whether sensor and effects are known from others, and not found on these.
+        """
+        of_others = [] if told else [self.slopes.base, self.slopes.effect]
+        shared = np.concatenate([*of_others, self.law], axis=-1)
         press: IntArray = self.press[rows]
         projection = Projection.of(press, self.nuisance[rows], np.zeros_like(self.zero[rows]), shared[rows])
         return View(rows, self.weight[rows], projection, projection.apply(self.residual[rows].reshape(-1, 1)))

@@ -174,13 +174,15 @@ def choose(
         fits = contest.fits(
             [f for f in found if contest.near(f, found) or (f.effect in plain and len(named) == told)]
         )
-        if not named and contest.little(fits):
+        if not named and contest.little(fits, options.halfway):
             heard(f"round {number}: fitting all others that score, as these explain little")
             fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
-        if not named and contest.little(fits) and left > options.sure * least:
-            heard(f"round {number}: fitting all that do not score to some presses")
-            found = contest.scored_in_full(found)
-            fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
+        wanted = options.halfway if not named else options.share_later if len(named) > told else 0.0
+        if contest.little(fits, wanted) and left > options.sure * least:
+            heard(f"round {number}: fitting all others to some presses, as these explain little")
+            holding = contest.holding([f for f in found if f.effect not in fits], wanted)
+            fits |= contest.fits(holding)
+            found = sorted({f.effect: f for f in [*found, *holding]}.values(), key=lambda f: -f.scored)
         falls = {name: contest.fall(m) for name, m in fits.items()}
         rounds.append(Round(tuple(found), left, falls, fits))
         if not fits:

@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.gap.candidates import Found
 from skincal.gap.choice_options import ChoiceOptions
-from skincal.gap.models import Material, Model, excess_of, extended, scene_of
+from skincal.gap.models import Material, Model, excess_of, extended, fitted, scene_of
 
 PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""
@@ -48,35 +48,37 @@ class Contest:
         """By how much a model lowers the excess."""
         return self.left - excess_of(model, self.material, self.null_mean)
 
-    def little(self, fits: Mapping[str, Model]) -> bool:
-        """Whether none of these explains a good part of what is left."""
-        falls = [self.fall(m) for m in fits.values()]
-        return max(falls, default=0.0) < self.options.halfway * self.left
+    def little(self, fits: Mapping[str, Model], share: float) -> bool:
+        """Whether none of these explains such a share of what is left."""
+        return max((self.fall(m) for m in fits.values()), default=0.0) < share * self.left
 
     def fits(self, found: Sequence[Found]) -> dict[str, Model]:
         """Full fits of some, each with what was named before."""
         fitted = self._fitted(found, self.material)
         return {one.effect: model for one, model in zip(found, fitted, strict=True)}
 
-    def scored_in_full(self, found: Sequence[Found]) -> list[Found]:
-        """The same, best first; what did not score does so by a full fit to the presses that are learned from.
+    def holding(self, found: Sequence[Found], share: float) -> list[Found]:
+        """Those of which a full fit to the presses learned from explains such a share of the others; scored with it.
 
-        The search holds sensor and places to first order. Far from where the sensor belongs, a gain that few presses
-        show is found many times too large, and holds for no others. Of what chooses, a good part must be explained.
+        The search holds sensor and places to first order. Far from where they belong, a gain that few presses show is
+        found many times too large, and holds for no others. What is said of other presses is compared with what is said
+        without the effect, learned from as few: sensor and effects are not found on them again.
         """
-        own = [one for one in found if not self.scores(one)]
-        learned = self._fitted(own, replace(self.material, score=np.zeros_like(self.material.score)))
-        before = self._of_score(self.model)
+        if not found:
+            return []
+        some = replace(self.material, score=np.zeros_like(self.material.score))
+        m = self.model
+        before = self._of_others(fitted(m.hypothesis, m.coords, m.refit.x, m.held, some))
         read = float(self.material.reading.seen[self.material.score].sum())
-        least = self.options.halfway * (before - self.null_mean * read)
-        falls = {one.effect: before - self._of_score(m) for one, m in zip(own, learned, strict=True)}
-        again = [
-            replace(f, scored=s) if (s := falls.get(f.effect, 0.0)) >= max(least, 1.0) else f for f in found
-        ]
-        return sorted(again, key=lambda f: -f.scored)
+        least = max(1.0, share * (before - self.null_mean * read))
+        learned = self._fitted(found, some)
+        again = [replace(f, scored=before - self._of_others(m)) for f, m in zip(found, learned, strict=True)]
+        return [f for f in again if f.scored >= least and self.scores(f)]
 
-    def _of_score(self, model: Model) -> float:
-        return float((scene_of(model, self.material).part(self.material.score).residual ** 2).sum())
+    def _of_others(self, model: Model) -> float:
+        """What a model leaves of the presses that choose."""
+        left = scene_of(model, self.material).part(self.material.score, told=True).residual
+        return float((left**2).sum())
 
     def _fitted(self, found: Sequence[Found], material: Material) -> list[Model]:
         if len(found) == 1:

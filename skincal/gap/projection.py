@@ -49,7 +49,7 @@ class Projection:
         groups = np.split(order, np.flatnonzero(np.diff(press[order])) + 1) if len(order) else []
         blocks = tuple(_block(own, nuisance[own], shape[own], taxels) for own in groups)
         free = cls(blocks, np.zeros((nuisance.shape[0] * taxels, 0)))
-        return cls(blocks, orthonormal(free.apply(base.reshape(-1, base.shape[-1]))))
+        return cls(blocks, orthonormal(free.apply(base.reshape(nuisance.shape[0] * taxels, base.shape[-1]))))
 
     def apply(self, columns: FloatArray) -> FloatArray:
         """Whitened columns (M, p) with everything projected out; works on residuals too."""

@@ -127,7 +127,10 @@ def test_what_a_search_finds_far_too_large_is_scored_by_a_full_fit(
     assert hidden or not choice.rounds[0].fits
 
 
-def test_once_something_is_named_a_low_score_is_believed(monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("holds", [True, False])
+def test_a_later_effect_that_is_searched_in_vain_is_named_if_it_holds_for_other_presses(
+    monkeypatch: pytest.MonkeyPatch, holds: bool
+):
     of, (library, null) = two()
 
     def misled(*given: Any) -> list[Found]:
@@ -135,15 +138,21 @@ def test_once_something_is_named_a_low_score_is_believed(monkeypatch: pytest.Mon
         found = searched(*given)
         left = [f for f in found if f.effect in TWO]
         wrong = min((f for f in found if f.effect not in TWO), key=lambda f: f.scored)
-        return (
-            found if len(left) > 1 else [replace(wrong, scored=1e6), *(replace(f, scored=1e4) for f in left)]
-        )
+        if len(left) > 1:
+            return found
+        return [replace(wrong, scored=1e6), *(replace(f, scored=-1e4) for f in left)]
 
     monkeypatch.setattr("skincal.gap.choose._searched", misled)
+    if not holds:
+        monkeypatch.setattr("skincal.gap.contest.Contest._of_others", lambda *_: 1.0)
     choice = choose(of.model, of.made.material, library, lambda *_: 0.001, null.mean_square, ChoiceOptions())
-    first, later = choice.rounds
-    assert named(choice) == (first.taken,) and first.taken in TWO
-    assert later.taken is None and not set(later.fits) & set(TWO)
+    first, later = choice.rounds[:2]
+    assert first.taken in TWO
+    if holds:
+        assert set(named(choice)) == set(TWO)
+        assert later.found[0].effect != later.taken and next(iter(later.fits)) != later.taken
+    else:
+        assert named(choice) == (first.taken,) and later.taken is None and not set(later.fits) & set(TWO)
 
 
 def test_what_lives_in_the_positions_is_named_too():

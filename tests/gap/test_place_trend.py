@@ -96,6 +96,58 @@ def test_presses_that_may_be_elsewhere_say_nothing():
     assert place_trend(model, material, [], np.random.default_rng(0), lambda: doubtful) is None
 
 
+def placed(of: Case) -> np.ndarray:
+    """Measured places (P, 2) of presses from the centre."""
+    return stretched(of, 1.0)[:, :1]
+
+
+def test_errors_of_what_is_measured_are_no_stretch():
+    """Presses that are there have hit the skin: where one was measured too far out, it was found farther in."""
+    of = case("none")
+    out, share = placed(of), 0.6
+    error = np.random.default_rng(0).standard_normal(len(out))
+    one = np.ones(len(out))
+    for known in (one, out[:, 0]):
+        error -= known * (known @ error) / (known @ known)
+    # So that nothing goes with the place that was found; with the one that was measured a stretch does.
+    error *= np.sqrt(share * (1 - share)) * out.std() / error.std()
+    moves = noise(of, 1, 2e-5)
+    moves[:, 0] += error - share * (out[:, 0] - out.mean())
+    trend = place_trend(moved(of, moves), material_of(of), [], np.random.default_rng(0))
+    assert trend is not None and trend.p_value > SIGNIFICANT
+    moves[:, 0] -= error
+    trend = place_trend(moved(of, moves), material_of(of), [], np.random.default_rng(0))
+    assert trend is not None and trend.p_value <= SIGNIFICANT
+
+
+def test_offsets_of_poses_have_nothing_in_common():
+    """What all poses have in common is where the sensor is, to the last digit: it must not take up anything else."""
+    of = case("none")
+    session, pose = of.made.session, of.made.session.samples.pose
+    own = np.array([pose[session.row == row][0] for row in range(len(of.model.hypothesis.places))])
+    moves = noise(of, 0, 1e-4)
+    moves[:, 0] += np.where(own == own[0], 4e-4, 0.0)
+    trend = place_trend(moved(of, moves), material_of(of), [], np.random.default_rng(0))
+    assert trend is not None and trend.p_value <= SIGNIFICANT
+    found = trend.found.parameters[NAME]
+    for number, size in (("pose_across_m", 4e-4), ("pose_along_m", 0.0)):
+        offsets = np.asarray(found[number])
+        assert abs(offsets.sum()) < 1e-7
+        assert np.ptp(offsets) == pytest.approx(size, abs=1.5e-4)
+
+
+def test_a_trend_of_doubtful_presses_alone_is_none():
+    of = case("none")
+    doubtful = np.zeros(len(of.model.hypothesis.places), dtype=bool)
+    doubtful[np.argsort(-np.abs(placed(of)[:, 0]))[: len(doubtful) // 3]] = True
+    moves = noise(of, 3, 3e-5)
+    moves[doubtful] += stretched(of, 2 * STRETCH)[doubtful]
+    every = place_trend(moved(of, moves), material_of(of), [], np.random.default_rng(0))
+    assert every is not None and every.p_value <= SIGNIFICANT
+    sure = place_trend(moved(of, moves), material_of(of), [], np.random.default_rng(0), lambda: doubtful)
+    assert sure is None or sure.p_value > SIGNIFICANT
+
+
 def wide(effects: Effects) -> tuple[Choice, Material]:
     """A session whose presses are told to a millimetre, and the fit of the base model."""
     one = made(effects, pressed(48, 6), exact=True)
