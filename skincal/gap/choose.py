@@ -177,9 +177,10 @@ def choose(
         if not named and contest.little(fits, options.halfway):
             heard(f"round {number}: fitting all others that score, as these explain little")
             fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
-        wanted = options.halfway if not named else options.share_later if len(named) > told else 0.0
+        # For a first and a second one; later it is more often what equations are not quite right in.
+        wanted = {0: options.halfway, told + 1: options.share_later}.get(len(named), 0.0)
         if contest.little(fits, wanted) and left > options.sure * least:
-            heard(f"round {number}: fitting all others to some presses, as these explain little")
+            heard(f"round {number}: fitting others to some presses, as these explain little")
             holding = contest.holding([f for f in found if f.effect not in fits], wanted)
             fits |= contest.fits(holding)
             found = sorted({f.effect: f for f in [*found, *holding]}.values(), key=lambda f: -f.scored)

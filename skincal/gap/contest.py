@@ -11,6 +11,9 @@ from skincal.gap.candidates import Found
 from skincal.gap.choice_options import ChoiceOptions
 from skincal.gap.models import Material, Model, excess_of, extended, fitted, scene_of
 
+IN_PLACES = "contact_offset"
+"""Is told by the places of presses (:mod:`skincal.gap.places`), and takes long to fit."""
+
 PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""
 
@@ -60,10 +63,14 @@ class Contest:
     def holding(self, found: Sequence[Found], share: float) -> list[Found]:
         """Those of which a full fit to the presses learned from explains such a share of the others; scored with it.
 
+        Of those that the search found to explain most where it learned, as many as contend.
+
         The search holds sensor and places to first order. Far from where they belong, a gain that few presses show is
         found many times too large, and holds for no others. What is said of other presses is compared with what is said
         without the effect, learned from as few: sensor and effects are not found on them again.
         """
+        most = sorted((f for f in found if f.effect != IN_PLACES), key=lambda f: -f.learned)
+        found = most[: self.options.contenders]
         if not found:
             return []
         some = replace(self.material, score=np.zeros_like(self.material.score))

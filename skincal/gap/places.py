@@ -7,8 +7,8 @@ sensor's pose does (:mod:`skincal.gap.trend`): on offsets in each hand pose, on 
 with the force, and on all of it.
 
 Where what goes with the place is looked for, it is both with the place as it was measured and with the one that was
-found, and the less clear of the two counts: random errors of what is measured would otherwise look like a stretch, as
-the presses that are there are those that hit the skin.
+found, and one must confirm the other. Random errors of what is measured look like a stretch of it, as the presses that
+are there have hit the skin; and errors of what a hand does look like a stretch of what it did.
 
 A press whose images are as right at another place (:mod:`skincal.gap.relocate`) is taken to be where its prior says,
 which is a trend of its own: what is found must be there without such presses as well. What another contact law does to
@@ -43,7 +43,7 @@ _WAYS = (
 SIGNIFICANT, SHARE = 0.002, 0.12
 """When a trend is named: its p-value at most, and its share at least."""
 _CONFIRMED = 0.02
-"""The p-value at which a trend of all presses is there for the sure ones too."""
+"""The p-value at which a trend is confirmed that is clear when looked for in another way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def place_trend(
     groups = [[i for i, c in enumerate(start.coords) if c.parameter.name in way] for way in _WAYS]
     session, hypothesis = material.session, model.hypothesis
     rows, seen = told(model, material)
-    of_places: list[tuple[Explained, FloatArray, FloatArray]] = []
+    of_places: list[Explained] = []
     for samples in (session.samples, hypothesis.placed(session).samples):
         columns, turns = moves(model, material, start, samples)
         if not _enough(rows, columns, turns):
@@ -96,8 +96,9 @@ def place_trend(
         best = explained(some.moves, some.columns, some.nuisance, groups, rng)
         if best is None:
             return None
-        of_places.append((best, columns, turns))
-    best, columns, turns = max(of_places, key=lambda one: one[0].p_value)
+        of_places.append(best)
+    # With the numbers, and the columns, of the places that were found.
+    best = replace(of_places[-1], p_value=_confirmed(*(one.p_value for one in of_places)))
     if doubtful is not None and best.p_value <= SIGNIFICANT:
         sure = ~doubtful()[rows]
         rows, seen = rows[sure], seen[sure]
@@ -107,12 +108,16 @@ def place_trend(
         again = explained(some.moves, some.columns, some.nuisance, [best.columns.tolist()], rng)
         if again is None:
             return None
-        chance = best.p_value if again.p_value <= _CONFIRMED else again.p_value
-        best = replace(again, p_value=chance)
-    made = beyond(columns[rows][..., best.columns] @ best.x, turns[rows])
+        best = replace(again, p_value=_confirmed(best.p_value, again.p_value))
+    made = beyond(some.columns[..., best.columns] @ best.x, some.nuisance) * material.options.place_prior[:2]
     start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
     found = Found(start, clipped(start.coords, best.x), 0.0, 0.0)
     return Trend(found, best.share, best.p_value, _rms(made))
+
+
+def _confirmed(*chances: float) -> float:
+    """The p-value of a trend that is looked for in several ways: the clearest, if the others confirm it."""
+    return min(chances) if max(chances) <= _CONFIRMED else max(chances)
 
 
 def with_places(
