@@ -27,9 +27,9 @@ class ChoiceOptions:
         halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
             significant score: far from where the sensor belongs the search may rank an effect low that explains nearly
             all of it. Later it is not far, and a low score may say that what is fitted holds for few other presses.
-        sure: where what is left is that many times the weakest effect at least, and all that explains less than
-            ``halfway``, or later less than ``share_later``, the others are fitted in full to the presses learned from,
-            and score with what that explains of the presses that choose.
+        sure: what is left is that many times the weakest effect at least where more are fitted in full, to the presses
+            learned from, and score with what that explains of the presses that choose: while nothing is named and what
+            was fitted explains less than ``halfway``, or one is and it explains less than ``share_later``.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.

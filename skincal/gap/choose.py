@@ -1,7 +1,7 @@
 """Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
 
 In each round every effect that the data can speak of is searched on the training presses and scored on the selection
-presses (:mod:`skincal.gap.candidates`). The best few, and all others if those explain little
+presses (:mod:`skincal.gap.candidates`). The best few, and others if those explain little
 (:mod:`skincal.gap.contest`), are fitted in full, together with the sensor, the places and all effects named before, and
 the one that leaves least is named, or a simpler one that leaves about as little; what can be read off goes before all.
 Those that leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect
@@ -51,7 +51,7 @@ class Named:
         consistent_with: names that these data cannot tell apart from it, itself first.
         share: part of the excess of its round that it explains.
         p_value: of the best score of a null session's effects reaching its score; of what was read off, reaching what a
-            full fit explains.
+            full fit explains; of what only a full fit to some presses found, reaching what that explains of the others.
     """
 
     name: str
@@ -177,9 +177,9 @@ def choose(
         if not named and contest.little(fits, options.halfway):
             heard(f"round {number}: fitting all others that score, as these explain little")
             fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
-        # For a first and a second one; later it is more often what equations are not quite right in.
+        # For the first of all, and for one beside one; a third is more often what equations are not quite right in.
         wanted = {0: options.halfway, told + 1: options.share_later}.get(len(named), 0.0)
-        if contest.little(fits, wanted) and left > options.sure * least:
+        if wanted and contest.little(fits, wanted) and left > options.sure * least:
             heard(f"round {number}: fitting others to some presses, as these explain little")
             holding = contest.holding([f for f in found if f.effect not in fits], wanted)
             fits |= contest.fits(holding)
@@ -199,8 +199,8 @@ def choose(
         name = read or simplest(close, falls, fits)
         best = fits[name]
         share = falls[name] / left
-        wanted = options.share_later if len(named) > told else options.share_first
-        enough = share >= wanted and falls[name] >= max(least, options.later(options.of_all, first, seen))
+        asked = options.share_later if len(named) > told else options.share_first
+        enough = share >= asked and falls[name] >= max(least, options.later(options.of_all, first, seen))
         if read is None and not enough:
             break
         if read is None and len(named) > told and falls[name] < options.of_related * first:

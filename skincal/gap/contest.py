@@ -57,7 +57,7 @@ class Contest:
 
     def fits(self, found: Sequence[Found]) -> dict[str, Model]:
         """Full fits of some, each with what was named before."""
-        fitted = self._fitted(found, self.material)
+        fitted = self._fitted(self.model, found, self.material)
         return {one.effect: model for one, model in zip(found, fitted, strict=True)}
 
     def holding(self, found: Sequence[Found], share: float) -> list[Found]:
@@ -75,10 +75,11 @@ class Contest:
             return []
         some = replace(self.material, score=np.zeros_like(self.material.score))
         m = self.model
-        before = self._of_others(fitted(m.hypothesis, m.coords, m.refit.x, m.held, some))
+        without = fitted(m.hypothesis, m.coords, m.refit.x, m.held, some)
+        before = self._of_others(without)
         read = float(self.material.reading.seen[self.material.score].sum())
         least = max(1.0, share * (before - self.null_mean * read))
-        learned = self._fitted(found, some)
+        learned = self._fitted(without, found, some)
         again = [replace(f, scored=before - self._of_others(m)) for f, m in zip(found, learned, strict=True)]
         return [f for f in again if f.scored >= least and self.scores(f)]
 
@@ -87,10 +88,11 @@ class Contest:
         left = scene_of(model, self.material).part(self.material.score, told=True).residual
         return float((left**2).sum())
 
-    def _fitted(self, found: Sequence[Found], material: Material) -> list[Model]:
+    @staticmethod
+    def _fitted(model: Model, found: Sequence[Found], material: Material) -> list[Model]:
         if len(found) == 1:
-            return [extended(self.model, found[0], material)]
-        tasks = [(self.model, f, material.alone) for f in found]
+            return [extended(model, found[0], material)]
+        tasks = [(model, f, material.alone) for f in found]
         return list(material.options.mapper(_extended, tasks))
 
 

@@ -23,7 +23,7 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _STEP = 0.1
 _KNOWN = 1.0
-"""Of a press the images tell so much more than was measured, along both directions at least."""
+"""Of a press the images tell at least so many times what was measured, along both directions."""
 _LAWS = 0.1
 """Laws move places alike; laws, and what is their own, that are less than this, relative, are left to chance."""
 

@@ -7,8 +7,8 @@ sensor's pose does (:mod:`skincal.gap.trend`): on offsets in each hand pose, on 
 with the force, and on all of it.
 
 Where what goes with the place is looked for, it is both with the place as it was measured and with the one that was
-found, and one must confirm the other. Random errors of what is measured look like a stretch of it, as the presses that
-are there have hit the skin; and errors of what a hand does look like a stretch of what it did.
+found, and the less clear of the two counts. Random errors of what is measured look like a stretch of it, as the presses
+that are there have hit the skin; and errors of what a hand does look like a stretch of what it did.
 
 A press whose images are as right at another place (:mod:`skincal.gap.relocate`) is taken to be where its prior says,
 which is a trend of its own: what is found must be there without such presses as well. What another contact law does to
@@ -22,18 +22,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skincal.effects.samples import Samples
 from skincal.gap.candidates import Bench, Found
 from skincal.gap.choose import Choice, Named
 from skincal.gap.free import clipped
 from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.gap.place_moves import PlaceMoves, moves, told
 from skincal.gap.relocate import ambiguous
-from skincal.gap.trend import Explained, beyond, explained
+from skincal.gap.trend import explained, numbers
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NAME = "contact_offset"
 _FEWEST = 3
-"""Presses for each number at least."""
+"""Moves for each number at least; a press has two."""
 _WAYS = (
     ("pose_across_m", "pose_along_m"),
     ("stretch_across", "stretch_along", "skew"),
@@ -43,7 +44,7 @@ _WAYS = (
 SIGNIFICANT, SHARE = 0.002, 0.12
 """When a trend is named: its p-value at most, and its share at least."""
 _CONFIRMED = 0.02
-"""The p-value at which a trend is confirmed that is clear when looked for in another way."""
+"""The p-value at which a trend of all presses is there for the sure ones too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +54,13 @@ class Trend:
     Attributes:
         found: ``contact_offset`` with the numbers that explain it.
         share: of the variance of the moves, for the numbers that were free.
-        p_value: of the clearest part of it being so clear.
-        rms_m: root mean square of the moves that it explains [m].
+        p_value: of the clearest part of it being so clear, with the places that were measured and with those that were
+            found, whichever is less clear.
     """
 
     found: Found
     share: float
     p_value: float
-    rms_m: float
 
 
 def place_trend(
@@ -85,39 +85,36 @@ def place_trend(
         return None
     (start,) = starts
     groups = [[i for i, c in enumerate(start.coords) if c.parameter.name in way] for way in _WAYS]
-    session, hypothesis = material.session, model.hypothesis
+    hypothesis = model.hypothesis
     rows, seen = told(model, material)
-    of_places: list[Explained] = []
-    for samples in (session.samples, hypothesis.placed(session).samples):
-        columns, turns = moves(model, material, start, samples)
-        if not _enough(rows, columns, turns):
-            return None
-        some = PlaceMoves.of(model, material, errors, rows, seen, columns, turns)
-        best = explained(some.moves, some.columns, some.nuisance, groups, rng)
-        if best is None:
-            return None
-        of_places.append(best)
-    # With the numbers, and the columns, of the places that were found.
-    best = replace(of_places[-1], p_value=_confirmed(*(one.p_value for one in of_places)))
+
+    def columns_at(samples: Samples) -> tuple[FloatArray, FloatArray]:
+        return moves(model, material, start, samples)
+
+    columns, turns = columns_at(hypothesis.placed(material.session).samples)
+    if not _enough(rows, columns, turns):
+        return None
+    found = PlaceMoves.of(model, material, errors, rows, seen, columns, turns)
+    best = explained(found.moves, found.columns, found.nuisance, groups, rng)
+    measured = PlaceMoves.of(model, material, errors, rows, seen, *columns_at(material.session.samples))
+    other = explained(measured.moves, measured.columns, measured.nuisance, groups, rng)
+    if best is None or other is None:
+        return None
+    x = numbers(measured.moves, measured.columns[..., best.columns], measured.nuisance)
+    # One of the two is right, and which is not known. They must not say the opposite, either.
+    best = replace(best, p_value=max(best.p_value, other.p_value) if x @ best.x > 0 else 1.0)
     if doubtful is not None and best.p_value <= SIGNIFICANT:
         sure = ~doubtful()[rows]
-        rows, seen = rows[sure], seen[sure]
-        if not _enough(rows, columns, turns):
+        if not _enough(rows[sure], columns[..., best.columns], turns):
             return None
-        some = PlaceMoves.of(model, material, errors, rows, seen, columns, turns)
+        some = PlaceMoves.of(model, material, errors, rows[sure], seen[sure], columns, turns)
         again = explained(some.moves, some.columns, some.nuisance, [best.columns.tolist()], rng)
         if again is None:
             return None
-        best = replace(again, p_value=_confirmed(best.p_value, again.p_value))
-    made = beyond(some.columns[..., best.columns] @ best.x, some.nuisance) * material.options.place_prior[:2]
+        chance = best.p_value if again.p_value <= _CONFIRMED else max(best.p_value, again.p_value)
+        best = replace(again, p_value=chance)
     start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
-    found = Found(start, clipped(start.coords, best.x), 0.0, 0.0)
-    return Trend(found, best.share, best.p_value, _rms(made))
-
-
-def _confirmed(*chances: float) -> float:
-    """The p-value of a trend that is looked for in several ways: the clearest, if the others confirm it."""
-    return min(chances) if max(chances) <= _CONFIRMED else max(chances)
+    return Trend(Found(start, clipped(start.coords, best.x), 0.0, 0.0), best.share, best.p_value)
 
 
 def with_places(
@@ -146,10 +143,6 @@ def with_places(
     return replace(
         choice, after=model, named=named, excess=(choice.excess[0], excess_of(model, material, null_mean))
     )
-
-
-def _rms(moves: FloatArray) -> float:
-    return float(np.sqrt((moves**2).sum(axis=1).mean()))
 
 
 def _enough(rows: IntArray, columns: FloatArray, turns: FloatArray) -> bool:
