@@ -63,7 +63,7 @@ class Contest:
     def holding(self, found: Sequence[Found], share: float) -> list[Found]:
         """Those of which a full fit to the presses learned from explains such a share of the others; scored with it.
 
-        Of those that the search found to explain most where it learned, as many as contend.
+        Tried are those that explain most of the presses learned from, by the search, as many as contend.
 
         The search holds sensor and places to first order. Far from where they belong, a gain that few presses show is
         found many times too large, and holds for no others. What is said of other presses is compared with what is said

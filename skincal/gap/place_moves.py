@@ -23,13 +23,13 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _STEP = 0.1
 _KNOWN = 1.0
-"""Of a press the images tell at least so many times what was measured, along both directions."""
+"""A press counts if, in every direction, its images tell more than so many times what the measurement tells."""
 _LAWS = 0.1
-"""Laws move places alike; laws, and what is their own, that are less than this, relative, are left to chance."""
+"""Moves by laws, and independent parts of them, that are shorter than this part of the longest are ignored."""
 
 
 def told(model: Model, material: Material) -> tuple[IntArray, FloatArray]:
-    """Rows (R,) of presses that were learned from and whose images tell where they were.
+    """Rows (R,) of presses that learn or choose and whose images tell where they were.
 
     And how much they tell (R, 2, 2), whatever the force was, in units of what was measured of places.
 

@@ -6,9 +6,9 @@ of presses whose images tell where they were are regressed on what ``contact_off
 sensor's pose does (:mod:`skincal.gap.trend`): on offsets in each hand pose, on what goes with the place, on what goes
 with the force, and on all of it.
 
-Where what goes with the place is looked for, it is both with the place as it was measured and with the one that was
-found, and the less clear of the two counts. Random errors of what is measured look like a stretch of it, as the presses
-that are there have hit the skin; and errors of what a hand does look like a stretch of what it did.
+Moves are compared with what would follow from the measured places and from the found ones, and the less clear answer
+counts. Independent errors of the measurement look like a compression when compared with measured places; places
+that the hand missed look like a stretch when compared with found ones.
 
 A press whose images are as right at another place (:mod:`skincal.gap.relocate`) is taken to be where its prior says,
 which is a trend of its own: what is found must be there without such presses as well. What another contact law does to
@@ -29,7 +29,7 @@ from skincal.gap.free import clipped
 from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.gap.place_moves import PlaceMoves, moves, told
 from skincal.gap.relocate import ambiguous
-from skincal.gap.trend import explained, numbers
+from skincal.gap.trend import explained, largest_share, numbers
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NAME = "contact_offset"
@@ -42,9 +42,9 @@ _WAYS = (
 )
 """Numbers of the effect that belong together."""
 SIGNIFICANT, SHARE = 0.002, 0.12
-"""When a trend is named: its p-value at most, and its share at least."""
+"""When a trend is named: its p-value at most, and its share, of the sure presses, at least."""
 _CONFIRMED = 0.02
-"""The p-value at which a trend of all presses is there for the sure ones too."""
+"""The p-value that a trend of all presses must reach among those that cannot lie elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +53,9 @@ class Trend:
 
     Attributes:
         found: ``contact_offset`` with the numbers that explain it.
-        share: of the variance of the moves, for the numbers that were free.
-        p_value: of the clearest part of it being so clear, with the places that were measured and with those that were
-            found, whichever is less clear.
+        share: of the variance of the moves of the presses that were looked at last, for the numbers that were free.
+        p_value: of the best group being so good, the larger of two, with measured and with found places; 1 where these
+            contradict each other; that of the sure presses where they do not confirm it.
     """
 
     found: Found
@@ -100,9 +100,15 @@ def place_trend(
     other = explained(measured.moves, measured.columns, measured.nuisance, groups, rng)
     if best is None or other is None:
         return None
-    x = numbers(measured.moves, measured.columns[..., best.columns], measured.nuisance)
-    # One of the two is right, and which is not known. They must not say the opposite, either.
-    best = replace(best, p_value=max(best.p_value, other.p_value) if x @ best.x > 0 else 1.0)
+    # One of the two is right, and which is not known: numbers that only one of them shows are not there.
+    both = best.columns[np.isin(best.columns, other.columns)]
+    agree = False
+    if len(both):
+        share = largest_share(found.moves, found.columns, found.nuisance, [both])
+        x = numbers(found.moves, found.columns[..., both], found.nuisance)
+        agree = bool(x @ numbers(measured.moves, measured.columns[..., both], measured.nuisance) > 0)
+        best = replace(best, columns=both, x=x, share=share)
+    best = replace(best, p_value=max(best.p_value, other.p_value) if agree else 1.0)
     if doubtful is not None and best.p_value <= SIGNIFICANT:
         sure = ~doubtful()[rows]
         if not _enough(rows[sure], columns[..., best.columns], turns):
@@ -111,8 +117,8 @@ def place_trend(
         again = explained(some.moves, some.columns, some.nuisance, [best.columns.tolist()], rng)
         if again is None:
             return None
-        chance = best.p_value if again.p_value <= _CONFIRMED else max(best.p_value, again.p_value)
-        best = replace(again, p_value=chance)
+        chance = best.p_value if again.p_value <= _CONFIRMED else again.p_value
+        best = replace(again, p_value=chance if again.x @ best.x > 0 else 1.0)
     start = replace(start, coords=tuple(start.coords[int(i)] for i in best.columns))
     return Trend(Found(start, clipped(start.coords, best.x), 0.0, 0.0), best.share, best.p_value)
 
