@@ -27,6 +27,7 @@ from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
 from skincal.gap.choose import Choice, Heard
+from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at
 from skincal.gap.heldout import Gap, gap_closed
@@ -45,6 +46,9 @@ _PLACE_STEPS = 6
 _WIDTH = 1.96
 _MUCH_WORSE = 0.5
 """Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
+_OPEN = (0.1, 0.3)
+"""What was named does not explain a gap of which surely less than this part is closed, if the gap is at least so many
+times the noise."""
 _PULLED = 16.0
 """A press that has so many standard deviations of its measured force more, or less, is told."""
 
@@ -111,6 +115,9 @@ def _diagnosed(
     if refuted:
         # What is named makes presses that nobody has fitted far worse: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)
+    if answer.verdict == "effects" and gap.leaves_open(*_OPEN) and not _beside_images(choice):
+        # It is there, but it is not the gap: levels at rest of a few hundredths of a count, for one.
+        answer = replace(answer, verdict="unknown", unexplained=True)
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
@@ -152,6 +159,11 @@ def _diagnosed(
     )
     heard("next presses")
     return with_next_presses(found, dataset, further)
+
+
+def _beside_images(choice: Choice) -> bool:
+    """Whether all that is named is told by other things than images: places, or taxels that are dead."""
+    return all(one.name in (PLACES, DEAD_TAXEL) for one in choice.named)
 
 
 def _only_places(choice: Choice) -> bool:

@@ -56,6 +56,16 @@ class Gap:
         added = self.after**2 - self.before**2
         return bool(self.interval[1] < 0 and added > (least * self.floor) ** 2)
 
+    def leaves_open(self, most: float, least: float) -> bool:
+        """Whether there is a gap of which surely next to nothing is closed.
+
+        Args:
+            most: part of it that is closed at most.
+            least: root mean square of the gap before, in units of the noise.
+        """
+        there = self.before**2 - self.floor**2
+        return bool(self.interval[1] < most and there > (least * self.floor) ** 2)
+
 
 def gap_closed(
     before: Hypothesis,

@@ -134,3 +134,19 @@ def test_presses_that_are_surely_further_off_refute(
 ):
     gap = Gap(before, after, 0.99, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
     assert gap.refutes(0.5) is refuted
+
+
+@pytest.mark.parametrize(
+    ("before", "interval", "stays"),
+    [
+        (1.2, (-0.02, 0.03), True),
+        (1.2, (-0.02, 0.3), False),  # perhaps some of it
+        (1.01, (-0.02, 0.03), False),  # hardly any gap
+        (1.2, (float("nan"), float("nan")), False),
+    ],
+)
+def test_a_gap_that_surely_is_not_closed_stays_open(
+    before: float, interval: tuple[float, float], stays: bool
+):
+    gap = Gap(before, before, 1.0, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    assert gap.leaves_open(0.1, 0.3) is stays
