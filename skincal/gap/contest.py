@@ -79,7 +79,9 @@ class Contest:
         before = self._of_others(without)
         read = float(self.material.reading.seen[self.material.score].sum())
         least = max(1.0, share * (before - self.null_mean * read))
-        learned = self._fitted(without, found, some)
+        # From where all presses led, which is nearer to where the sensor belongs; what it must lower is that of these.
+        begin = replace(m, refit=replace(m.refit, objective=without.refit.objective))
+        learned = self._fitted(begin, found, some)
         again = [replace(f, scored=before - self._of_others(m)) for f, m in zip(found, learned, strict=True)]
         return [f for f in again if f.scored >= least and self.scores(f)]
 
