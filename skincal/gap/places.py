@@ -25,6 +25,7 @@ import numpy as np
 from skincal.effects.samples import Samples
 from skincal.gap.candidates import Bench, Found
 from skincal.gap.choose import Choice, Named
+from skincal.gap.contest import IN_PLACES
 from skincal.gap.free import clipped
 from skincal.gap.models import Material, Model, excess_of, extended
 from skincal.gap.place_moves import PlaceMoves, moves, told
@@ -32,7 +33,7 @@ from skincal.gap.relocate import ambiguous
 from skincal.gap.trend import explained, largest_share, numbers
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
-NAME = "contact_offset"
+NAME = IN_PLACES
 _FEWEST = 3
 """Moves for each number at least; a press has two."""
 _WAYS = (
