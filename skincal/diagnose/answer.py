@@ -27,7 +27,6 @@ from skincal.gap.dying import dead_start, with_silent
 from skincal.gap.library import Library
 from skincal.gap.models import scene_of
 from skincal.gap.null import Null
-from skincal.gap.places import NAME as PLACES
 from skincal.gap.places import with_places
 from skincal.gap.signatures import Signature, signature_columns, signature_falls
 from skincal.gap.silent import without_silent
@@ -197,7 +196,7 @@ def judged(
     least = options.choice.least(choice.values, choice.law)
     clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
     strongest = max(clear, default=0.0)
-    in_images = [one for one in choice.named if one.name != PLACES]
+    in_images = [one for one in choice.named if not one.by_places]
     no_more = choice.left <= options.background
     if in_images and (no_more or choice.explained >= options.explained):
         much = 1 - choice.explained > options.unexplained or choice.left > options.much

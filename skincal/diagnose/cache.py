@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,6 +24,9 @@ from numpy.typing import NDArray
 from skincal import __version__
 
 Arrays = Mapping[str, NDArray[np.float64]]
+
+DAMAGED = (OSError, ValueError, EOFError, BadZipFile, zlib.error)
+"""What reading a file ends in that is not there, was cut off, or is not what was written."""
 
 
 def default_folder() -> Path:
@@ -63,7 +67,7 @@ class Cache:
                 found = {name: stored[name] for name in stored.files}
             path.touch()
             return found
-        except (OSError, ValueError, BadZipFile):
+        except DAMAGED:
             pass
         made = make()
         with suppress(OSError):

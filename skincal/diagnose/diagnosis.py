@@ -34,7 +34,9 @@ class NamedEffect:
         parameters: a number, or one a taxel or pose.
         intervals: low and high of each, 95 %.
         where: in a sentence, where the residual lies that the base model leaves; alike for all.
-        share: part of the excess of its round that it explains.
+        share: part of the excess of its round that it explains; of the variance of where presses turn out to be, if
+            places told it.
+        by_places: whether the places of presses told it, not the images.
     """
 
     name: str
@@ -44,6 +46,7 @@ class NamedEffect:
     intervals: Mapping[str, tuple[FloatArray, FloatArray]]
     where: str
     share: float
+    by_places: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,8 @@ class Diagnosis:
         options: settings.
         seed: of the randomness.
         next_presses: in words, the presses that would tell what is still open.
-        refuted: whether what was named is not added, because presses that nobody has fitted are far worse with it.
+        refuted: whether what was found is not named, because presses that nobody has fitted are far worse with it.
+        wide_open: whether it is not named because the gap on those presses surely stays as it is with it.
         next_plan: these presses, where there are such; it is written beside the report.
     """
 
@@ -94,3 +98,9 @@ class Diagnosis:
     next_presses: tuple[str, ...] = ()
     next_plan: Plan | None = None
     refuted: bool = False
+    wide_open: bool = False
+
+    @property
+    def only_places(self) -> bool:
+        """Whether all that is named lives in the places: presses that may move take it up, and images show no gap."""
+        return bool(self.effects) and all(one.by_places for one in self.effects)

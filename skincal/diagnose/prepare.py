@@ -133,7 +133,8 @@ def prepare(
     if not uniform:
         above = session if rest is None else _lowered(session, rest)
         seen = reading if above is session else Reading.of(above, sigma, model.readout)
-        places = start_places(model, above, seen, sigma_m, min(reach, 3 * options.reach_m))
+        skin = Hypothesis(model, places, known).skin
+        places = start_places(skin, above, seen, sigma_m, min(reach, 3 * options.reach_m))
     split = _split(dataset, session, rng)
     full = session if not session.has_frames else _full(dataset, session)
     return Prepared(

@@ -34,6 +34,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "effects": [_effect(e) for e in d.effects],
         "unexplained": d.unexplained,
         "refuted": d.refuted,
+        "wide_open": d.wide_open,
         "where": d.where,
         "cannot_see": list(d.audit.cannot_see),
         "why_not": dict(d.audit.reasons),
@@ -58,6 +59,7 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "intervals": {name: [low.tolist(), high.tolist()] for name, (low, high) in effect.intervals.items()},
         "where": effect.where,
         "share": effect.share,
+        "by_places": effect.by_places,
     }
 
 

@@ -17,7 +17,7 @@ from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.answer import Question
 from skincal.diagnose.audit import audit_dataset
-from skincal.diagnose.base_fit import Base, without_hidden_glitches
+from skincal.diagnose.base_fit import Base, of_law, without_hidden_glitches
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnose.findings import findings_of
@@ -115,13 +115,16 @@ def _diagnosed(
     if refuted:
         # What is named makes presses that nobody has fitted far worse: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)
-    if answer.verdict == "effects" and gap.leaves_open(*_OPEN) and not _beside_images(choice):
+    # What effects do may look like another law as long as they are not in the model.
+    law = min(choice.law, of_law(replace(base, model=choice.after)))
+    wide_open = answer.verdict == "effects" and gap.leaves_open(*_OPEN, law) and not _beside_images(choice)
+    if wide_open:
         # It is there, but it is not the gap: levels at rest of a few hundredths of a count, for one.
         answer = replace(answer, verdict="unknown", unexplained=True)
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
-    final = _refitted(ready, base, choice, calibration, dataset) if named else calibration
+    final = _refitted(ready, base, choice, after, calibration, dataset) if named else calibration
     found = Diagnosis(
         answer.verdict,
         effects,
@@ -141,11 +144,11 @@ def _diagnosed(
             [*base.dead, *(one.dead for one in base.silent)],
             ready.reading.seen,
             ready.session.taxels,
-            choice.law,
+            law,
             base.stuck,
             dataset.presses.counts.shape[1],
             answer.doubted.tolist(),
-            _pulled(before if refuted else after, ready, base.glitches),
+            _pulled(after if named else before, ready, base.glitches),
             (ready.floor.frame_counts, ready.floor.taxel_counts),
             None if ready.session.samples.time_s is not None else ready.session.press,
         ),
@@ -156,6 +159,7 @@ def _diagnosed(
         options,
         seed,
         refuted=refuted,
+        wide_open=wide_open,
     )
     heard("next presses")
     return with_next_presses(found, dataset, further)
@@ -168,7 +172,7 @@ def _beside_images(choice: Choice) -> bool:
 
 def _only_places(choice: Choice) -> bool:
     """Whether all that is named lives in the places, so that images say nothing for it or against it."""
-    return all(one.name == PLACES for one in choice.named)
+    return all(one.by_places for one in choice.named)
 
 
 def _ends(ready: Prepared, base: Base, choice: Choice) -> tuple[Hypothesis, Hypothesis]:
@@ -216,7 +220,10 @@ def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
 
 def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tuple[NamedEffect, ...]:
     found: list[NamedEffect] = []
-    spread = np.sqrt(np.maximum(np.diag(choice.after.refit.covariance)[5:], 0.0))
+    spread = np.sqrt(
+        np.maximum(np.diag(choice.after.refit.covariance)[5:], 0.0)
+        * max(1.0, _mean_square(choice.after, base))
+    )
     x, coords = choice.after.refit.x, choice.after.coords
     low = parameters_at(coords, x - _WIDTH * spread, choice.after.held)
     high = parameters_at(coords, x + _WIDTH * spread, choice.after.held)
@@ -232,7 +239,14 @@ def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tup
         }
         found.append(
             NamedEffect(
-                one.name, one.consistent_with, one.p_value, dict(best[one.name]), ends, where, one.share
+                one.name,
+                one.consistent_with,
+                one.p_value,
+                dict(best[one.name]),
+                ends,
+                where,
+                one.share,
+                one.by_places,
             )
         )
     return tuple(found)
@@ -244,10 +258,14 @@ def _where(base: Base, model: Model, dataset: Dataset) -> str:
 
 
 def _refitted(
-    ready: Prepared, base: Base, choice: Choice, calibration: Calibration, dataset: Dataset
+    ready: Prepared,
+    base: Base,
+    choice: Choice,
+    start: Hypothesis,
+    calibration: Calibration,
+    dataset: Dataset,
 ) -> Calibration:
-    """The calibration with what was named, fitted to all presses."""
-    start: Hypothesis = choice.after.hypothesis
+    """The calibration with what was named, fitted to all presses from where those of the end were found, too."""
     options = replace(ready.options, settle=0)
     held = dict(choice.after.held)
     if ready.rest_counts is not None and any(one.name == OFFSET for one in choice.named):
@@ -265,3 +283,9 @@ def _refitted(
     seen = base.material.reading.seen
     mean_square = float((last.slopes.residual[seen] ** 2).mean())
     return new_calibration(calibration, last, choice.after.coords, held, mean_square, dataset, ready.poses)
+
+
+def _mean_square(model: Model, base: Base) -> float:
+    """What a model leaves of the presses that it was fitted to, in squares of the noise."""
+    seen = base.material.reading.seen & base.material.known[:, None]
+    return float((model.refit.slopes.residual[seen] ** 2).mean())

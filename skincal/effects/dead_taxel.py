@@ -26,7 +26,9 @@ class DeadTaxel(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "one or more taxels do not answer or are stuck"
     parameters = (
-        EffectParameter("answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", shape="per-taxel"),
+        EffectParameter(
+            "answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", typical=-1.0, shape="per-taxel"
+        ),
         EffectParameter(
             "stuck_counts",
             "counts",

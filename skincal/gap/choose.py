@@ -52,12 +52,14 @@ class Named:
         share: part of the excess of its round that it explains.
         p_value: of the best score of a null session's effects reaching its score; of what was read off, reaching what a
             full fit explains; of what only a full fit to some presses found, reaching what that explains of the others.
+        by_places: whether the places of presses told it (:mod:`skincal.gap.places`), not the images.
     """
 
     name: str
     consistent_with: tuple[str, ...]
     share: float
     p_value: float
+    by_places: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +164,8 @@ def choose(
     seen = int((material.reading.seen & material.known[:, None]).sum())
     least = options.least(seen, law)
     whole = first = left = excess_of(before, material, null_mean)
+    # Where the first effect that had to be looked for was: beside what was read off.
+    origin, first_round = before, 0
     while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
         number = len(rounds) + 1
         heard(f"round {number}: searching")
@@ -171,15 +175,17 @@ def choose(
         contest = Contest(model, material, p_value, null_mean, options, left)
         if contest.scores(found[0]):
             heard(f"round {number}: fitting {found[0].effect} and what comes near it")
-        fits = contest.fits(
-            [f for f in found if contest.near(f, found) or (f.effect in plain and len(named) == told)]
-        )
-        if not named and contest.little(fits, options.halfway):
+        beside = len(named) - told
+        readable = plain if beside == 0 else ()
+        fits = contest.fits([f for f in found if contest.near(f, found) or f.effect in readable])
+        # What can be read off is there; what takes it up on the way must wait until it is in the model.
+        read = next((n for n in readable if n in fits and contest.fall(fits[n]) >= least), None)
+        if read is None and beside == 0 and contest.little(fits, options.halfway):
             heard(f"round {number}: fitting all others that score, as these explain little")
             fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
-        # For the first of all, and for one beside one; a third is more often what equations are not quite right in.
-        wanted = {0: options.halfway, told + 1: options.share_later}.get(len(named), 0.0)
-        if wanted and contest.little(fits, wanted) and left > options.sure * least:
+        # For the first, and for one beside one; a third is more often what equations are not quite right in.
+        wanted = {0: options.halfway, 1: options.share_later}.get(beside, 0.0)
+        if read is None and wanted and contest.little(fits, wanted) and left > options.sure * least:
             heard(f"round {number}: fitting others to some presses, as these explain little")
             holding = contest.holding([f for f in found if f.effect not in fits], wanted)
             fits |= contest.fits(holding)
@@ -192,25 +198,24 @@ def choose(
         if falls[name] <= 0:
             break
         alike = [n for n in fits if falls[n] >= options.about(falls[name], seen)]
-        # What can be read off is there; what takes it up on the way must wait until it is in the model. And an effect
-        # with numbers for each taxel must beat those that need fewer.
+        # An effect with numbers for each taxel must beat those that need fewer.
         close = [n for n in fits if falls[n] >= min(falls[name], options.enough_of(falls[name], left, seen))]
-        read = next((n for n in plain if falls.get(n, 0.0) >= least), None)
         name = read or simplest(close, falls, fits)
         best = fits[name]
         share = falls[name] / left
-        asked = options.share_later if len(named) > told else options.share_first
+        asked = options.share_later if beside else options.share_first
         enough = share >= asked and falls[name] >= max(least, options.later(options.of_all, first, seen))
         if read is None and not enough:
             break
-        if read is None and len(named) > told and falls[name] < options.of_related * first:
+        if beside and falls[name] < options.of_related * first:
             known = [one.name for one in named[told:]]
             if of_one_kind(name, known):
                 # What the equation of the first is not quite right in; something else may still be there.
                 passed.add(name)
                 rounds[-1] = replace(rounds[-1], passed_over=name)
                 continue
-            if likeness(scene_of(before, material), material, rounds[0], name, known) > options.related:
+            scene = scene_of(origin, material)
+            if likeness(scene, material, rounds[first_round], name, known) > options.related:
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
         others = () if read else sorted((n for n in alike if n != name), key=lambda n: -falls[n])
@@ -224,8 +229,8 @@ def choose(
         if fresh is not None and excess_of(model, material, null_mean) > least:
             model = min(model, begun_again(model, material, fresh), key=lambda m: m.refit.objective)
         left = excess_of(model, material, null_mean)
-        if name in plain and len(named) == told + 1:
-            first, told = left, told + 1
+        if read is not None:
+            first, told, origin, first_round = left, told + 1, model, len(rounds)
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)

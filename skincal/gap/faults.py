@@ -21,7 +21,7 @@ _FAR_SIGMA = 10.0
 """A bound so far from what is expected is not where a working taxel would be."""
 _AT_BOUND = 0.05
 _LEAST = 2
-"""Presses in which a taxel sticks."""
+"""Presses in which a taxel sticks, or its level is another one."""
 _RARE = 0.25
 """Rest counts as rare where fewer than so many presses in one are followed by it."""
 _LEAST_GROUP = 3
@@ -102,14 +102,15 @@ def jumps_under_load(values: FloatArray, reading: Reading, session: GapSession) 
         reading: what was read.
         session: gives times and presses.
     """
-    starts = np.flatnonzero(np.diff(session.press, prepend=-2) != 0)[1:]
+    new = np.diff(session.press, prepend=-2) != 0
+    starts, begun = np.flatnonzero(new)[1:], np.concatenate([[0], np.cumsum(new & (session.press >= 0))])
     expected, weight = reading.expected(values), 1 / reading.deviation(values)
     found: dict[tuple[int, int], list[tuple[int, float]]] = {}
     for taxel in range(values.shape[1]):
         use = reading.seen[:, taxel]
         if use.sum() < 4 * _LEAST_GROUP:
             continue
-        step = _window(reading.counts[:, taxel], expected[:, taxel], weight[:, taxel] * use, starts)
+        step = _window(reading.counts[:, taxel], expected[:, taxel], weight[:, taxel] * use, starts, begun)
         if step is not None:
             found.setdefault(step[:2], []).append((taxel, step[2]))
     time = times(session)
@@ -126,9 +127,17 @@ def jumps_under_load(values: FloatArray, reading: Reading, session: GapSession) 
 
 
 def _window(
-    y: FloatArray, x: FloatArray, weight: FloatArray, starts: IntArray
+    y: FloatArray, x: FloatArray, weight: FloatArray, starts: IntArray, begun: IntArray
 ) -> tuple[int, int, float] | None:
-    """Where a level is another one, from an observation to before another, and by how much; None for nowhere."""
+    """Where a level is another one, from an observation to before another, and by how much; None for nowhere.
+
+    Args:
+        y: (N,) what was read.
+        x: (N,) what was expected.
+        weight: (N,) what a count is worth.
+        starts: observations with which something new begins, a press or rest.
+        begun: (N + 1,) how many presses have begun before each observation.
+    """
     y, x = np.nan_to_num(y), x / max(float(x.max(initial=0.0)), 1e-12)
     # A curve, and another one once the load falls: neither a law that is not linear nor memory is a jump.
     rising = np.stack([np.ones_like(x), x, x**2], axis=1)
@@ -152,6 +161,9 @@ def _window(
             fall = height**2 * curve
             if fall > best[0]:
                 best = (fall, begin, end, height)
+    if begun[best[2]] - begun[best[1]] < _LEAST:
+        # One press that is off by itself is a glitch.
+        return None
     if abs(best[3]) < _LEAST_COUNTS or total - best[0] > _SHARE_LEFT * total:
         return None
     return best[1], best[2], best[3]

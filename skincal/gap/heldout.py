@@ -17,6 +17,8 @@ from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _DRAWS = 400
+_FEWEST = 4
+"""Presses without which nothing is sure: an interval that draws from fewer is too narrow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +56,21 @@ class Gap:
             least: root mean square of what is added, in units of the noise.
         """
         added = self.after**2 - self.before**2
-        return bool(self.interval[1] < 0 and added > (least * self.floor) ** 2)
+        sure = self.presses >= _FEWEST and self.interval[1] < 0
+        return bool(sure and added > (least * self.floor) ** 2)
 
-    def leaves_open(self, most: float, least: float) -> bool:
-        """Whether there is a gap of which surely next to nothing is closed.
+    def leaves_open(self, most: float, least: float, law: float = 0.0) -> bool:
+        """Whether there is a gap beside the contact law's of which surely next to nothing is closed.
 
         Args:
             most: part of it that is closed at most.
-            least: root mean square of the gap before, in units of the noise.
+            least: root mean square of it, in units of the noise.
+            law: root mean square of what the contact law is not right in, in units of the noise. No effect closes it.
         """
-        there = self.before**2 - self.floor**2
-        return bool(self.interval[1] < most and there > (least * self.floor) ** 2)
+        gap = self.before**2 - self.floor**2
+        there = gap - (law * self.floor) ** 2
+        sure = self.presses >= _FEWEST and self.interval[1] * gap < most * there
+        return bool(sure and there > (least * self.floor) ** 2)
 
 
 def gap_closed(

@@ -146,7 +146,7 @@ def with_places(
     if trend is None or trend.p_value > SIGNIFICANT or trend.share < SHARE:
         return choice
     model = extended(choice.after, trend.found, material)
-    named = (*choice.named, Named(NAME, (NAME,), trend.share, trend.p_value))
+    named = (*choice.named, Named(NAME, (NAME,), trend.share, trend.p_value, by_places=True))
     return replace(
         choice, after=model, named=named, excess=(choice.excess[0], excess_of(model, material, null_mean))
     )

@@ -10,7 +10,6 @@ from scipy.ndimage import minimum_filter
 from skincal.effects import EffectSkin, Samples
 from skincal.effects.base import MemoryEffect
 from skincal.effects.samples import HOLD
-from skincal.gap.base import BaseModel
 from skincal.gap.hypothesis import PLACE
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
@@ -27,19 +26,19 @@ _LITTLE = 50.0
 
 
 def start_places(
-    model: BaseModel, session: GapSession, reading: Reading, sigma_m: float, reach_m: float
+    skin: EffectSkin, session: GapSession, reading: Reading, sigma_m: float, reach_m: float
 ) -> FloatArray:
     """Places (P, 3) of all presses.
 
     Args:
-        model: the sensor.
+        skin: the sensor, with the effects that it is known to have.
         session: what was pressed.
         reading: what was read.
         sigma_m: of a measured place [m].
         reach_m: how far to look on each side [m].
     """
     places = np.zeros((session.presses, PLACE))
-    places[:, :2] = np.nan_to_num(valleys(model.skin, session, reading, sigma_m, reach_m, 1)[:, 0])
+    places[:, :2] = np.nan_to_num(valleys(skin, session, reading, sigma_m, reach_m, 1)[:, 0])
     return places
 
 
@@ -87,7 +86,7 @@ def valleys(
 
 
 def _observations(session: GapSession) -> IntArray:
-    """For each press the observation in the middle of its hold, or its strongest one."""
+    """For each press the observation in the middle of its hold, or its strongest one; in the order of time."""
     found: list[int] = []
     strength = (
         np.nan_to_num(session.counts).sum(axis=1) if session.counts is not None else np.zeros(len(session))
@@ -96,7 +95,8 @@ def _observations(session: GapSession) -> IntArray:
         own = np.flatnonzero(session.press == press)
         held = own[session.phase[own] == HOLD]
         found.append(int(held[len(held) // 2]) if len(held) else int(own[np.argmax(strength[own])]))
-    return np.array(found, dtype=np.int64)
+    # The table of presses may have another order.
+    return np.sort(np.array(found, dtype=np.int64))
 
 
 def _one_sample(session: GapSession, observations: IntArray) -> Samples:

@@ -93,6 +93,8 @@ def _draw_total(axes: Axes, found: Diagnosis) -> None:
 
 def closed_words(found: Diagnosis) -> str:
     """How much of the gap is gone, with its interval."""
+    if found.only_places:
+        return "places take\nit up either way"
     if not np.isfinite(found.gap.closed):
         return "no gap to close"
     low, high = (100 * end for end in found.gap.interval)

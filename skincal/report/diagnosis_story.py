@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from skincal.diagnose.summary import SLACK_EFFECT
 from skincal.effects import EFFECTS, EffectParameter
 from skincal.gap.split import FINAL, SELECTION, TRAIN
 from skincal.model.arrays import FloatArray
@@ -133,7 +132,7 @@ def _no_score(found: Diagnosis) -> str:
 
 def _effect_sentence(effect: NamedEffect, found: Diagnosis) -> str:
     share, chance = percent(min(effect.share, 1.0)), p_words(effect.p_value, len(found.null.laws))
-    if effect.name == SLACK_EFFECT:
+    if effect.by_places:
         return (
             f"{capital(effect.name)} ({EFFECTS[effect.name].meaning}) explains {share} of the variance of where "
             f"presses turn out to be (p = {effect.p_value:.2g}, by presses that swap their places). "
@@ -156,6 +155,13 @@ def _gap_sentence(found: Diagnosis) -> str:
         return (
             f"{capital(where)}, simulated and measured values differ by {gap.before:.3g} counts rms a taxel; noise "
             f"alone makes {gap.floor:.3g}."
+        )
+    if found.only_places:
+        return (
+            f"{capital(where)}, the places that fit best lie {1e3 * gap.slack_before_m:.2f} mm rms from the measured "
+            f"ones before, and {1e3 * gap.slack_after_m:.2f} mm from those that the new model says. At these places "
+            f"simulated and measured values differ by {gap.before:.3g} counts rms a taxel before and {gap.after:.3g} "
+            f"after; noise alone makes {gap.floor:.3g}."
         )
     if not np.isfinite(gap.closed):
         return (
@@ -202,6 +208,12 @@ def _tried(found: Diagnosis) -> str:
         return (
             f"{_and(names)} would explain {percent(choice.explained)} of the excess, but presses that nobody has "
             f"fitted are further off then, {gap.after:.3g} counts instead of {gap.before:.3g}: it is not added."
+        )
+    if found.wide_open:
+        gap = found.gap
+        return (
+            f"{_and(names)} explains {percent(choice.explained)} of the excess, but presses that nobody has fitted "
+            f"are as far off with it, {gap.after:.3g} counts instead of {gap.before:.3g}: it is not what is missing."
         )
     if names:
         return (

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skincal.diagnose.summary import SLACK_EFFECT
-
 if TYPE_CHECKING:
     from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 
@@ -46,6 +44,11 @@ def _verdict(found: Diagnosis) -> str:
     if found.refuted:
         names = " and ".join(one.name for one in found.choice.named)
         return f"Something is missing. {names} would explain it, but puts presses that nobody has fitted further off."
+    if found.wide_open:
+        names = " and ".join(one.name for one in found.choice.named)
+        return (
+            f"Something is missing. {names} shows, but with it presses that nobody has fitted are as far off."
+        )
     if found.verdict == "unknown":
         return "Something is missing that none of the known effects explains."
     names = " and ".join(" or ".join(effect.consistent_with) for effect in found.effects)
@@ -53,7 +56,7 @@ def _verdict(found: Diagnosis) -> str:
 
 
 def _effect(effect: NamedEffect) -> Iterator[str]:
-    of = "where presses turn out to be" if effect.name == SLACK_EFFECT else "what was left"
+    of = "where presses turn out to be" if effect.by_places else "what was left"
     yield f"{effect.name} (p = {effect.p_value:.3g}; explains {100 * min(effect.share, 1.0):.0f} % of {of})"
     for name, value in effect.parameters.items():
         low, high = effect.intervals[name]
@@ -69,6 +72,11 @@ def _gap(found: Diagnosis) -> Iterator[str]:
     where = f"(noise {gap.floor:.3f}; {gap.presses} presses nobody fitted)"
     if found.verdict != "effects":
         yield f"{base} {where}"
+        return
+    if found.only_places:
+        moved = f"{1e3 * gap.slack_before_m:.2f} mm rms before, {1e3 * gap.slack_after_m:.2f} after"
+        yield f"held-out presses moved by {moved} ({gap.presses} presses nobody fitted)"
+        yield f"{base} before, {gap.after:.3f} after (noise {gap.floor:.3f}): places take it up either way"
         return
     if not np.isfinite(gap.closed):
         yield f"{base} before, {gap.after:.3f} after {where}: no gap there that what was named could close"

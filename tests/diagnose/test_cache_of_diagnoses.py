@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -48,11 +49,19 @@ def test_without_a_folder_nothing_is_kept():
     assert make.made == 2
 
 
-def test_an_entry_that_is_broken_is_made_again(tmp_path: Path):
+def flipped(content: bytes) -> bytes:
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 0xFF]) + content[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    "broken", [lambda content: content[:40], lambda _: b"", flipped], ids=["cut off", "empty", "flipped"]
+)
+def test_an_entry_that_is_broken_is_made_again(tmp_path: Path, broken: Callable[[bytes], bytes]):
     cache, make = Cache(tmp_path), Maker()
     cache.get("null", [1], make)
     (entry,) = tmp_path.iterdir()
-    entry.write_bytes(entry.read_bytes()[:40])
+    entry.write_bytes(broken(entry.read_bytes()))
     assert cache.get("null", [1], make)["a"][0] == 1.0
     assert make.made == 2
     cache.get("null", [1], make)

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.diagnose_data import META, moving, still
+from report.diagnosis_cases import calibration
 
 from skincal.dataset import Dataset
 from skincal.diagnose.base import floor_of, guessed_model
-from skincal.diagnose.prepare import high_rest
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.prepare import high_rest, prepare
 from skincal.diagnose.session import gap_session, pose_names, readout_of, repeats, sites
 from skincal.effects import EFFECTS
 from skincal.effects.samples import HOLD, IDLE
@@ -64,6 +66,31 @@ def test_a_press_without_place_is_left_out():
     place[2] = np.nan
     session = gap_session(replace(data, presses=replace(data.presses, position_m=place)))
     assert 2 not in session.press and len(session) == len(data.presses) - 1
+
+
+@pytest.mark.parametrize("data", [moving(), still(clock=True)], ids=["frames", "holds"])
+def test_presses_in_another_order_than_time_are_looked_for_as_others(data: Dataset):
+    order = np.random.default_rng(0).permutation(len(data.presses))
+    mixed = replace(data, presses=data.presses.select(order))
+    known = calibration({"taxel_offset": {"offset_counts": 30.0}})
+    for of in (calibration(), known):
+        one, two = (prepare(d, of, DiagnoseOptions(), np.random.default_rng(0)).start for d in (data, mixed))
+        assert one.places.any()
+        assert two.places == pytest.approx(one.places[order])
+
+
+def test_places_are_looked_for_with_the_effects_that_are_known():
+    known, data = calibration({"taxel_offset": {"offset_counts": 30.0}}), moving()
+    meta = replace(data.meta, sensor=replace(data.meta.sensor, value_max=None))
+    data = replace(data, meta=meta)
+    high = replace(
+        data,
+        presses=replace(data.presses, counts=data.presses.counts + 30.0),
+        frames=replace(data.frames, counts=data.frames.counts + 30.0),
+    )
+    low = prepare(data, calibration(), DiagnoseOptions(), np.random.default_rng(0)).start.places
+    found = prepare(high, known, DiagnoseOptions(), np.random.default_rng(0)).start.places
+    assert np.abs(found - low)[:, :2].max() < 0.5e-3 and np.median(np.abs(found - low)) < 1e-4
 
 
 def test_sites_and_repeats():

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from chambers import Chamber
-from gap.made_sessions import made, pressed
+from gap.made_sessions import held, made, pressed
 
 from skincal.calibrate import calibrate_uniform
 from skincal.dataset import read_dataset
@@ -58,6 +58,17 @@ def test_where_nothing_jumps_nothing_is_found(memory: float):
 def test_two_taxels_are_no_group():
     ready = chamber(group=(0, 1))
     assert jumps_under_load(ready.start.values(ready.session), ready.reading, ready.session) == []
+
+
+def test_one_press_that_is_off_by_itself_is_no_jump_where_there_is_no_rest():
+    one = made(session=held())
+    values = one.truth.values(one.session)
+    assert rests_rarely(one.session)
+    for off, found in (((5,), 0), ((5, 6, 7), 1)):
+        counts = np.array(one.reading.counts)
+        counts[list(off)] += 25.0
+        session = replace(one.session, counts=counts)
+        assert len(jumps_under_load(values, replace(one.reading, counts=counts), session)) == found
 
 
 def test_a_taxel_that_sticks_for_a_while_is_found_and_not_believed():

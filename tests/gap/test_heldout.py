@@ -150,3 +150,18 @@ def test_a_gap_that_surely_is_not_closed_stays_open(
 ):
     gap = Gap(before, before, 1.0, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
     assert gap.leaves_open(0.1, 0.3) is stays
+
+
+def test_what_the_contact_law_leaves_open_no_effect_can_close():
+    before = float(np.sqrt(1 + 1.0**2 + 0.4**2))
+    gap = Gap(before, before, 1.0, 0.08, (0.05, 0.09), 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    assert gap.leaves_open(0.1, 0.3)
+    # Of what the law does not make, a half is closed, or there is nothing.
+    assert not gap.leaves_open(0.1, 0.3, law=1.0)
+    assert not gap.leaves_open(0.1, 0.3, law=1.05)
+
+
+@pytest.mark.parametrize("presses", [3, 4])
+def test_fewer_than_four_presses_refute_nothing_and_leave_nothing_open(presses: int):
+    gap = Gap(1.2, 2.0, 1.0, 0.0, (-9.0, -3.0), presses, 100, 0.0, 0.0, np.zeros((presses, 4)))
+    assert gap.refutes(0.5) is gap.leaves_open(0.1, 0.3) is (presses == 4)

@@ -31,7 +31,7 @@ def displaced(session: GapSession, taxels: np.ndarray | None = None) -> Made:
 
 
 def found(one: Made, sigma_m: float = SLACK_M) -> np.ndarray:
-    return start_places(MODEL, one.session, one.reading, sigma_m, 2e-3)
+    return start_places(MODEL.skin, one.session, one.reading, sigma_m, 2e-3)
 
 
 @pytest.mark.parametrize("kind", ["frames", "holds"])
@@ -94,9 +94,9 @@ def test_presses_that_show_nothing_stay_where_they_were_measured():
     gone = np.isin(one.session.press, [2, 9])
     counts[gone] = np.nan
     session = replace(one.session, counts=counts)
-    places = start_places(MODEL, session, Reading.of(session, SIGMA, READOUT), 1e-3, 2e-3)
+    places = start_places(MODEL.skin, session, Reading.of(session, SIGMA, READOUT), 1e-3, 2e-3)
     assert not places[[2, 9]].any()
     rest = session.press < 0
     nothing = replace(session, press=np.full_like(session.press, -1))
-    assert not start_places(MODEL, nothing, Reading.of(nothing, SIGMA, READOUT), 1e-3, 2e-3).any()
+    assert not start_places(MODEL.skin, nothing, Reading.of(nothing, SIGMA, READOUT), 1e-3, 2e-3).any()
     assert rest.any()

@@ -23,7 +23,8 @@ def test_what_was_named_and_what_it_explains():
 
 def test_what_shows_in_the_places_is_said_to():
     found, _ = diagnosed("hysteresis")
-    one = replace(found.effects[0], name="contact_offset", consistent_with=("contact_offset",), share=0.4)
+    own = {"name": "contact_offset", "consistent_with": ("contact_offset",), "share": 0.4, "by_places": True}
+    one = replace(found.effects[0], **own)
     lines = verdict_lines(replace(found, effects=(one,)))
     assert lines[0] == "Missing: contact_offset."
     assert "40 % of where presses turn out to be" in lines[1]
@@ -31,8 +32,36 @@ def test_what_shows_in_the_places_is_said_to():
     assert "40 % of the variance of where presses turn out to be" in told and "null sessions did" not in told
 
 
+def test_what_is_in_the_places_only_closes_no_gap_of_images():
+    found, _ = diagnosed("hysteresis")
+    gap = replace(found.gap, closed=-0.4, slack_before_m=0.94e-3, slack_after_m=0.82e-3)
+    one = replace(found.effects[0], name="contact_offset", by_places=True)
+    told = replace(found, gap=gap, effects=(one,))
+    lines, story = " ".join(verdict_lines(told)), " ".join(verdict_sentences(told))
+    assert "moved by 0.94 mm rms before, 0.82 after" in lines
+    assert "0.94 mm rms from the measured" in story and "0.82 mm from those" in story
+    assert not any("of the gap" in words for words in (lines, story)) and "-" not in closed_words(told)
+    both = replace(told, effects=(*found.effects, one))
+    assert "of the gap" in " ".join(verdict_lines(both)) and "% closed" in closed_words(both)
+
+
+def test_what_images_tell_of_places_is_said_as_of_other_effects():
+    found, _ = diagnosed("hysteresis")
+    one = replace(found.effects[0], name="contact_offset", consistent_with=("contact_offset",), share=0.4)
+    assert "40 % of what was left" in verdict_lines(replace(found, effects=(one,)))[1]
+    assert "Images do not show it" not in " ".join(verdict_sentences(replace(found, effects=(one,))))
+
+
 def test_nothing_missing():
     assert verdict_lines(diagnosed("none")[0])[0] == "Nothing is missing that these presses could show."
+
+
+def test_what_closes_nothing_is_told():
+    found, _ = diagnosed("hysteresis")
+    wide_open = replace(found, verdict="unknown", effects=(), wide_open=True)
+    assert "hysteresis shows, but with it" in verdict_lines(wide_open)[0]
+    story = " ".join(verdict_sentences(wide_open))
+    assert "as far off with it" in story and "is asked for" not in story
 
 
 def test_what_held_out_presses_refute_is_told():
