@@ -72,9 +72,13 @@ def diagnose(
     from skincal.diagnose.options import DiagnoseOptions, thoroughly
     from skincal.diagnose.summary import summary
     from skincal.diagnose.workflow import diagnose as diagnosed
+    from skincal.errors import InputError, Problem
     from skincal.files import refuse_existing
 
     refuse_existing(out, force=force, marker="calibration.toml")
+    if out.resolve() in (calibration.resolve(), dataset.resolve()):
+        fix = "Choose another name: CAL stays as it is."
+        raise InputError([Problem(str(out), "another folder than those that are read", "one of them", fix)])
     data, cal = read_dataset(dataset), read_calibration(calibration)
     warn((*data.warnings, *cal.warnings))
     options = thoroughly() if thorough else DiagnoseOptions()
@@ -105,12 +109,12 @@ def diagnose(
 
 @contextmanager
 def _stages() -> Generator[Callable[[str], None]]:
-    """Which stage is at work, on standard error; nothing where it is no terminal."""
+    """Which stage is at work, on standard error; a line each where it is no terminal."""
     from rich.console import Console
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda _: None
+        yield say
         return
     with console.status("reading") as status:
         yield status.update

@@ -19,7 +19,7 @@ from skincal.diagnose.diagnosis import Verdict
 from skincal.diagnose.kept import Kept
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import OFFSET, Prepared
-from skincal.diagnose.second_look import heard_again
+from skincal.diagnose.second_look import heard_again, taken_back
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, Heard, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
@@ -155,7 +155,18 @@ class Question:
 
 
 def with_what_was_seen(answer: Answer) -> Answer:
-    """An answer with taxels that were seen to fall silent; what else is there is judged without them."""
+    """An answer with taxels that were seen to fall silent, and with presses that were no glitches after all.
+
+    What else is there is judged without them.
+    """
+    answer = _with_silent(answer)
+    if answer.verdict != "effects":
+        return answer
+    base, choice = taken_back(answer.base, answer.choice)
+    return replace(answer, base=base, choice=choice)
+
+
+def _with_silent(answer: Answer) -> Answer:
     base = heard_again(answer.base, answer.choice.after)
     choice = with_silent(answer.choice, base.silent, base.material, answer.null)
     if choice is answer.choice:

@@ -18,11 +18,11 @@ from skincal.diagnose.base import (
     calibrated_model,
     floor_of,
     guessed_model,
+    hold_slopes,
     thinned,
 )
 from skincal.diagnose.plan import plan_session
 from skincal.diagnose.session import gap_session
-from skincal.effects.samples import HOLD
 from skincal.errors import InputError
 from skincal.fit.observe import Readout
 from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
@@ -30,7 +30,6 @@ from skincal.gap.base import BaseColumns, BaseModel, base_columns, resolution_of
 from skincal.gap.noise import NoiseFloor, assumed_floor
 from skincal.gap.reasons import facts_of, why_not
 from skincal.gap.session import GapSession
-from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription
 
 
@@ -96,7 +95,7 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
     model = guessed_model(dataset, session) if calibration is None else calibrated_model(calibration, dataset)
     session = thinned(model, session)
     base = base_columns(model, session)
-    slopes = _hold_slopes(session, base, len(dataset.presses))
+    slopes = hold_slopes(session, base, len(dataset.presses))
     floor = floor_of(dataset, slopes, rng, session.taxels)
     options = _options(dataset.meta.position.sigma_m, calibration)
     return _report(model, session, base, floor, options, rng, calibration, planned=False)
@@ -192,11 +191,3 @@ def _options(position_sigma_m: float, calibration: Calibration | None) -> AuditO
 
 def _positive(value: object, otherwise: float) -> float:
     return float(value) if isinstance(value, int | float) and 0 < value < np.inf else otherwise
-
-
-def _hold_slopes(session: GapSession, base: BaseColumns, presses: int) -> FloatArray:
-    """Slopes (P, J, 3) of the hold images by place and force: the last part of each hold."""
-    slopes = np.zeros((presses, *base.press.shape[1:]))
-    held = np.flatnonzero((session.phase == HOLD) & (session.press >= 0))
-    slopes[session.press[held]] = np.nan_to_num(base.press[held])
-    return slopes

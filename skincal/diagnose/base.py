@@ -10,8 +10,9 @@ from skincal.calibration import MARGIN_M, Calibration
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
+from skincal.effects.samples import HOLD
 from skincal.fit.observe import Readout, clipped_share, observe
-from skincal.gap.base import BaseModel, resolution_of
+from skincal.gap.base import BaseColumns, BaseModel, resolution_of
 from skincal.gap.idle_noise import idle_noise
 from skincal.gap.noise import (
     NoiseFloor,
@@ -98,6 +99,14 @@ def thinned(model: BaseModel, session: GapSession, most: int = MOST_TAXELS) -> G
     reached = reached if len(reached) else np.arange(taxels)
     places = np.linspace(0, len(reached) - 1, min(most, len(reached)))
     return session.of_taxels(reached[np.rint(places).astype(np.int64)])
+
+
+def hold_slopes(session: GapSession, base: BaseColumns, presses: int) -> FloatArray:
+    """Slopes (P, J, 3) of the hold images by place and force: the last part of each hold."""
+    slopes = np.zeros((presses, *base.press.shape[1:]))
+    held = np.flatnonzero((session.phase == HOLD) & (session.press >= 0))
+    slopes[session.press[held]] = np.nan_to_num(base.press[held])
+    return slopes
 
 
 def floor_of(

@@ -11,15 +11,15 @@ from skincal.calibration.skin import effects_of
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import borne, uniform_pressure
-from skincal.diagnose.base import calibrated_model, floor_of, thinned
+from skincal.diagnose.base import calibrated_model, floor_of, hold_slopes, thinned
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means, sites
 from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
-from skincal.gap.base import BaseModel
+from skincal.gap.base import BaseModel, base_columns
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters
-from skincal.gap.noise import NoiseFloor, force_scatter, rounding
+from skincal.gap.noise import CLIPPED, REPEATS, NoiseFloor, force_scatter, rounding
 from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.session import Binning, GapSession
@@ -44,6 +44,9 @@ _SETTLED = 20
 
 _HIGH_COUNTS, _HIGH_SIGMA = 5.0, 5.0
 """Beyond both a level at rest is so high that places and forces would make up for it, were it left out."""
+
+_SAME_COUNTS, _SAME_SIGMA, _FEWEST_IMAGES = 1.0, 6.0, 3
+"""An image differs from the usual one if some taxel is off by more than both, and so many presses must."""
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
@@ -114,6 +117,11 @@ def prepare(
     model = calibrated_model(calibration, dataset)
     session = thinned(model, whole)
     floor = floor_of(dataset, None, rng, session.taxels)
+    if not session.has_frames and floor.frame_from != CLIPPED:
+        # Nothing shows the noise of a frame; repeats may show that of a mean.
+        slopes = hold_slopes(session, base_columns(model, session), len(dataset.presses))
+        floor = floor_of(dataset, slopes, rng, session.taxels)
+    _check_answers(dataset, floor)
     session, sigma = _weighted(session, floor, model, calibration)
     reading = Reading.of(session, sigma, model.readout)
     extra = calibration.loss.extra
@@ -154,6 +162,24 @@ def prepare(
     )
 
 
+def _check_answers(dataset: Dataset, floor: NoiseFloor) -> None:
+    """Refuses presses that all left the same image: there is nothing that a model could be compared with.
+
+    Raises:
+        WorkError: fewer than a few presses differ from the usual image.
+    """
+    counts = dataset.presses.counts[:, np.isfinite(dataset.presses.counts).any(axis=0)]
+    off = np.abs(counts - np.nanmedian(counts, axis=0)) if counts.size else counts
+    differ = int((off > max(_SAME_COUNTS, _SAME_SIGMA * floor.mean_counts)).any(axis=1).sum())
+    if differ < _FEWEST_IMAGES:
+        which = f"all {len(counts)} presses" if not differ else f"all but {differ} of {len(counts)} presses"
+        raise refusal(
+            dataset,
+            f"expected images that differ from press to press; got the same one, but for noise, in {which}. Does the "
+            "sensor answer at all? Look at it with `skincal info`; press other places with other forces",
+        )
+
+
 def _force_noise(dataset: Dataset) -> float:
     """Noise of the measured force of a frame, as far as the modelled skin bears it [N]."""
     if dataset.frames is None:
@@ -190,9 +216,11 @@ def _weighted(
     if session.has_frames:
         return session, floor.sigma_counts
     sigma, mean = floor.frame_counts, floor.mean_counts
-    if floor.frame_from != "clipped rest":
-        # Nothing shows the noise of a frame: what the fit found is that of a hold's mean.
-        sigma = mean = _positive(calibration.loss.extra.get("noise_sigma_counts"), mean)
+    if floor.frame_from != CLIPPED:
+        # Nothing shows the noise of a frame. What the fit left, and how far repeats differ, are bounds of a hold
+        # mean's from above: what the model lacks is in the one, where presses do not come back in the other.
+        found = _positive(calibration.loss.extra.get("noise_sigma_counts"), mean)
+        sigma = mean = min(found, floor.mean_interval[1]) if floor.mean_from == REPEATS else found
     full = float(np.hypot(sigma, rounding(model.readout)))
     return replace(session, frames=np.full(len(session), max(1.0, (full / mean) ** 2))), sigma
 

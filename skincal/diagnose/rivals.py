@@ -10,6 +10,9 @@ from skincal.gap.models import Model
 NEAR = 0.8
 """An effect that a full fit found to explain this part of what the named one does is a near rival."""
 
+_FAR = 400.0
+"""A near rival so far off, squared, in units of the noise, need not be set apart any more."""
+
 MOST = 2
 
 
@@ -45,7 +48,7 @@ def pairs_of(choice: Choice, most: int = MOST) -> tuple[Pair, ...]:
         best = own.falls[one.name]
         for rival in (name for name in own.fits if name not in named):
             alike, apart = rival in one.consistent_with, max(0.0, best - own.falls[rival])
-            if alike or own.falls[rival] >= NEAR * best:
+            if alike or (own.falls[rival] >= NEAR * best and apart < _FAR):
                 models = own.fits[one.name], own.fits[rival]
                 found.append(Pair(one.name, rival, alike, apart, min(1.0, apart / best), models))
     return tuple(sorted(found, key=lambda p: p.unlike)[:most])

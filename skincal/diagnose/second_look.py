@@ -7,9 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.diagnose.base_fit import Base
-from skincal.gap.models import Model
-from skincal.gap.robust import with_presses, without_presses
+from skincal.gap.choose import Choice
+from skincal.gap.faults import without_stuck
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.models import Material, Model, fitted
+from skincal.gap.reading import Reading
+from skincal.gap.relocate import relocated
+from skincal.gap.robust import IN_PROPORTION, explained_presses, with_presses, without_presses
+from skincal.gap.settle import settled
 from skincal.gap.silent import presses_of, silent_taxels, with_silent_values, without_silent
+from skincal.model.arrays import IntArray
+
+_STEPS = 6
+"""Of every press to its best place."""
 
 
 def heard_again(base: Base, after: Model) -> Base:
@@ -37,3 +47,47 @@ def heard_again(base: Base, after: Model) -> Base:
     reading = with_silent_values(without_silent(reading, silent, m.session), silent, m.session)
     reading = without_presses(reading, press, left_out)
     return replace(base, material=replace(m, reading=reading), glitches=left_out, silent=silent)
+
+
+def taken_back(base: Base, choice: Choice) -> tuple[Base, Choice]:
+    """A base and a choice with those presses that had been left out as glitches and fit once effects are named.
+
+    An effect that is steep is largest in few presses; without it in the model, these are out of all proportion.
+
+    Args:
+        base: without its glitches.
+        choice: of effects, made about it.
+    """
+    m = base.material
+    if not choice.named or not len(base.glitches):
+        return base, choice
+    session = m.session
+    whole = _with(base, base.glitches)
+    ends = [_at_best(model, replace(m, reading=whole)) for model in (choice.before, choice.after)]
+    left = [whole.residual(end.values(session)) for end in ends]
+    back = explained_presses(left[0], left[1], whole.seen, session.press, base.glitches, IN_PROPORTION)
+    if not len(back):
+        return base, choice
+    material = replace(m, reading=_with(base, back))
+    before, after = (
+        fitted(end, model.coords, model.refit.x, model.held, material)
+        for end, model in zip(ends, (choice.before, choice.after), strict=True)
+    )
+    base = replace(base, model=before, material=material, glitches=np.setdiff1d(base.glitches, back))
+    return base, replace(choice, before=before, after=after)
+
+
+def _with(base: Base, presses: IntArray) -> Reading:
+    """The reading with some of the presses that had been left out, but for taxels that do not answer then."""
+    m = base.material
+    reading = without_stuck(with_presses(m.reading, m.session.press, presses), m.session, list(base.stuck))
+    return without_silent(reading, base.silent, m.session)
+
+
+def _at_best(model: Model, material: Material) -> Hypothesis:
+    """A model as it is, every press where it fits best."""
+    m = material
+    found = (
+        relocated(model.hypothesis, m.session, m.reading, m.options) if m.options.base else model.hypothesis
+    )
+    return settled(found, m.session, m.reading, m.options, _STEPS)[0]

@@ -218,7 +218,10 @@ def choose(
             if likeness(scene, material, rounds[first_round], name, known) > options.related:
                 break
         rounds[-1] = replace(rounds[-1], taken=name)
-        others = () if read else sorted((n for n in alike if n != name), key=lambda n: -falls[n])
+        if read:
+            # It stands far out of the noise: only what leaves as much, no less, cannot be told from it.
+            alike = [n for n in alike if abs(falls[n] - falls[name]) <= options.least(seen)]
+        others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         # What was read off need not hold for other presses: a taxel may die in the last ones.
         own = next(
             p_value(name, f.scored if read is None else falls[name]) for f in found if f.effect == name

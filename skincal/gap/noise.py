@@ -21,6 +21,9 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 ROUNDING_COUNTS = float(1 / np.sqrt(12))
 """Standard deviation of a value that was rounded to whole counts."""
 
+CLIPPED, REPEATS = "clipped rest", "repeats"
+"""Where noise was found: in what clipping makes of the level at rest, and in exact repeats of presses."""
+
 LEAST_COUNTS = 0.02
 _MARGIN = 4.0
 _FEWEST = 6
@@ -363,7 +366,7 @@ def noise_floor(
         frame, interval = idle.sigma_counts, _about(idle.sigma_counts, idle.error_counts)
         source = "idle frames"
     elif np.isfinite(frame := noise_from_rest(_middle(rest_means), readout)):
-        source = "clipped rest"
+        source = CLIPPED
         drawn = rng.integers(0, len(rest_means), (_RESAMPLES, len(rest_means)))
         low, high = np.quantile([_middle(rest_means[d]) for d in drawn], [0.025, 0.975])
         ends = [noise_from_rest(float(end), readout) for end in (low, high)]
@@ -377,7 +380,7 @@ def noise_floor(
     mean_interval, mean_from = (ends[0], ends[1]), source
     # Repeats that read the very same show no noise, but copies, or a simulator without any.
     if LEAST_COUNTS < repeat < mean and "frames" not in source:
-        mean, mean_interval, mean_from = repeat, repeat_interval, "repeats"
+        mean, mean_interval, mean_from = repeat, repeat_interval, REPEATS
     return NoiseFloor(frame, interval, source, mean, mean_interval, mean_from, added, repeat, repeat_interval)
 
 

@@ -30,6 +30,9 @@ _TAKEN = 0.5
 """What explains a press takes this part of its squared residual beyond noise."""
 _MIXED = 3.0
 """Mean squared residual of an observation in which a jump happens, beside what it reads before and after."""
+IN_PROPORTION = 3.0
+"""A press that was left out fits as others do if it has no more than so many times the mean squared residual of all but
+the worst tenth of presses."""
 _OTHERS = 16.0
 """A press differs if its squared residual is so many standard deviations beyond that of noise: of three hundred values
 more than twice as large."""
@@ -110,10 +113,10 @@ def of_neither(before: FloatArray, after: FloatArray, seen: BoolArray, press: In
     return rows[wild & (first > least * read)]
 
 
-def _wild(squares: FloatArray, read: FloatArray) -> BoolArray:
+def _wild(squares: FloatArray, read: FloatArray, times: float = _GLITCH) -> BoolArray:
     """Presses whose mean square is out of all proportion."""
     mean = squares / np.maximum(read, 1)
-    return mean > _GLITCH * max(1.0, float(np.quantile(mean, 0.9)) if len(mean) else 0.0)
+    return mean > times * max(1.0, float(np.quantile(mean, 0.9)) if len(mean) else 0.0)
 
 
 def explained(
@@ -130,11 +133,34 @@ def explained(
         press: (N,) row of the press of each observation.
         doubted: rows of the presses; those of which nothing was read do not count.
     """
+    rows, _, read = _by_press(before, seen, press)
+    own = np.isin(rows, doubted) & (read > 0)
+    return bool(np.isin(rows[own], explained_presses(before, after, seen, press, doubted)).all())
+
+
+def explained_presses(
+    before: FloatArray,
+    after: FloatArray,
+    seen: BoolArray,
+    press: IntArray,
+    doubted: IntArray,
+    times: float = _GLITCH,
+) -> IntArray:
+    """Rows of those presses that are no glitches under a model; arguments as of :func:`explained`.
+
+    Args:
+        before: see there.
+        after: see there.
+        seen: see there.
+        press: see there.
+        doubted: see there.
+        times: what is left of a press, beside what is left of the worst tenth of all, at most.
+    """
     rows, first, read = _by_press(before, seen, press)
     _, last, _ = _by_press(after, seen, press)
     own = np.isin(rows, doubted) & (read > 0)
     taken = first - last >= _TAKEN * (first - read)
-    return bool((taken & ~_wild(last, read))[own].all())
+    return rows[own & taken & ~_wild(last, read, times)]
 
 
 def dominating(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:

@@ -195,6 +195,9 @@ def signature_falls(view: View, columns: FloatArray, residuals: FloatArray) -> F
     return as_floats((along**2).sum(axis=0))
 
 
+_ALL_TAXELS = "on all taxels"
+
+
 def where_text(
     residual: FloatArray, seen: BoolArray, session: GapSession, layout: TaxelLayout, rows: BoolArray
 ) -> str:
@@ -214,32 +217,33 @@ def where_text(
     of_phase = {phase: float(excess[session.phase == phase].sum()) / total for phase in PHASE_WORDS}
     phase = max(of_phase, key=lambda p: of_phase[p])
     inside = session.phase == phase
-    share = of_phase[phase]
     place = "in " + PHASE_WORDS[phase]
     if phase == IDLE:
         place = "at rest"
-    elif not session.has_frames:
-        place = "in the holds"
     else:
-        place += _force_words(excess, covariates_of(session).force_n, inside)
+        words, inside = _of_forces(excess, covariates_of(session).force_n, inside)
+        # Without frames all there is are holds.
+        place = place + words if session.has_frames else "in holds" + words
+    share = float(excess[inside].sum()) / total
     taxels = _taxel_words(excess[inside], layout, session)
+    if not session.has_frames and bool(inside[rows].all()) and taxels == _ALL_TAXELS:
+        return "the excess residual is spread over presses of all forces and all taxels"
     return f"{100 * min(share, 1.0):.0f} % of the excess residual lies {place}, {taxels}"
 
 
-def _force_words(excess: FloatArray, force_n: FloatArray, inside: BoolArray) -> str:
-    own = excess[inside].sum(axis=1)
-    force, total = force_n[inside], float(own.sum())
-    if total <= 0 or not np.isfinite(force).all():
-        return ""
-    for limit in (4.0, 3.0, 2.0, 1.0, 0.5):
-        above = force > limit
-        if above.mean() < 0.6 and float(own[above].sum()) > 0.8 * total:
-            return f" above {limit:g} N"
-    for limit in (0.5, 1.0, 2.0, 3.0):
-        below = force < limit
-        if below.mean() < 0.6 and float(own[below].sum()) > 0.8 * total:
-            return f" below {limit:g} N"
-    return ""
+def _of_forces(excess: FloatArray, force_n: FloatArray, inside: BoolArray) -> tuple[str, BoolArray]:
+    """Forces that hold most of the excess of some observations (N,), in words, and the observations of these forces."""
+    total = float(excess[inside].sum())
+    if total <= 0 or not np.isfinite(force_n[inside]).all():
+        return "", inside
+    limits = [(">", limit) for limit in (4.0, 3.0, 2.0, 1.0, 0.5)] + [
+        ("<", limit) for limit in (0.5, 1.0, 2.0, 3.0)
+    ]
+    for side, limit in limits:
+        some = inside & (force_n > limit if side == ">" else force_n < limit)
+        if some.sum() < 0.6 * inside.sum() and float(excess[some].sum()) > 0.8 * total:
+            return f" {'above' if side == '>' else 'below'} {limit:g} N", some
+    return "", inside
 
 
 def _taxel_words(excess: FloatArray, layout: TaxelLayout, session: GapSession) -> str:
@@ -248,7 +252,7 @@ def _taxel_words(excess: FloatArray, layout: TaxelLayout, session: GapSession) -
     reached = np.cumsum(own[order]) / max(float(own.sum()), 1e-300)
     few = int(np.searchsorted(reached, 0.8)) + 1
     if few > max(1, len(own) // 5):
-        return "on all taxels"
+        return _ALL_TAXELS
     flat = order[:few] if session.taxels is None else session.taxels[order[:few]]
     names = ", ".join(f"({r}, {c})" for r, c in zip(*np.divmod(np.sort(flat), layout.cols), strict=True))
     return f"on taxel{'s' if few > 1 else ''} {names}"

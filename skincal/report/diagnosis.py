@@ -83,10 +83,10 @@ SECTIONS = (
     _Section(
         "candidates",
         "What was tried",
-        "Every effect, its parameters found on the presses that learn, scored on the presses that choose. In the grey "
-        "band nothing can be told from chance, whatever the contact law. An effect is added when it is beyond the band "
-        "and explains more of the excess than any other in a full fit with sensor and places; the search begins again "
-        "with it in the model. Triangles: no better than nothing on presses that choose.",
+        "Effects that were searched, parameters found on the presses that learn, scored on the presses that choose. "
+        "In the grey band nothing can be told from chance, whatever the contact law. An effect is added when it is "
+        "beyond the band and explains more of the excess than any other in a full fit with sensor and places; the "
+        "search begins again with it in the model. Triangles: no better than nothing on presses that choose.",
         lambda found, _: candidates_figure(found),
         place=2,
     ),

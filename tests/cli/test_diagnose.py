@@ -137,6 +137,10 @@ def test_refusals(cal: Path, looped: Path, tmp_path: Path, capsys: pytest.Captur
     assert run("diagnose", looped, tmp_path / "nowhere", "--out", tmp_path / "other") == 2
     assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
+    content = (cal / "calibration.toml").read_text()
+    assert run("diagnose", looped, cal, "--out", cal, "--force") == 2
+    assert "CAL stays as it is" in capsys.readouterr().err
+    assert (cal / "calibration.toml").read_text() == content
 
 
 def test_other_sensor_and_too_few_presses(

@@ -8,8 +8,11 @@ import numpy as np
 from gap.made_sessions import CASES, OPTIONS, Made, made
 
 from skincal.diagnose.base_fit import Base, without_hidden_glitches
+from skincal.diagnose.second_look import taken_back
+from skincal.gap.choose import Choice, Named
 from skincal.gap.models import Model
 from skincal.gap.refit import refit
+from skincal.gap.robust import without_presses
 
 SPOILED_COUNTS = 6.0
 
@@ -56,3 +59,24 @@ def test_one_that_was_learned_from_stays():
 def test_nothing_is_left_out_where_nothing_is_wrong():
     base, after = models(made(CASES["crosstalk"]))
     assert without_hidden_glitches(base, after) is base
+
+
+def test_presses_that_fit_once_an_effect_is_named_are_taken_back_and_glitches_are_not():
+    # As the loop of a strong effect is: out of all proportion as long as it is not in the model.
+    one = spoiled(made({"crosstalk": {"leak": 0.06}}), 5)
+    base, after = models(one)
+    after = replace(after, held=one.truth.effects)
+    press = one.session.press
+    own = [float((base.model.refit.slopes.residual[press == k] ** 2).mean()) for k in range(press.max() + 1)]
+    strongest = next(int(k) for k in np.argsort(own)[::-1] if k != 5)
+    out = np.sort(np.array([strongest, 5]))
+    reading = without_presses(one.reading, press, out)
+    base = replace(base, material=replace(base.material, reading=reading), glitches=out)
+    choice = Choice(base.model, after, (Named("crosstalk", ("crosstalk",), 0.9, 0.01),), (), (1000.0, 10.0))
+    found, chosen = taken_back(base, choice)
+    assert found.glitches.tolist() == [5]
+    assert found.material.reading.seen[press == strongest].any()
+    assert not found.material.reading.seen[press == 5].any()
+    assert found.model is chosen.before and chosen.after.names == ("crosstalk",)
+    unnamed = replace(choice, named=())
+    assert taken_back(base, unnamed) == (base, unnamed)

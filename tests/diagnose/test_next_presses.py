@@ -169,6 +169,13 @@ def test_rivals_are_those_alike_and_those_near():
     assert pairs_of(choice_between("ghosting", 0.5)) == ()
 
 
+def test_a_near_rival_that_is_surely_out_is_none():
+    choice = choice_between("ghosting", 0.85)
+    (tried,) = choice.rounds
+    large = replace(tried, falls={name: 10 * fall for name, fall in tried.falls.items()})
+    assert pairs_of(replace(choice, rounds=(large,))) == ()
+
+
 def test_rivals_get_a_plan_that_reads_back(tmp_path: Path):
     found = diagnosis_of(choice_between("ghosting", 0.97), recorded("crosstalk"), "effects", {})
     told = next_presses(found, moving(), rng())

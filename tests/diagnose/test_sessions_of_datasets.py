@@ -16,6 +16,7 @@ from skincal.diagnose.prepare import high_rest, prepare
 from skincal.diagnose.session import gap_session, pose_names, readout_of, repeats, sites
 from skincal.effects import EFFECTS
 from skincal.effects.samples import HOLD, IDLE
+from skincal.errors import WorkError
 from skincal.gap.noise import assumed_floor
 
 
@@ -91,6 +92,37 @@ def test_places_are_looked_for_with_the_effects_that_are_known():
     low = prepare(data, calibration(), DiagnoseOptions(), np.random.default_rng(0)).start.places
     found = prepare(high, known, DiagnoseOptions(), np.random.default_rng(0)).start.places
     assert np.abs(found - low)[:, :2].max() < 0.5e-3 and np.median(np.abs(found - low)) < 1e-4
+
+
+@pytest.mark.parametrize("value", [0.0, 7.0, 255.0, None])
+@pytest.mark.parametrize("frames", [True, False])
+def test_a_sensor_that_answers_nothing_is_refused(value: float | None, frames: bool):
+    data, rng = moving(), np.random.default_rng(0)
+    shape = data.frames.counts.shape
+    counts = np.round(10 + rng.normal(size=shape)) if value is None else np.full(shape, value)
+    held = np.array([counts[data.frames.press == p].mean(axis=0) for p in data.presses.press])
+    data = replace(
+        data,
+        presses=replace(data.presses, counts=held),
+        frames=replace(data.frames, counts=counts) if frames else None,
+    )
+    with pytest.raises(WorkError, match="all 16 presses"):
+        prepare(data, calibration(), DiagnoseOptions(), rng)
+
+
+def test_without_frames_and_clipped_rest_repeats_bound_the_noise():
+    """What a fit left is what the model lacks as well."""
+    data, rng = still(), np.random.default_rng(0)
+    targets = {name: moving().presses.columns[name] for name in ("target_x_m", "target_y_m", "target_z_m")}
+    force = {"target_force_n": np.round(data.presses.force_n, 3)}
+    presses = replace(data.presses, counts=data.presses.counts + 20.0, columns={**targets, **force})
+    sensor = replace(data.meta.sensor, value_min=None, value_max=None)
+    data = replace(data, meta=replace(data.meta, sensor=sensor), presses=presses)
+    known = calibration()
+    large = replace(known, loss=replace(known.loss, extra={"noise_sigma_counts": 3.0}))
+    ready = prepare(data, large, DiagnoseOptions(), rng)
+    assert ready.floor.mean_from == "repeats"
+    assert np.max(ready.reading.sigma_counts) < 1.0
 
 
 def test_sites_and_repeats():

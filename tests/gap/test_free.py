@@ -51,7 +51,8 @@ def test_one_is_a_typical_strength(name: str):
     for c in coords:
         p = c.parameter
         if c.is_strength and p.typical:
-            assert c.value(1.0) == pytest.approx(p.neutral + abs(p.typical))
+            assert c.value(1.0) == pytest.approx(min(p.neutral + abs(p.typical), p.high))
+            assert c.value(-1.0) == pytest.approx(max(p.neutral - abs(p.typical), p.low))
         low, high = c.bounds
         assert low <= 0 <= high
         assert c.value(low) == pytest.approx(p.low) and c.value(high) == pytest.approx(p.high)

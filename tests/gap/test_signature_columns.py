@@ -171,7 +171,10 @@ def test_a_sentence_is_of_the_rows_that_are_looked_at():
 def test_hold_means_lie_in_the_holds_and_taxels_keep_their_names():
     session = held()
     residual = np.full((len(session), 9), 3.0)
-    assert told(residual, session) == "100 % of the excess residual lies in the holds, on all taxels"
+    spread = "the excess residual is spread over presses of all forces and all taxels"
+    assert told(residual, session) == spread
+    residual[:, 1:] = 1.0
+    assert told(residual, session) == "100 % of the excess residual lies in holds, on taxel (0, 0)"
     few = replace(pressed(), taxels=np.array([2, 4, 5, 6, 7, 8]))
     strong = np.ones((len(few), 6))
     strong[few.phase == UNLOAD, 0] = 9.0
