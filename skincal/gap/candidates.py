@@ -408,13 +408,22 @@ def secants(scene: Scene, start: Start, which: IntArray) -> FloatArray:
     return _slopes(scene, change, start, which, none, lengths, np.zeros_like(scene.zero))
 
 
-def best_of(scene: Scene, name: str, learn: View, score: View) -> Found | None:
+def best_of(scene: Scene, name: str, learn: View, score: View, *, far: bool = False) -> Found | None:
     """The best of all searches for an effect; None where there is nothing to search.
 
     It is the one that explains most of what is learned from, unless that holds for no other presses.
+
+    Args:
+        scene: what is to be explained.
+        name: of the effect.
+        learn: observations that parameters are found on.
+        score: observations that they are scored on.
+        far: whether places may be so far off that what is of first order says little of them: effects that move
+            contacts are searched as all others then, too.
     """
-    way = straight if name in OF_PLACES else search
-    found = [way(scene, start, learn, score) for start in scene.bench.starts(name)]
+    ways = [straight] if name in OF_PLACES else [search]
+    ways += [search] if far and name in OF_PLACES else []
+    found = [way(scene, start, learn, score) for way in ways for start in scene.bench.starts(name)]
     if not found:
         return None
     best = max(found, key=lambda f: f.learned)

@@ -30,6 +30,9 @@ class ChoiceOptions:
         sure: what is left is that many times the weakest effect at least where more are fitted in full, to the presses
             learned from, and score with what that explains of the presses that choose: while nothing is named and what
             was fitted explains less than ``halfway``, or one is and it explains less than ``share_later``.
+        holds: while nothing is named, part of what is left of the presses that choose that such a fit must explain. Far
+            from where the sensor belongs, places of presses that were not learned from are off as well, and hide most
+            of it; what is fitted in full then must explain ``share_first`` like any other.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
@@ -59,6 +62,7 @@ class ChoiceOptions:
     contend: float = 0.6
     halfway: float = 0.5
     sure: float = 4.0
+    holds: float = 0.1
     searched: int = 8
     near: float = 0.1
     enough: float = 0.03

@@ -187,7 +187,13 @@ def choose(
         wanted = {0: options.halfway, 1: options.share_later}.get(beside, 0.0)
         if read is None and wanted and contest.little(fits, wanted) and left > options.sure * least:
             heard(f"round {number}: fitting others to some presses, as these explain little")
-            holding = contest.holding([f for f in found if f.effect not in fits], wanted)
+            # Nothing is known of a session of which the first effects explain little: any other may be it.
+            first_of_all = beside == 0
+            every = found
+            if first_of_all:
+                every = _searched(model, material, library, options, extra or {}, passed, every=True)
+            share = options.holds if first_of_all else options.share_later
+            holding = contest.holding([f for f in every if f.effect not in fits], share, every=first_of_all)
             fits |= contest.fits(holding)
             found = sorted({f.effect: f for f in [*found, *holding]}.values(), key=lambda f: -f.scored)
         falls = {name: contest.fall(m) for name, m in fits.items()}
@@ -308,7 +314,10 @@ def _searched(
     options: ChoiceOptions,
     extra: Mapping[str, Start],
     passed: Collection[str],
+    *,
+    every: bool = False,
 ) -> list[Found]:
+    """What effects explain to first order, best first: those that explain most, or ``every`` one there is."""
     scene = scene_of(model, material)
     views = scene.part(material.learn), scene.part(material.score)
     residuals = views[0].residual, views[1].residual
@@ -318,10 +327,13 @@ def _searched(
         for name in library.columns
         if name not in done
     }
-    order = sorted(first, key=lambda n: -first[n])[: options.searched]
+    order = sorted(first, key=lambda n: -first[n])
     names = [
-        n for i, n in enumerate(order) if i < options.contenders or first[n] > options.near * first[order[0]]
+        n
+        for i, n in enumerate(order[: options.searched])
+        if i < options.contenders or first[n] > options.near * first[order[0]]
     ]
-    found = [one for name in names if (one := best_of(scene, name, *views)) is not None]
+    names = order if every else names
+    found = [one for name in names if (one := best_of(scene, name, *views, far=every)) is not None]
     found += [search(scene, start, *views) for name, start in extra.items() if name not in done]
     return sorted(found, key=lambda f: -f.scored)

@@ -60,18 +60,18 @@ class Contest:
         fitted = self._fitted(self.model, found, self.material)
         return {one.effect: model for one, model in zip(found, fitted, strict=True)}
 
-    def holding(self, found: Sequence[Found], share: float) -> list[Found]:
+    def holding(self, found: Sequence[Found], share: float, *, every: bool = False) -> list[Found]:
         """Those of which a full fit to the presses learned from explains such a share of the others; scored with it.
 
-        Tried are those that explain most of the presses learned from, by the search, as many as contend.
+        Tried are those that explain most of the presses learned from, by the search, as many as contend; if ``every``
+        one may be it, the next as many after them, until one does.
 
         The search holds sensor and places to first order. Far from where they belong, a gain that few presses show is
         found many times too large, and holds for no others. What is said of other presses is compared with what is said
         without the effect, learned from as few: sensor and effects are not found on them again.
         """
-        most = sorted((f for f in found if f.effect != IN_PLACES), key=lambda f: -f.learned)
-        found = most[: self.options.contenders]
-        if not found:
+        order = sorted((f for f in found if f.effect != IN_PLACES), key=lambda f: -f.learned)
+        if not order:
             return []
         some = replace(self.material, score=np.zeros_like(self.material.score))
         m = self.model
@@ -81,9 +81,15 @@ class Contest:
         least = max(1.0, share * (before - self.null_mean * read))
         # From where all presses led, which is nearer to where the sensor belongs; what it must lower is that of these.
         begin = replace(m, refit=replace(m.refit, objective=without.refit.objective))
-        learned = self._fitted(begin, found, some)
-        again = [replace(f, scored=before - self._of_others(m)) for f, m in zip(found, learned, strict=True)]
-        return [f for f in again if f.scored >= least and self.scores(f)]
+        for first in range(0, len(order) if every else 1, self.options.contenders):
+            tried = order[first : first + self.options.contenders]
+            learned = self._fitted(begin, tried, some)
+            again = [
+                replace(f, scored=before - self._of_others(m)) for f, m in zip(tried, learned, strict=True)
+            ]
+            if holding := [f for f in again if f.scored >= least and self.scores(f)]:
+                return holding
+        return []
 
     def _of_others(self, model: Model) -> float:
         """What a model leaves of the presses that choose."""

@@ -87,8 +87,8 @@ def test_where_the_best_explain_little_all_others_that_score_are_fitted(
     of = case("hysteresis")
     library, null = library_and_null("hysteresis")
 
-    def misled(*given: Any) -> list[Found]:
-        found = {f.effect: f for f in searched(*given)}
+    def misled(*given: Any, **more: Any) -> list[Found]:
+        found = {f.effect: f for f in searched(*given, **more)}
         right = found.pop("hysteresis", None)
         wrong = min(found.values(), key=lambda f: f.scored)
         return [replace(wrong, scored=1e6), *([] if right is None else [replace(right, scored=1e4)])]
@@ -115,8 +115,8 @@ def test_what_a_search_finds_far_too_large_is_scored_by_a_full_fit(
     of = case("hysteresis")
     library, null = library_and_null("hysteresis")
 
-    def misled(*given: Any) -> list[Found]:
-        found = [f for f in searched(*given) if hidden or f.effect != "hysteresis"]
+    def misled(*given: Any, **more: Any) -> list[Found]:
+        found = [f for f in searched(*given, **more) if hidden or f.effect != "hysteresis"]
         return [replace(f, scored=-float(k)) for k, f in enumerate(found)]
 
     monkeypatch.setattr("skincal.gap.choose._searched", misled)
@@ -127,15 +127,35 @@ def test_what_a_search_finds_far_too_large_is_scored_by_a_full_fit(
     assert hidden or not choice.rounds[0].fits
 
 
+@pytest.mark.parametrize(("holds", "expected"), [(0.1, ("hysteresis",)), (2.0, ())])
+def test_where_the_best_explain_little_every_effect_may_be_it(
+    monkeypatch: pytest.MonkeyPatch, holds: float, expected: tuple[str, ...]
+):
+    """A search that leaves the right one out at first, and has it as the last of all then."""
+    of = case("hysteresis")
+    library, null = library_and_null("hysteresis")
+
+    def misled(*given: Any, every: bool = False) -> list[Found]:
+        found = searched(*given, every=every)
+        wrong = [replace(f, scored=-1e3) for f in found if f.effect != "hysteresis"]
+        right = [replace(f, scored=-1e4, learned=-1e4) for f in found if f.effect == "hysteresis"]
+        return [*wrong, *(right if every else [])]
+
+    monkeypatch.setattr("skincal.gap.choose._searched", misled)
+    options = ChoiceOptions(most=1, contenders=2, holds=holds)
+    choice = choose(of.model, of.made.material, library, lambda *_: 0.001, null.mean_square, options)
+    assert named(choice) == expected
+
+
 @pytest.mark.parametrize("holds", [True, False])
 def test_a_later_effect_that_is_searched_in_vain_is_named_if_it_holds_for_other_presses(
     monkeypatch: pytest.MonkeyPatch, holds: bool
 ):
     of, (library, null) = two()
 
-    def misled(*given: Any) -> list[Found]:
+    def misled(*given: Any, **more: Any) -> list[Found]:
         """As the search is in the first round; later what explains nearly all comes far behind."""
-        found = searched(*given)
+        found = searched(*given, **more)
         left = [f for f in found if f.effect in TWO]
         wrong = min((f for f in found if f.effect not in TWO), key=lambda f: f.scored)
         if len(left) > 1:
