@@ -176,7 +176,7 @@ def _check_answers(dataset: Dataset, floor: NoiseFloor) -> None:
         raise refusal(
             dataset,
             f"expected images that differ from press to press; got the same one, but for noise, in {which}. Does the "
-            "sensor answer at all? Look at it with `skincal info`; press other places with other forces",
+            "sensor answer at all? Look at it with `skincal dataset show`; press other places with other forces",
         )
 
 
