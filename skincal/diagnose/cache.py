@@ -25,7 +25,7 @@ from skincal import __version__
 
 Arrays = Mapping[str, NDArray[np.float64]]
 
-DAMAGED = (OSError, ValueError, EOFError, BadZipFile, zlib.error)
+DAMAGED = (OSError, ValueError, EOFError, RuntimeError, MemoryError, BadZipFile, zlib.error)
 """What reading a file ends in that is not there, was cut off, or is not what was written."""
 
 

@@ -19,7 +19,7 @@ from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
 from skincal.gap.base import BaseModel, base_columns
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters
-from skincal.gap.noise import CLIPPED, REPEATS, NoiseFloor, force_scatter, rounding
+from skincal.gap.noise import ASSUMED, CLIPPED, REPEATS, NoiseFloor, force_scatter, rounding
 from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.session import Binning, GapSession
@@ -170,7 +170,10 @@ def _check_answers(dataset: Dataset, floor: NoiseFloor) -> None:
     """
     counts = dataset.presses.counts[:, np.isfinite(dataset.presses.counts).any(axis=0)]
     off = np.abs(counts - np.nanmedian(counts, axis=0)) if counts.size else counts
-    differ = int((off > max(_SAME_COUNTS, _SAME_SIGMA * floor.mean_counts)).any(axis=1).sum())
+    # A noise that is only assumed refuses nobody, nor do counts that are no whole numbers and may be in any unit.
+    noise = 0.0 if floor.mean_from == ASSUMED else _SAME_SIGMA * floor.mean_counts
+    least = max(_SAME_COUNTS if dataset.meta.sensor.integer else 0.0, noise)
+    differ = int((off > least).any(axis=1).sum())
     if differ < _FEWEST_IMAGES:
         which = f"all {len(counts)} presses" if not differ else f"all but {differ} of {len(counts)} presses"
         raise refusal(

@@ -8,12 +8,13 @@ import numpy as np
 
 from skincal.diagnose.base_fit import Base
 from skincal.gap.choose import Choice
+from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Material, Model, fitted
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import relocated
-from skincal.gap.robust import IN_PROPORTION, explained_presses, with_presses, without_presses
+from skincal.gap.robust import IN_PROPORTION, explained_presses, with_presses, without_mixed, without_presses
 from skincal.gap.settle import settled
 from skincal.gap.silent import presses_of, silent_taxels, with_silent_values, without_silent
 from skincal.model.arrays import IntArray
@@ -64,14 +65,20 @@ def taken_back(base: Base, choice: Choice) -> tuple[Base, Choice]:
     session = m.session
     whole = _with(base, base.glitches)
     ends = [_at_best(model, replace(m, reading=whole)) for model in (choice.before, choice.after)]
-    left = [whole.residual(end.values(session)) for end in ends]
+    # A press beyond the rim of a mesh has no image.
+    left = [np.nan_to_num(whole.residual(end.values(session))) for end in ends]
     back = explained_presses(left[0], left[1], whole.seen, session.press, base.glitches, IN_PROPORTION)
     if not len(back):
         return base, choice
-    material = replace(m, reading=_with(base, back))
+    reading = _with(base, back)
+    if DEAD_TAXEL in choice.after.names:
+        reading = with_silent_values(reading, base.silent, session)
+    material = replace(m, reading=reading)
+    # Beside what was read off the base model stays as it is: fitted without that, it would bend to make up for it.
+    still = replace(material, options=replace(material.options, steps=0))
     before, after = (
-        fitted(end, model.coords, model.refit.x, model.held, material)
-        for end, model in zip(ends, (choice.before, choice.after), strict=True)
+        fitted(end, model.coords, model.refit.x, model.held, of)
+        for end, model, of in zip(ends, (choice.before, choice.after), (still, material), strict=True)
     )
     base = replace(base, model=before, material=material, glitches=np.setdiff1d(base.glitches, back))
     return base, replace(choice, before=before, after=after)
@@ -81,7 +88,7 @@ def _with(base: Base, presses: IntArray) -> Reading:
     """The reading with some of the presses that had been left out, but for taxels that do not answer then."""
     m = base.material
     reading = without_stuck(with_presses(m.reading, m.session.press, presses), m.session, list(base.stuck))
-    return without_silent(reading, base.silent, m.session)
+    return without_silent(without_mixed(reading, m.session, base.jumps), base.silent, m.session)
 
 
 def _at_best(model: Model, material: Material) -> Hypothesis:

@@ -117,7 +117,8 @@ def _diagnosed(
         answer = replace(answer, verdict="unknown", unexplained=True)
     # What effects do may look like another law as long as they are not in the model.
     law = min(choice.law, of_law(replace(base, model=choice.after)))
-    wide_open = answer.verdict == "effects" and gap.leaves_open(*_OPEN, law) and not _beside_images(choice)
+    of_gap = law * _deviation(choice.after, base) / gap.floor
+    wide_open = answer.verdict == "effects" and gap.leaves_open(*_OPEN, of_gap) and not _beside_images(choice)
     if wide_open:
         # It is there, but it is not the gap: levels at rest of a few hundredths of a count, for one.
         answer = replace(answer, verdict="unknown", unexplained=True)
@@ -144,7 +145,7 @@ def _diagnosed(
             [*base.dead, *(one.dead for one in base.silent)],
             ready.reading.seen,
             ready.session.taxels,
-            law,
+            law if named else choice.law,
             base.stuck,
             dataset.presses.counts.shape[1],
             answer.doubted.tolist(),
@@ -283,6 +284,13 @@ def _refitted(
     seen = base.material.reading.seen
     mean_square = float((last.slopes.residual[seen] ** 2).mean())
     return new_calibration(calibration, last, choice.after.coords, held, mean_square, dataset, ready.poses)
+
+
+def _deviation(model: Model, base: Base) -> float:
+    """Root mean square noise of what was fitted [counts]: of means of some frames, not of single ones as in the gap."""
+    m = base.material
+    seen = m.reading.seen & m.known[:, None]
+    return float(np.sqrt((m.reading.deviation(model.refit.slopes.values)[seen] ** 2).mean()))
 
 
 def _mean_square(model: Model, base: Base) -> float:

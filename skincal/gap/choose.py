@@ -226,7 +226,7 @@ def choose(
         rounds[-1] = replace(rounds[-1], taken=name)
         if read:
             # It stands far out of the noise: only what leaves as much, no less, cannot be told from it.
-            alike = [n for n in alike if abs(falls[n] - falls[name]) <= options.least(seen)]
+            alike = [n for n in fits if abs(falls[n] - falls[name]) <= options.least(seen)]
         others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         # What was read off need not hold for other presses: a taxel may die in the last ones.
         own = next(

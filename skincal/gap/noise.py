@@ -21,8 +21,8 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 ROUNDING_COUNTS = float(1 / np.sqrt(12))
 """Standard deviation of a value that was rounded to whole counts."""
 
-CLIPPED, REPEATS = "clipped rest", "repeats"
-"""Where noise was found: in what clipping makes of the level at rest, and in exact repeats of presses."""
+CLIPPED, REPEATS, ASSUMED = "clipped rest", "repeats", "assumed"
+"""Where noise was found: in what clipping makes of the level at rest, in exact repeats of presses, nowhere."""
 
 LEAST_COUNTS = 0.02
 _MARGIN = 4.0
@@ -373,7 +373,7 @@ def noise_floor(
         interval = (float(np.fmin(ends[0], frame)), float(np.fmax(ends[1], frame)))
     else:
         known = np.isfinite(rest_scatter) and rest_scatter > 0
-        frame, source = (float(rest_scatter), "hold means") if known else (1.0, "assumed")
+        frame, source = (float(rest_scatter), "hold means") if known else (1.0, ASSUMED)
         interval = (0.5 * frame, 2.0 * frame)
     repeat, repeat_interval = pooled(*repeats, rng)
     mean, *ends = (float(np.hypot(v, added) / np.sqrt(hold_frames)) for v in (frame, *interval))

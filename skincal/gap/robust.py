@@ -7,6 +7,7 @@ is allowed for, so that it is not taken for a drift.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -361,14 +362,22 @@ def _level(values: FloatArray, reading: Reading, rows: IntArray, taxel: int) -> 
 
 def without_jumps(reading: Reading, session: GapSession, jumped: list[Jump]) -> Reading:
     """The reading with jumps allowed for: what is expected jumps as well, and is not trusted while it may do so."""
-    lift, trust, time = np.zeros_like(reading.trust), np.ones_like(reading.trust), times(session)
+    lift, time = np.zeros_like(reading.trust), times(session)
     for jump in jumped:
         later = (time >= jump.at_s) & (time < jump.until_s)
         for taxel, height in zip(jump.taxels, jump.counts, strict=True):
             lift[later, taxel] += height
-            if jump.about_s is not None:
-                trust[(time > jump.about_s[0]) & (time < jump.about_s[1]), taxel] = 0.0
-    return reading.lifted(lift).trusting(trust)
+    return without_mixed(reading.lifted(lift), session, jumped)
+
+
+def without_mixed(reading: Reading, session: GapSession, jumped: Sequence[Jump]) -> Reading:
+    """The reading without what taxels read while they may jump, a mean of before and after."""
+    trust, time = np.ones_like(reading.trust), times(session)
+    for jump in jumped:
+        if jump.about_s is not None:
+            rows = np.flatnonzero((time > jump.about_s[0]) & (time < jump.about_s[1]))
+            trust[np.ix_(rows, np.array(jump.taxels))] = 0.0
+    return reading.trusting(trust)
 
 
 def without_presses(reading: Reading, press: IntArray, rows: IntArray) -> Reading:

@@ -138,8 +138,9 @@ def test_refusals(cal: Path, looped: Path, tmp_path: Path, capsys: pytest.Captur
     assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
     content = (cal / "calibration.toml").read_text()
-    assert run("diagnose", looped, cal, "--out", cal, "--force") == 2
-    assert "CAL stays as it is" in capsys.readouterr().err
+    for given in (cal, cal / "calibration.toml"):
+        assert run("diagnose", looped, given, "--out", cal, "--force") == 2
+        assert "CAL stays as it is" in capsys.readouterr().err
     assert (cal / "calibration.toml").read_text() == content
 
 

@@ -78,5 +78,7 @@ def test_presses_that_fit_once_an_effect_is_named_are_taken_back_and_glitches_ar
     assert found.material.reading.seen[press == strongest].any()
     assert not found.material.reading.seen[press == 5].any()
     assert found.model is chosen.before and chosen.after.names == ("crosstalk",)
+    # The sensor that the base model found stays: what was read off beside it would bend it.
+    assert chosen.before.hypothesis.model == base.model.hypothesis.model
     unnamed = replace(choice, named=())
     assert taken_back(base, unnamed) == (base, unnamed)
