@@ -76,8 +76,8 @@ def diagnose(
     from skincal.files import refuse_existing
 
     refuse_existing(out, force=force, marker="calibration.toml")
-    read = (calibration.resolve(), calibration.resolve().parent, dataset.resolve())
-    if out.resolve() in (read if calibration.is_file() else (read[0], read[2])):
+    folder = calibration.parent if calibration.is_file() else calibration
+    if out.resolve() in (folder.resolve(), dataset.resolve()):
         fix = "Choose another name: CAL stays as it is."
         raise InputError([Problem(str(out), "another folder than those that are read", "one of them", fix)])
     data, cal = read_dataset(dataset), read_calibration(calibration)

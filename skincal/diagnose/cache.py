@@ -25,7 +25,7 @@ from skincal import __version__
 
 Arrays = Mapping[str, NDArray[np.float64]]
 
-DAMAGED = (OSError, ValueError, EOFError, RuntimeError, MemoryError, BadZipFile, zlib.error)
+_DAMAGED = (OSError, ValueError, EOFError, RuntimeError, MemoryError, BadZipFile, zlib.error)
 """What reading a file ends in that is not there, was cut off, or is not what was written."""
 
 
@@ -67,7 +67,7 @@ class Cache:
                 found = {name: stored[name] for name in stored.files}
             path.touch()
             return found
-        except DAMAGED:
+        except _DAMAGED:
             pass
         made = make()
         with suppress(OSError):

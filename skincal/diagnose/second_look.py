@@ -10,17 +10,12 @@ from skincal.diagnose.base_fit import Base
 from skincal.gap.choose import Choice
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
-from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.models import Material, Model, fitted
+from skincal.gap.models import Model, fitted
 from skincal.gap.reading import Reading
-from skincal.gap.relocate import relocated
+from skincal.gap.relocate import at_best
 from skincal.gap.robust import IN_PROPORTION, explained_presses, with_presses, without_mixed, without_presses
-from skincal.gap.settle import settled
 from skincal.gap.silent import presses_of, silent_taxels, with_silent_values, without_silent
 from skincal.model.arrays import IntArray
-
-_STEPS = 6
-"""Of every press to its best place."""
 
 
 def heard_again(base: Base, after: Model) -> Base:
@@ -53,21 +48,24 @@ def heard_again(base: Base, after: Model) -> Base:
 def taken_back(base: Base, choice: Choice) -> tuple[Base, Choice]:
     """A base and a choice with those presses that had been left out as glitches and fit once effects are named.
 
-    An effect that is steep is largest in few presses; without it in the model, these are out of all proportion.
+    An effect that is steep is largest in few presses; without it in the model, these are out of all proportion. Presses
+    of the end stay out: those that fit what was named would be chosen by it to say how well it does. What the choice
+    says it explained stays what was found without the presses.
 
     Args:
         base: without its glitches.
         choice: of effects, made about it.
     """
     m = base.material
-    if not choice.named or not len(base.glitches):
-        return base, choice
     session = m.session
-    whole = _with(base, base.glitches)
-    ends = [_at_best(model, replace(m, reading=whole)) for model in (choice.before, choice.after)]
+    doubted = np.intersect1d(base.glitches, session.press[m.known])
+    if not choice.named or not len(doubted):
+        return base, choice
+    whole = _with(base, doubted)
+    ends = [at_best(model.hypothesis, session, whole, m.options) for model in (choice.before, choice.after)]
     # A press beyond the rim of a mesh has no image.
     left = [np.nan_to_num(whole.residual(end.values(session))) for end in ends]
-    back = explained_presses(left[0], left[1], whole.seen, session.press, base.glitches, IN_PROPORTION)
+    back = explained_presses(left[0], left[1], whole.seen, session.press, doubted, IN_PROPORTION)
     if not len(back):
         return base, choice
     reading = _with(base, back)
@@ -89,12 +87,3 @@ def _with(base: Base, presses: IntArray) -> Reading:
     m = base.material
     reading = without_stuck(with_presses(m.reading, m.session.press, presses), m.session, list(base.stuck))
     return without_silent(without_mixed(reading, m.session, base.jumps), base.silent, m.session)
-
-
-def _at_best(model: Model, material: Material) -> Hypothesis:
-    """A model as it is, every press where it fits best."""
-    m = material
-    found = (
-        relocated(model.hypothesis, m.session, m.reading, m.options) if m.options.base else model.hypothesis
-    )
-    return settled(found, m.session, m.reading, m.options, _STEPS)[0]

@@ -35,14 +35,12 @@ from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.refit import refit
-from skincal.gap.relocate import relocated
+from skincal.gap.relocate import at_best
 from skincal.gap.robust import without_jumps
-from skincal.gap.settle import settled
 from skincal.gap.signatures import where_text
 from skincal.gap.silent import without_silent
 from skincal.model.arrays import IntArray
 
-_PLACE_STEPS = 6
 _WIDTH = 1.96
 _MUCH_WORSE = 0.5
 """Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
@@ -214,9 +212,7 @@ def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int,
 def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
     """The sensor as it is, every press at its best place: those of the end had no say in when a fit was done."""
     reading = without_silent(base.material.reading, base.silent, ready.session)
-    if ready.options.base:
-        hypothesis = relocated(hypothesis, ready.session, reading, ready.options)
-    return settled(hypothesis, ready.session, reading, ready.options, _PLACE_STEPS)[0]
+    return at_best(hypothesis, ready.session, reading, ready.options)
 
 
 def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tuple[NamedEffect, ...]:

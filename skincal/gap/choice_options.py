@@ -29,7 +29,8 @@ class ChoiceOptions:
             all of it. Later it is not far, and a low score may say that what is fitted holds for few other presses.
         sure: what is left is that many times the weakest effect at least where more are fitted in full, to the presses
             learned from, and score with what that explains of the presses that choose: while nothing is named and what
-            was fitted explains less than ``halfway``, or one is and it explains less than ``share_later``.
+            was fitted explains less than ``halfway``, or one is and it explains less than ``share_later``. What was
+            read off does not count as named here.
         holds: while nothing is named, part of what is left of the presses that choose that such a fit must explain. Far
             from where the sensor belongs, places of presses that were not learned from are off as well, and hide most
             of it; what is fitted in full then must explain ``share_first`` like any other.

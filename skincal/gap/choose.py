@@ -267,12 +267,12 @@ def of_one_kind(name: str, known: Collection[str]) -> bool:
 
 
 def likeness(scene: Scene, material: Material, first: Round, name: str, known: Sequence[str]) -> float:
-    """The largest squared cosine of what an effect and others do, each as the first round's search ended with it alone.
+    """The largest squared cosine of what an effect and others do, each as a round's search ended with it alone.
 
     Args:
-        scene: of the base model.
+        scene: of the model that the round began with: the base model, beside what was read off.
         material: the session.
-        first: the first round.
+        first: the round, the first that looked for something.
         name: of the effect.
         known: names of the others.
     """

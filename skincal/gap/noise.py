@@ -101,9 +101,7 @@ def assumed_floor(readout: Readout, frame_counts: float = 1.0, hold_frames: floa
     """The floor of a session that has not been recorded."""
     mean = float(np.hypot(frame_counts, rounding(readout)) / np.sqrt(hold_frames))
     frame = (0.5 * frame_counts, 2 * frame_counts)
-    return NoiseFloor(
-        frame_counts, frame, "assumed", mean, (mean / 2, mean * 2), "assumed", rounding(readout)
-    )
+    return NoiseFloor(frame_counts, frame, ASSUMED, mean, (mean / 2, mean * 2), ASSUMED, rounding(readout))
 
 
 def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tuple[FloatArray, FloatArray]:

@@ -34,6 +34,8 @@ _AS_RIGHT = 16.0
 law."""
 _ELSEWHERE = 0.5
 """So far off is another place [standard deviations of a measured one]."""
+_TO_THE_BOTTOM = 6
+"""Steps of every press to its best place."""
 _SHARES = 2
 """Presses are followed in so many shares."""
 _SAME = 1.5
@@ -60,6 +62,12 @@ def relocated(
         return found
     moved = np.take_along_axis(ends, best[:, None, None], axis=1)[:, 0]
     return found.with_places(np.where((best > 0)[:, None], moved, found.places))
+
+
+def at_best(found: Hypothesis, session: GapSession, reading: Reading, options: RefitOptions) -> Hypothesis:
+    """The hypothesis with every press where it fits best, sensor and effects as they are; arguments as above."""
+    placed = relocated(found, session, reading, options)
+    return settled(placed, session, reading, options, _TO_THE_BOTTOM)[0]
 
 
 def ambiguous(

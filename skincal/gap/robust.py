@@ -147,15 +147,9 @@ def explained_presses(
     doubted: IntArray,
     times: float = _GLITCH,
 ) -> IntArray:
-    """Rows of those presses that are no glitches under a model; arguments as of :func:`explained`.
+    """Rows of those presses that are no glitches under a model; the arguments are those of :func:`explained`.
 
-    Args:
-        before: see there.
-        after: see there.
-        seen: see there.
-        press: see there.
-        doubted: see there.
-        times: what is left of a press, beside what is left of the worst tenth of all, at most.
+    With ``times`` a press may have no more than so many times what the worst tenth of all presses has.
     """
     rows, first, read = _by_press(before, seen, press)
     _, last, _ = _by_press(after, seen, press)

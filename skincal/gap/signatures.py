@@ -217,13 +217,11 @@ def where_text(
     of_phase = {phase: float(excess[session.phase == phase].sum()) / total for phase in PHASE_WORDS}
     phase = max(of_phase, key=lambda p: of_phase[p])
     inside = session.phase == phase
-    place = "in " + PHASE_WORDS[phase]
-    if phase == IDLE:
-        place = "at rest"
-    else:
+    place = "at rest"
+    if phase != IDLE:
         words, inside = _of_forces(excess, covariates_of(session).force_n, inside)
         # Without frames all there is are holds.
-        place = place + words if session.has_frames else "in holds" + words
+        place = ("in " + PHASE_WORDS[phase] if session.has_frames else "in holds") + words
     share = float(excess[inside].sum()) / total
     taxels = _taxel_words(excess[inside], layout, session)
     if not session.has_frames and bool(inside[rows].all()) and taxels == _ALL_TAXELS:
@@ -236,13 +234,12 @@ def _of_forces(excess: FloatArray, force_n: FloatArray, inside: BoolArray) -> tu
     total = float(excess[inside].sum())
     if total <= 0 or not np.isfinite(force_n[inside]).all():
         return "", inside
-    limits = [(">", limit) for limit in (4.0, 3.0, 2.0, 1.0, 0.5)] + [
-        ("<", limit) for limit in (0.5, 1.0, 2.0, 3.0)
-    ]
-    for side, limit in limits:
-        some = inside & (force_n > limit if side == ">" else force_n < limit)
+    sides = [(f" above {limit:g} N", force_n > limit) for limit in (4.0, 3.0, 2.0, 1.0, 0.5)]
+    sides += [(f" below {limit:g} N", force_n < limit) for limit in (0.5, 1.0, 2.0, 3.0)]
+    for words, side in sides:
+        some = inside & side
         if some.sum() < 0.6 * inside.sum() and float(excess[some].sum()) > 0.8 * total:
-            return f" {'above' if side == '>' else 'below'} {limit:g} N", some
+            return words, some
     return "", inside
 
 

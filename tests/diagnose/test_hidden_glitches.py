@@ -9,6 +9,7 @@ from gap.made_sessions import CASES, OPTIONS, Made, made
 
 from skincal.diagnose.base_fit import Base, without_hidden_glitches
 from skincal.diagnose.second_look import taken_back
+from skincal.diagnose.workflow import _deviation as noise_of_fitted
 from skincal.gap.choose import Choice, Named
 from skincal.gap.models import Model
 from skincal.gap.refit import refit
@@ -68,7 +69,8 @@ def test_presses_that_fit_once_an_effect_is_named_are_taken_back_and_glitches_ar
     after = replace(after, held=one.truth.effects)
     press = one.session.press
     own = [float((base.model.refit.slopes.residual[press == k] ** 2).mean()) for k in range(press.max() + 1)]
-    strongest = next(int(k) for k in np.argsort(own)[::-1] if k != 5)
+    learned = np.unique(press[one.material.known & (press >= 0)])
+    strongest = next(int(k) for k in np.argsort(own)[::-1] if k != 5 and k in learned)
     out = np.sort(np.array([strongest, 5]))
     reading = without_presses(one.reading, press, out)
     base = replace(base, material=replace(base.material, reading=reading), glitches=out)
@@ -80,5 +82,20 @@ def test_presses_that_fit_once_an_effect_is_named_are_taken_back_and_glitches_ar
     assert found.model is chosen.before and chosen.after.names == ("crosstalk",)
     # The sensor that the base model found stays: what was read off beside it would bend it.
     assert chosen.before.hypothesis.model == base.model.hypothesis.model
+    # Of the end it would be chosen by what was named.
+    end = replace(base, material=replace(base.material, learn=base.material.learn & (press != strongest)))
+    end = replace(end, material=replace(end.material, score=base.material.score & (press != strongest)))
+    assert taken_back(end, choice)[0].glitches.tolist() == out.tolist()
     unnamed = replace(choice, named=())
     assert taken_back(base, unnamed) == (base, unnamed)
+
+
+def test_noise_of_what_was_fitted_is_that_of_means_of_frames():
+    """A law's part is told in it; in the noise of single frames it would count for more than it is."""
+    one = made(CASES["crosstalk"])
+    base, _ = models(one)
+    single = replace(one.reading, frames=np.ones_like(one.reading.frames))
+    seen = one.reading.seen & one.material.known[:, None]
+    of_one = np.sqrt((single.deviation(base.model.refit.slopes.values)[seen] ** 2).mean())
+    # Two frames of a ramp and six of a hold.
+    assert of_one / np.sqrt(6) < noise_of_fitted(base.model, base) < of_one / np.sqrt(2) * (1 + 1e-9)

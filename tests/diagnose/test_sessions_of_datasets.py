@@ -110,6 +110,20 @@ def test_a_sensor_that_answers_nothing_is_refused(value: float | None, frames: b
         prepare(data, calibration(), DiagnoseOptions(), rng)
 
 
+@pytest.mark.parametrize("frames", [True, False])
+def test_a_sensor_that_answers_in_small_numbers_is_not_refused(frames: bool):
+    data = moving() if frames else still()
+    sensor = replace(data.meta.sensor, value_min=None, value_max=None, integer=False)
+    presses = replace(data.presses, counts=data.presses.counts / 1000)
+    small = replace(data, meta=replace(data.meta, sensor=sensor), presses=presses)
+    if frames:
+        small = replace(small, frames=replace(data.frames, counts=data.frames.counts / 1000))
+    found = calibration()
+    few = replace(found.model, scale_per_n=found.model.scale_per_n / 1000)
+    ready = prepare(small, replace(found, model=few), DiagnoseOptions(), np.random.default_rng(0))
+    assert ready.session.presses == len(data.presses)
+
+
 def test_without_frames_and_clipped_rest_repeats_bound_the_noise():
     """What a fit left is what the model lacks as well."""
     data, rng = still(), np.random.default_rng(0)
