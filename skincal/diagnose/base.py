@@ -12,7 +12,7 @@ from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnose.session import hold_groups, readout_of, repeats, rest_means
 from skincal.effects.samples import HOLD
 from skincal.fit.observe import Readout, clipped_share, observe
-from skincal.gap.base import BaseColumns, BaseModel, resolution_of
+from skincal.gap.base import AROUND_M, FINER_M, BaseColumns, BaseModel, resolution_of
 from skincal.gap.idle_noise import idle_noise
 from skincal.gap.noise import (
     NoiseFloor,
@@ -45,6 +45,7 @@ def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
     # part of a taxel is loaded alike.
     uniform = uniform_pressure(dataset)
     layout = calibration.layout()
+    finest = resolution_of(layout, FINER_M) if dataset.frames is None else resolution_of(layout)
     return BaseModel(
         calibration.surface_model(),
         layout,
@@ -52,8 +53,9 @@ def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
         parameters.elasticity_pa_per_m,
         parameters.scale_per_n,
         readout_of(dataset),
-        float(layout.sizes_m.min()) / 2 if uniform else resolution_of(layout),
-        *((MARGIN_M,) if uniform else ()),
+        float(layout.sizes_m.min()) / 2 if uniform else finest,
+        MARGIN_M if uniform else AROUND_M,
+        "gauss",
     )
 
 

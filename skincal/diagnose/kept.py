@@ -97,7 +97,7 @@ class Kept:
             m.score,
             m.options,
             (model.surface, model.pose, model.elasticity_pa_per_m, np.asarray(model.scale_per_n).tolist()),
-            (model.layout.centres_m, model.layout.sizes_m, model.resolution_m),
+            (model.layout.centres_m, model.layout.sizes_m, model.resolution_m, model.rule),
             {name: {k: v.tolist() for k, v in own.items()} for name, own in self.model.held.items()},
         ]
 

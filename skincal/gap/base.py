@@ -14,6 +14,7 @@ from skincal.fit.observe import Readout
 from skincal.gap.session import GapSession
 from skincal.model import Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray
+from skincal.model.patch import Rule
 
 Direction = Literal["across", "along", "alpha"]
 
@@ -21,7 +22,11 @@ BASE = ("across", "along", "alpha", "elasticity", "scale")
 """Parameters of the base model, in the order of its columns."""
 
 _FINEST_M = 0.5e-3
+FINER_M = 0.25e-3
+"""Where there are few values, each the mean of a hold, their noise is less than what coarser points are off by."""
 _MOST_CELLS = 6000
+AROUND_M = 6e-3
+"""How far the skin goes on around the taxels [m]: presses beside them are carried, too."""
 
 STEP_M = 5e-5
 """Step of differences by places [m]."""
@@ -40,9 +45,10 @@ class BaseModel:
         elasticity_pa_per_m: E [Pa/m].
         scale_per_n: S [1/N], one number or (J,).
         readout: the converter.
-        resolution_m: longest edge of a tactile point's cell [m]: half a millimetre gives images that differ by a
-            tenth of a count from those of finer ones.
+        resolution_m: longest edge of a tactile point's cell [m]: half a millimetre gives images that differ by four
+            tenths of a count from those of finer ones, where a taxel is pressed; by two with Gauss's rule.
         margin_m: how far the skin goes on around the taxels [m].
+        rule: where in its cells a tactile point lies.
     """
 
     surface: Surface
@@ -52,7 +58,8 @@ class BaseModel:
     scale_per_n: float | FloatArray
     readout: Readout = field(default_factory=lambda: Readout(None, None, integer=False))
     resolution_m: float = _FINEST_M
-    margin_m: float = 6e-3
+    margin_m: float = AROUND_M
+    rule: Rule = "midpoint"
 
     @cached_property
     def skin(self) -> EffectSkin:
@@ -60,7 +67,7 @@ class BaseModel:
         return self._at(self.pose, self.elasticity_pa_per_m)
 
     def _at(self, pose: SensorPose, elasticity_pa_per_m: float) -> EffectSkin:
-        patch = Patch.build(self.surface, self.layout, pose, self.resolution_m, self.margin_m)
+        patch = Patch.build(self.surface, self.layout, pose, self.resolution_m, self.margin_m, self.rule)
         parameters = SkinParameters(elasticity_pa_per_m, self.scale_per_n)
         skin = Skin(patch, parameters, self.readout.converter)
         return EffectSkin(skin, self.surface, missing="abstain")
@@ -78,11 +85,16 @@ class BaseModel:
         return self._at(pose, self.elasticity_pa_per_m)
 
 
-def resolution_of(layout: TaxelLayout) -> float:
-    """A resolution [m] at which a large patch has not too many points, and a small taxel still has some."""
+def resolution_of(layout: TaxelLayout, finest_m: float = _FINEST_M) -> float:
+    """A resolution [m] at which a large patch has not too many points, and a small taxel still has some.
+
+    Args:
+        layout: the taxels.
+        finest_m: where the patch is not large [m].
+    """
     across, along = np.diff(layout.bounds_m, axis=0).ravel().tolist()
     fewest = (across * along / _MOST_CELLS) ** 0.5
-    return max(_FINEST_M, min(fewest, float(layout.sizes_m.min()) / 4))
+    return max(finest_m, min(fewest, float(layout.sizes_m.min()) / 4))
 
 
 def centred(surface: Surface, pose: SensorPose, centre_m: FloatArray) -> SensorPose:

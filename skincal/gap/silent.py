@@ -29,6 +29,8 @@ _SIGMA = 5.0
 """Noise that lifts the reading of a silent taxel is no answer."""
 _TAKEN = 0.8
 """A press is explained by a silent taxel that takes this part of what it leaves beyond the usual."""
+_RATHER = 50.0
+"""A silent taxel explains a press rather than a force that may be anything does, if it leaves so much less of it."""
 _STEPS = 4
 _ANY_FORCE = 0.5
 """Relative standard deviation of a force that may be anything."""
@@ -180,7 +182,7 @@ def _heard_no_more(
         row
         for row in begin
         if fall[row] > max(SURE, _TAKEN * beyond[row])
-        and harder[row] - left[row] > SURE
+        and harder[row] - left[row] > _RATHER
         and _others_lit(expected, reading, silence[row], taxel)
     ]
     told = np.where(np.isin(session.press, shown), expected[:, taxel], values[:, taxel])

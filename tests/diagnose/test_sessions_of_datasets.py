@@ -10,7 +10,7 @@ from diagnose.diagnose_data import META, moving, still
 from report.diagnosis_cases import calibration
 
 from skincal.dataset import Dataset
-from skincal.diagnose.base import floor_of, guessed_model
+from skincal.diagnose.base import calibrated_model, floor_of, guessed_model
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import high_rest, prepare
 from skincal.diagnose.session import gap_session, pose_names, readout_of, repeats, sites
@@ -190,6 +190,11 @@ def test_scale_is_guessed_from_the_counts():
     model = guessed_model(moving(), gap_session(moving()))
     assert model.scale_per_n == pytest.approx(70, rel=0.35)
     assert model.readout.value_max == META.sensor.value_max
+
+
+def test_means_of_holds_are_told_by_finer_points_than_frames():
+    points = [len(calibrated_model(calibration(), one).skin.skin.patch) for one in (moving(), still())]
+    assert points[1] > 3 * points[0]
 
 
 def test_noise_of_frames_and_of_means():

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from model_shapes import FINGER, POSE, cylinder_mesh, paper_layout, surface_of
 
-from skincal.model import Cylinder, Patch, Plane, SensorPose, TaxelLayout, patch_cells
+from skincal.model import (
+    Contacts,
+    Cylinder,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    SkinParameters,
+    Sphere,
+    TaxelLayout,
+    patch_cells,
+)
 
 
 def test_the_papers_patch_has_14884_points():
@@ -30,14 +41,51 @@ def test_a_point_lies_where_the_contract_says():
     )
 
 
+@pytest.mark.parametrize("rule", ["midpoint", "gauss"])
 @pytest.mark.parametrize("resolution_m", [0.17e-3, 0.3e-3, 0.5e-3, 2e-3])
-def test_taxels_have_their_exact_area_at_any_resolution(resolution_m):
+def test_taxels_have_their_exact_area_at_any_resolution(resolution_m, rule):
     layout = TaxelLayout.grid(3, 5, taxel_size_m=(0.0023, 0.0031), pitch_m=(0.0037, 0.0041))
-    patch = Patch.build(Plane(), layout, SensorPose(0.0, 0.2), resolution_m=resolution_m, margin_m=5e-3)
+    pose = SensorPose(0.0, 0.2)
+    patch = Patch.build(Plane(), layout, pose, resolution_m=resolution_m, margin_m=5e-3, rule=rule)
     area = np.bincount(patch.taxel + 1, patch.areas_m2)
     np.testing.assert_allclose(area[1:], 0.0023 * 0.0031, rtol=1e-12)
     extent = layout.bounds_m[1] - layout.bounds_m[0] + 2 * 5e-3
     assert patch.areas_m2.sum() == pytest.approx(extent.prod(), rel=1e-12)
+
+
+@pytest.mark.parametrize("resolution_m", [0.5e-3, 0.8e-3])
+def test_gauss_sums_what_is_smooth_over_a_taxel_up_exactly(resolution_m):
+    # Cells of 0.5 mm are five in a taxel, an odd number; those of 0.8 mm are four.
+    layout = TaxelLayout.grid(2, 2, taxel_size_m=2.5e-3, pitch_m=4e-3)
+    uv, size = patch_cells(layout, resolution_m, 1e-3, "gauss")
+    plain = patch_cells(layout, resolution_m, 1e-3)
+    assert len(uv) == len(plain[0])
+    for taxel, (low, high) in enumerate(
+        zip(layout.centres_m - 1.25e-3, layout.centres_m + 1.25e-3, strict=True)
+    ):
+        exact = np.prod([(high[k] ** 4 - low[k] ** 4) / 4 for k in range(2)])
+        found = []
+        for points, sizes in ((uv, size), plain):
+            own = layout.taxel_at(points) == taxel
+            found.append(float((points[own] ** 3).prod(axis=1) @ sizes[own].prod(axis=1)))
+        assert found[0] == pytest.approx(exact, rel=1e-10)
+        assert abs(found[1] / exact - 1) > 1e-3
+
+
+def test_gauss_gives_images_nearer_to_those_of_fine_cells():
+    rng = np.random.default_rng(0)
+    layout = TaxelLayout.grid(4, 4, taxel_size_m=2.5e-3, pitch_m=4e-3)
+    surface, pose = Cylinder(11.5e-3), SensorPose(0.02, 0.1)
+    uv = rng.uniform(-6e-3, 6e-3, (60, 2))
+    contacts = Contacts(*surface.wrap(pose, uv), rng.uniform(0.5, 6.0, 60))
+
+    def values(resolution_m, rule):
+        patch = Patch.build(surface, layout, pose, resolution_m, 6e-3, rule)
+        return Skin(patch, SkinParameters(5e8, 60.0)).values(Sphere(6e-3), contacts)
+
+    fine = values(0.08e-3, "gauss")
+    off = {rule: np.sqrt(((values(0.5e-3, rule) - fine) ** 2).mean()) for rule in ("midpoint", "gauss")}
+    assert off["gauss"] < 0.7 * off["midpoint"]
 
 
 def test_cells_are_no_longer_than_the_resolution():
