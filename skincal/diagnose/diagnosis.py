@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from skincal.calibration import Calibration, Finding
 from skincal.collect import Plan
 from skincal.diagnose.audit import AuditReport
 from skincal.diagnose.options import DiagnoseOptions
+from skincal.effects import EFFECTS, EffectParameter
 from skincal.gap.choose import Choice
 from skincal.gap.heldout import Gap
 from skincal.gap.models import Material
@@ -21,6 +24,9 @@ from skincal.gap.split import Split
 from skincal.model.arrays import FloatArray
 
 Verdict = Literal["none", "effects", "unknown"]
+
+_MEETS = 1e-6
+"""A fit ends at a bound if it is as near to it, relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +53,26 @@ class NamedEffect:
     where: str
     share: float
     by_places: bool = False
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Parameters that ended at a bound of what is allowed, where the best value may lie beyond.
+
+        A shape that ends at one of its two kinds does not count, nor what is neutral.
+        """
+        return tuple(
+            p.name
+            for p in EFFECTS[self.name].parameters
+            if p.name in self.parameters
+            and (p.role == "strength" or p.scale == "log")
+            and _met(np.atleast_1d(self.parameters[p.name]), p)
+        )
+
+
+def _met(values: FloatArray, p: EffectParameter) -> bool:
+    """Whether any of some values is at a bound of its parameter that is not its neutral value."""
+    bounds = [end for end in (p.low, p.high) if end != p.neutral]
+    return any(bool(np.isclose(values, end, rtol=_MEETS, atol=0.0).any()) for end in bounds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,6 +60,7 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "where": effect.where,
         "share": effect.share,
         "by_places": effect.by_places,
+        "at_bound": list(effect.at_bound),
     }
 
 

@@ -21,6 +21,7 @@ from skincal.diagnose.base_fit import Base, of_law, without_hidden_glitches
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnose.findings import findings_of
+from skincal.diagnose.fitted_presses import with_fitted_presses
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
@@ -279,7 +280,10 @@ def _refitted(
     )
     seen = base.material.reading.seen
     mean_square = float((last.slopes.residual[seen] ** 2).mean())
-    return new_calibration(calibration, last, choice.after.coords, held, mean_square, dataset, ready.poses)
+    made = new_calibration(calibration, last, choice.after.coords, held, mean_square, dataset, ready.poses)
+    return with_fitted_presses(
+        made, last.hypothesis, ready.session, base.material.reading, dataset, base.glitches
+    )
 
 
 def _deviation(model: Model, base: Base) -> float:

@@ -250,7 +250,8 @@ def _parameter_row(effect: NamedEffect, p: EffectParameter, final: Effect | None
         p.name,
         p.description,
         _values(value, high - low) + unit,
-        _interval(value, low, high) if fitted else "held",
+        (_interval(value, low, high) if fitted else "held")
+        + (", at its bound" if p.name in effect.at_bound else ""),
         "" if own is None else _values(own, high - low),
         f"{p.neutral:g}" if p.role == "strength" else "form",
     )

@@ -64,6 +64,8 @@ def _effect(effect: NamedEffect) -> Iterator[str]:
             yield f"    {name} {float(value):.4g} ({float(low):.4g} to {float(high):.4g})"
         elif value.ndim and (value != value[0]).any():
             yield f"    {name} {len(value)} values, {float(np.min(value)):.3g} to {float(np.max(value)):.3g}"
+    if effect.at_bound:
+        yield f"    {' and '.join(effect.at_bound)} at the bound of what is allowed: the best value may lie beyond"
 
 
 def _gap(found: Diagnosis) -> Iterator[str]:

@@ -15,7 +15,7 @@ from report.diagnosis_cases import LOOP, calibration, session, without_frames
 
 from skincal.calibration import read_calibration, write_calibration
 from skincal.cli.main import main
-from skincal.dataset import read_dataset, write_dataset
+from skincal.dataset import dataset_hash, read_dataset, write_dataset
 
 
 def run(*arguments: object) -> int:
@@ -86,6 +86,10 @@ def _is_a_calibration_like_any_other(folder: Path, data: Path, cal: Path) -> Non
     assert [e.name for e in new.effects] == ["hysteresis"]
     assert new.provenance.command is not None
     assert "diagnose" in new.provenance.command
+    assert new.provenance.dataset_sha256 == dataset_hash(data)
+    old = read_calibration(cal)
+    assert new.loss.mse_counts2 < 0.5 * old.loss.mse_counts2
+    assert new.slack is not None and len(new.slack["press"]) == len(read_dataset(data).presses)
     errors: list[float] = []
     for name, of in (("old", cal), ("better", folder / "new")):
         assert run("predict", of, data, "--out", folder / name, "--slack") == 0

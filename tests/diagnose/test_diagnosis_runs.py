@@ -247,7 +247,7 @@ def test_the_summary_is_that_of_the_contract():
     found = summary(diagnosed("hysteresis")[0])
     assert found["verdict"] == "effects" and [e["name"] for e in found["effects"]] == ["hysteresis"]
     assert set(found["effects"][0]) == {
-        "name", "consistent_with", "p_value", "parameters", "intervals", "where", "share", "by_places",
+        "name", "consistent_with", "p_value", "parameters", "intervals", "where", "share", "by_places", "at_bound",
     }  # fmt: skip
     low, high = found["effects"][0]["intervals"]["height"]
     assert low < found["effects"][0]["parameters"]["height"] < high

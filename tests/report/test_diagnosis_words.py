@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from report.diagnosis_cases import diagnosed
 
 from skincal.diagnose.summary import summary
+from skincal.effects import EFFECTS
 from skincal.gap.choose import Round
 from skincal.report.diagnosis_gap import closed_words
-from skincal.report.diagnosis_story import verdict_sentences
+from skincal.report.diagnosis_story import parameter_rows, verdict_sentences
 from skincal.report.diagnosis_words import verdict_lines
 
 
@@ -19,6 +21,23 @@ def test_what_was_named_and_what_it_explains():
     assert lines[0] == "Missing: hysteresis."
     assert lines[1].startswith("hysteresis (p = ") and "of what was left" in lines[1]
     assert "height" in lines[2]
+
+
+def test_a_parameter_that_ended_at_its_bound_is_told():
+    found, _ = diagnosed("hysteresis")
+    effect = found.effects[0]
+    assert effect.at_bound == () and "bound" not in " ".join(verdict_lines(found))
+    high = EFFECTS["hysteresis"].parameter("height").high
+    parameters = {**effect.parameters, "height": np.asarray(high * (1 - 1e-9))}
+    stopped = replace(effect, parameters=parameters)
+    assert stopped.at_bound == ("height",)
+    told = replace(found, effects=(stopped,))
+    assert "height at the bound of what is allowed" in " ".join(verdict_lines(told))
+    assert [
+        row.interval.endswith("at its bound") for row in parameter_rows(told) if row.name == "height"
+    ] == [True]
+    # What is neutral is at no bound, though an effect may only go one way from it.
+    assert replace(effect, parameters={**effect.parameters, "height": np.asarray(0.0)}).at_bound == ()
 
 
 def test_what_shows_in_the_places_is_said_to():
