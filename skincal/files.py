@@ -6,6 +6,7 @@ disk, an error or an interrupt leaves the destination as it was.
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import tempfile
@@ -26,7 +27,8 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
             that holds it (or is empty), so that a mistyped path cannot delete somebody's work.
 
     Raises:
-        InputError: it exists and may not be replaced, its parent folder does not exist, or it has no name.
+        InputError: it exists and may not be replaced, its parent folder does not exist or may not be written to, or it
+            has no name.
     """
     if path.name in ("", ".."):
         raise InputError(
@@ -37,6 +39,11 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
         got = "no such folder" if file is None else f"{file}, which is a file"
         fix = f"mkdir -p {shlex.quote(str(path.parent))}" if file is None else "Choose another name."
         raise InputError([Problem(str(path), "an output inside an existing folder", got, fix)])
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        fix = "Choose another place, or make the folder writable."
+        raise InputError(
+            [Problem(str(path), "an output inside a folder that may be written to", "one that may not", fix)]
+        )
     if not (path.exists() or path.is_symlink()):
         return
     if not force:

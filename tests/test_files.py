@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -114,3 +115,11 @@ def test_a_place_without_a_name_is_refused_even_by_force(
     # An empty folder could be replaced, but not the one that somebody stands in.
     with pytest.raises(InputError, match="a name for the output"):
         refuse_existing(Path(place), force=True, marker="calibration.toml")
+
+
+def test_a_place_that_may_not_be_written_to_is_refused_before_any_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda place, _: Path(place) != tmp_path)
+    with pytest.raises(InputError, match=r"out: expected .* may be written to; got one that may not"):
+        refuse_existing(tmp_path / "out", force=False)
+    (tmp_path / "inner").mkdir()
+    refuse_existing(tmp_path / "inner" / "out", force=False)
