@@ -1,9 +1,10 @@
 """Opens the labels of a blind test that has been run, and says what was found of what was hidden.
 
-    python -m benchmarks.blind score DIR [--out benchmarks/results/blind.json] [--markdown TABLE.md] [--figures DIR]
+    python -m benchmarks.blind score DIR... [--out benchmarks/results/blind.json] [--markdown TABLE.md] [--figures DIR]
 
 A label that is not the one that was sealed before the diagnosis is refused. A test that is not whole is scored with
-``--partial`` only: labels stay sealed until the run is over.
+``--partial`` only: labels stay sealed until the run is over. Several tests, each with a seed of its own, are scored
+together.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import argparse
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -74,17 +76,27 @@ def missing(folder: Path) -> dict[str, int]:
     return {suite: count for suite, count in counts.items() if count}
 
 
-def scored(folder: Path) -> Record:
-    """The whole score, with every session's label and what was said of it."""
-    outcomes, failed = opened(folder)
-    study = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+def scored(folders: Sequence[Path]) -> Record:
+    """The whole score of one test, or of several together, with every session's label and what was said of it."""
+    outcomes, failed, lines = list[Outcome](), list[Record](), list[Record]()
+    studies, left = list[Record](), Counter[str]()
+    for folder in folders:
+        own, wrong = opened(folder)
+        studies.append(json.loads((folder / "study.json").read_text(encoding="utf-8")))
+        left.update(missing(folder))
+        said = [_line(o) for o in own] + [{"session": f["session"], "failed": True} for f in wrong]
+        lines += said if len(folders) == 1 else [{"seed": studies[-1]["seed"], **line} for line in said]
+        outcomes += own
+        failed += wrong
+    seeds = [study["seed"] for study in studies]
+    if len(set(seeds)) < len(seeds):
+        raise ScoreError(f"expected tests of different seeds; got {seeds}: sessions would count twice")
     return _strict(
         {
-            "study": study,
-            "missing": missing(folder),
+            "study": studies[0] if len(studies) == 1 else {"runs": studies},
+            "missing": dict(left),
             "suites": summary(outcomes, failed),
-            "sessions": [_line(o) for o in outcomes]
-            + [{"session": f["session"], "failed": True} for f in failed],
+            "sessions": lines,
         }
     )
 
@@ -117,7 +129,13 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m benchmarks.blind score", description=__doc__, formatter_class=raw
     )
     add = parser.add_argument
-    add("folder", type=Path, help="what `run --out` wrote")
+    add(
+        "folders",
+        type=Path,
+        nargs="+",
+        metavar="DIR",
+        help="what `run --out` wrote; several are scored together",
+    )
     add("--out", type=Path, help="file for the score (JSON)")
     add("--markdown", type=Path, help="file for the tables; else they are printed")
     add("--figures", type=Path, help="folder for pictures of power and confusion (PNG)")
@@ -129,12 +147,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Scores a test; returns the exit status."""
     given = _parser().parse_args(arguments)
     try:
-        if not (given.folder / "study.json").exists():
-            raise ScoreError(f"{given.folder}: expected a folder that `python -m benchmarks.blind run` wrote")
-        if (left := missing(given.folder)) and not given.partial:
-            counts = ", ".join(f"{suite} {count}" for suite, count in left.items())
-            raise ScoreError(f"{given.folder}: not run yet: {counts}; run the rest, or give --partial")
-        found = scored(given.folder)
+        for folder in given.folders:
+            if not (folder / "study.json").exists():
+                raise ScoreError(f"{folder}: expected a folder that `python -m benchmarks.blind run` wrote")
+            if (left := missing(folder)) and not given.partial:
+                counts = ", ".join(f"{suite} {count}" for suite, count in left.items())
+                raise ScoreError(f"{folder}: not run yet: {counts}; run the rest, or give --partial")
+        found = scored(given.folders)
     except ScoreError as error:
         print(error, file=sys.stderr)
         return 2

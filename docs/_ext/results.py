@@ -177,9 +177,13 @@ def blind(content: Mapping[str, Any], pictures: Mapping[str, str]) -> list[str]:
     from benchmarks.blind.markdown import sections
 
     sessions, missing = len(content.get("sessions", [])), sum(content.get("missing", {}).values())
-    part = f" of {sessions + missing}; **the rest has not been run**" if missing else ""
-    seed = content.get("study", {}).get("seed", "unknown")
-    lines = [f"{sessions} sessions{part}, seed {seed}.", ""]
+    study = content.get("study", {})
+    if "runs" in study:
+        seeds = ", ".join(str(run["seed"]) for run in study["runs"])
+        lines = [f"{sessions} sessions of the seeds {seeds} together.", ""]
+    else:
+        part = f" of {sessions + missing}; **the rest has not been run**" if missing else ""
+        lines = [f"{sessions} sessions{part}, seed {study.get('seed', 'unknown')}.", ""]
     for name, text in sections(content["suites"]).items():
         if name in pictures:
             text = f"```{{figure}} {pictures[name]}\n:width: 100%\n\n{PICTURED[name]}\n```"

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -94,6 +95,22 @@ def test_runs_keeps_and_goes_on(bench, capsys):
     assert "none 99" in capsys.readouterr().err
     assert score_main([str(bench.out), "--partial"]) == 0
     assert "| 0 % (0 of 1) |" in capsys.readouterr().out
+
+
+def test_tests_of_several_seeds_are_scored_together(bench, tmp_path, capsys):
+    folders = [tmp_path / "three", tmp_path / "four"]
+    for seed, folder in zip((3, 4), folders, strict=True):
+        own = replace(bench, out=folder)
+        own.run(Spec("none", 0, seed, "foundation"))
+        check_study(folder, {"seed": seed})
+    given = [str(folder) for folder in folders]
+    assert score_main([*given, "--partial", "--out", str(tmp_path / "both.json")]) == 0
+    assert "| 0 % (0 of 2) |" in capsys.readouterr().out
+    both = json.loads((tmp_path / "both.json").read_text(encoding="utf-8"))
+    assert [run["seed"] for run in both["study"]["runs"]] == [3, 4]
+    assert [line["seed"] for line in both["sessions"]] == [3, 4]
+    assert score_main([given[0], given[0], "--partial"]) == 2
+    assert "twice" in capsys.readouterr().err
 
 
 def test_a_label_that_was_changed_is_refused(bench, capsys):
