@@ -66,7 +66,7 @@ def diagnose(
     """
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
-    from skincal.dataset import dataset_hash, read_dataset
+    from skincal.dataset import read_dataset
     from skincal.diagnose.cache import Cache, default_folder
     from skincal.diagnose.next_presses import PLAN_FILE
     from skincal.diagnose.options import DiagnoseOptions, thoroughly
@@ -90,12 +90,6 @@ def diagnose(
         command = shlex.join(["skincal", *sys.argv[1:]])
         now = datetime.now(UTC).replace(microsecond=0)
         provenance = replace(found.calibration.provenance, command=command, seed=seed, time=now)
-        if found.verdict == "effects":
-            # What was fitted again was fitted to this dataset.
-            from_ = {**provenance.extra, "calibrated_on": cal.provenance.dataset}
-            provenance = replace(
-                provenance, dataset=dataset.resolve().name, dataset_sha256=dataset_hash(dataset), extra=from_
-            )
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         plan = None if found.next_plan is None else str(out / PLAN_FILE)
         told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out)})

@@ -24,6 +24,7 @@ from skincal.gap.noise import (
     rounding,
 )
 from skincal.gap.session import GapSession
+from skincal.model import Cylinder, Plane
 from skincal.model.arrays import FloatArray, IntArray
 
 GUESSED_PA_PER_M = 4.5e8
@@ -45,9 +46,13 @@ def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
     # part of a taxel is loaded alike.
     uniform = uniform_pressure(dataset)
     layout = calibration.layout()
+    surface = calibration.surface_model()
     finest = resolution_of(layout, FINER_M) if dataset.frames is None else resolution_of(layout)
+    # In a chamber every part of a taxel is loaded alike, and the fit's own cells are those of its scales; a mesh gives
+    # the areas of cells only.
+    exact = not uniform and isinstance(surface, Cylinder | Plane)
     return BaseModel(
-        calibration.surface_model(),
+        surface,
         layout,
         calibration.pose(),
         parameters.elasticity_pa_per_m,
@@ -55,7 +60,7 @@ def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
         readout_of(dataset),
         float(layout.sizes_m.min()) / 2 if uniform else finest,
         MARGIN_M if uniform else AROUND_M,
-        "gauss",
+        "gauss" if exact else "midpoint",
     )
 
 

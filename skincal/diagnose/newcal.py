@@ -8,6 +8,7 @@ from math import degrees
 
 import numpy as np
 
+from skincal import __version__
 from skincal.calibration import Calibration, Effect, Interval, ModelParameters
 from skincal.calibration.skin import effect_from
 from skincal.dataset import Dataset
@@ -59,8 +60,14 @@ def new_calibration(
             name: _shifted(name, column, before[name], after[name]) if name in after else column
             for name, column in draws.items()
         }
+    from_, name = calibration.provenance, _label(dataset)
+    before_ = {"calibrated_on": from_.dataset, "calibrated_on_sha256": from_.dataset_sha256}
     provenance = replace(
-        calibration.provenance, extra={**calibration.provenance.extra, "diagnosed": _label(dataset)}
+        from_,
+        dataset=name or from_.dataset,
+        dataset_sha256=dataset.sha256 or from_.dataset_sha256,
+        version=__version__,
+        extra={**from_.extra, **before_, "diagnosed": name},
     )
     effects = _effects(found, coords, held, mean_square, dataset, poses)
     kept = tuple(e for e in calibration.effects if e.name not in {one.name for one in effects})

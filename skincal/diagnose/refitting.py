@@ -10,6 +10,7 @@ import numpy as np
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
+from skincal.diagnose.fitted_presses import with_fitted_presses
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import prepare
@@ -53,7 +54,9 @@ def refitted_effects(
     found = refit(ready.start, ready.session, ready.reading, ready.options, coords, x, fixed=fixed)
     mean_square = float((found.slopes.residual[ready.reading.seen] ** 2).mean())
     made = new_calibration(both, found, coords, fixed, mean_square, dataset, ready.poses)
-    return replace(made, provenance=calibration.provenance, grid=calibration.grid)
+    made = replace(made, provenance=calibration.provenance, grid=calibration.grid)
+    none = np.zeros(0, dtype=np.int64)
+    return with_fitted_presses(made, found.hypothesis, ready.session, ready.reading, dataset, none)
 
 
 def _forms(name: str, parameters: Parameters) -> Mapping[str, float]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.calibrate.workers import mapper
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, Finding
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.answer import Question
@@ -42,6 +42,12 @@ from skincal.gap.signatures import where_text
 from skincal.gap.silent import without_silent
 from skincal.model.arrays import IntArray
 
+LEFT = Finding(
+    "misfit",
+    "warning",
+    "Beside the effects that were named something is missing that none of the known ones explains.",
+    "The page and diagnosis.json beside this calibration say where.",
+)
 _WIDTH = 1.96
 _MUCH_WORSE = 0.5
 """Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
@@ -125,6 +131,8 @@ def _diagnosed(
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
     final = _refitted(ready, base, choice, after, calibration, dataset) if named else calibration
+    if named and answer.unexplained:
+        final = replace(final, findings=(*final.findings, LEFT))
     found = Diagnosis(
         answer.verdict,
         effects,

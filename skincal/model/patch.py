@@ -26,7 +26,8 @@ from skincal.model.tiles import Tiles
 Rule = Literal["midpoint", "gauss"]
 """How a sum over points stands for an integral over a taxel: ``midpoint``, the centres of even cells, which is the
 paper's; ``gauss``, as many points where Gauss's rule has them, so that a pressure that is smooth over a taxel is summed
-up exactly to third order. Then the sum of half a millimetre is off by half as much."""
+up exactly to third order. Then the sum of half a millimetre is off by half as much. An axis that is cut evenly, across
+the edges of taxels, keeps to the midpoint."""
 
 _SNAP_M = 1e-9
 """Edges of taxels nearer than this are the same edge [m]."""
@@ -98,9 +99,9 @@ class Patch:
     ) -> Patch:
         """Cut the patch into cells and lay them on the surface.
 
-        Cells are at most ``resolution_m`` long and end at the edges of the taxels, so that every taxel has its
-        exact area; the paper's layout gives 122 x 122 of 0.25 mm. Where the taxels have so many different edges
-        that this would more than double the cells of an axis, the axis is cut evenly.
+        Cells are at most ``resolution_m`` long (on average, with Gauss's rule) and end at the edges of the taxels, so
+        that every taxel has its exact area; the paper's layout gives 122 x 122 of 0.25 mm. Where the taxels have so
+        many different edges that this would more than double the cells of an axis, the axis is cut evenly.
 
         Args:
             surface: the fingertip.
@@ -174,8 +175,10 @@ def patch_cells(
         )
         for k in range(2)
     ]
-    nodes = _gauss if rule == "gauss" else _midpoints
-    (point_u, size_u), (point_v, size_v) = (nodes(ends, resolution_m) for ends in stops)
+    # Pairs of nodes that lie astride the edges of taxels would share the areas out wrongly.
+    (point_u, size_u), (point_v, size_v) = (
+        (_gauss if rule == "gauss" and len(ends) > 2 else _midpoints)(ends, resolution_m) for ends in stops
+    )
     points = np.stack(np.meshgrid(point_u, point_v), axis=-1).reshape(-1, 2)
     sizes = np.stack(np.meshgrid(size_u, size_v), axis=-1).reshape(-1, 2)
     return points, sizes

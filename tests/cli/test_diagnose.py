@@ -86,8 +86,9 @@ def _is_a_calibration_like_any_other(folder: Path, data: Path, cal: Path) -> Non
     assert [e.name for e in new.effects] == ["hysteresis"]
     assert new.provenance.command is not None
     assert "diagnose" in new.provenance.command
-    assert new.provenance.dataset_sha256 == dataset_hash(data)
     old = read_calibration(cal)
+    assert new.provenance.dataset_sha256 == dataset_hash(data)
+    assert new.provenance.extra["calibrated_on_sha256"] == old.provenance.dataset_sha256
     assert new.loss.mse_counts2 < 0.5 * old.loss.mse_counts2
     assert new.slack is not None and len(new.slack["press"]) == len(read_dataset(data).presses)
     errors: list[float] = []

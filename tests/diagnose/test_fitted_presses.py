@@ -34,7 +34,8 @@ def case(data: Dataset, over: float = 0.0) -> tuple[Hypothesis, GapSession, Read
 @pytest.mark.parametrize("data", [moving(), still()], ids=["frames", "holds"])
 def test_the_loss_is_the_mean_square_of_what_is_left_of_the_holds(data: Dataset):
     found, session, reading = case(data, over=2.0)
-    left = hold_residuals(found, session, reading, len(data.presses))
+    left, noise = hold_residuals(found, session, reading, len(data.presses))
+    assert (np.isfinite(left) == np.isfinite(noise)).all() and np.nanmin(noise) > 0
     np.testing.assert_allclose(left[np.isfinite(left)], 2.0)
     old = calibration()
     new = with_fitted_presses(old, found, session, reading, data, NONE)
@@ -59,7 +60,6 @@ def test_slack_tells_where_each_press_was_and_which_was_not_used(tmp_path):
         {3: GLITCH, 5: UNKNOWN}.get(row, "") for row in range(len(data.presses))
     ]
     assert new.loss.presses_used == len(data.presses) - 2 == table["used"].sum()
-    assert new.loss.extra["presses_dropped"] == 2
     used = np.flatnonzero(table["used"])
     np.testing.assert_allclose(table["slack_across_m"][used], 0.5e-3)
     points = np.stack([table[name] for name in ("x_m", "y_m", "z_m")], axis=1)
@@ -79,6 +79,35 @@ def test_what_a_fit_found_of_its_images_is_not_said_of_others():
     old = replace(calibration(), findings=tuple(said))
     new = with_fitted_presses(old, found, session, reading, data, NONE)
     assert [one.code for one in new.findings] == ["range_edge"]
+    said = replace(old, findings=(Finding("slack_bound", "warning", "far", ""),))
+    assert with_fitted_presses(said, found, session, reading, data, NONE).findings == said.findings
+    moves = found.with_effects({"contact_offset": {"stretch_across": np.asarray(0.01)}})
+    assert not with_fitted_presses(said, moves, session, reading, data, NONE).findings
+
+
+def test_noise_and_forces_are_those_of_the_refit_where_a_fit_told_them():
+    data = moving()
+    found, session, reading = case(data, over=2.0)
+    places = found.places.copy()
+    places[:, 2] = 0.03
+    found = found.with_places(places)
+    counts = np.where(np.isfinite(reading.counts), reading.expected(found.values(session)) + 2.0, np.nan)
+    extra = {"noise_sigma_counts": 9.0, "force_sigma_relative": 0.2, "position_sigma_m": 5e-4}
+    old = calibration()
+    told = replace(old, loss=replace(old.loss, extra=extra))
+    new = with_fitted_presses(told, found, session, replace(reading, counts=counts), data, NONE)
+    assert new.loss.extra["force_sigma_relative"] == pytest.approx(0.03)
+    # Two of sixteen values of a press are its place's.
+    assert new.loss.extra["noise_sigma_counts"] == pytest.approx(2.0 * np.sqrt(16 / 14), rel=0.02)
+    assert new.loss.extra["position_sigma_m"] == 5e-4 and set(new.loss.extra) == set(extra)
+
+
+def test_a_bound_that_was_fixed_stays():
+    data = moving()
+    found, session, reading = case(data, over=1.0)
+    old = calibration()
+    fixed = replace(old, loss=replace(old.loss, valley_mse_counts2=25.0, extra={"valley_bound": "fixed"}))
+    assert with_fitted_presses(fixed, found, session, reading, data, NONE).loss.valley_mse_counts2 == 25.0
 
 
 def test_a_press_that_fits_far_worse_than_others_is_no_good_one():

@@ -195,6 +195,7 @@ def test_scale_is_guessed_from_the_counts():
 def test_means_of_holds_are_told_by_finer_points_than_frames():
     points = [len(calibrated_model(calibration(), one).skin.skin.patch) for one in (moving(), still())]
     assert points[1] > 3 * points[0]
+    assert calibrated_model(calibration(), moving()).rule == "gauss"
 
 
 def test_noise_of_frames_and_of_means():

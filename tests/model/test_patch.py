@@ -115,6 +115,12 @@ def test_where_the_edges_are_too_many_for_the_resolution_the_patch_is_cut_evenly
     assert abs(area.mean() - 1) < 0.02
 
 
+def test_an_axis_that_is_cut_evenly_has_no_pairs_of_nodes():
+    for rule in ("midpoint", "gauss"):
+        _, size = patch_cells(_scattered(), 0.5e-3, 2e-3, rule)
+        np.testing.assert_allclose(size, np.broadcast_to(size[0], size.shape))
+
+
 def test_no_margin_is_a_margin():
     patch = Patch.build(Plane(), paper_layout(), SensorPose(0.0, 0.0), margin_m=0.0)
     assert len(patch) == 58**2
