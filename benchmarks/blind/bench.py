@@ -21,8 +21,10 @@ from benchmarks.blind.truth.writing import sealed, write_session
 
 Record = dict[str, Any]
 
-GRID = ("--arc-step-mm", "1.2", "--y-step-mm", "0.5", "--alpha-step-deg", "5", "--e-count", "12")
-COARSE = (*GRID, "--no-report", "--workers", "1")
+COARSE = (
+    *("--arc-step-mm", "1.2", "--y-step-mm", "0.5", "--alpha-step-deg", "5", "--e-count", "12"),
+    *("--no-report", "--workers", "1"),
+)
 """Options of a fit from fewer starting points; what follows the grid, and so the intervals, is the default's. Sessions
 are run side by side, each by one process, and nobody looks at the pages."""
 FEWER = ("--min-active", "1")

@@ -59,8 +59,8 @@ def calibrated_model(calibration: Calibration, dataset: Dataset) -> BaseModel:
         parameters.scale_per_n,
         readout_of(dataset),
         float(layout.sizes_m.min()) / 2 if uniform else finest,
-        MARGIN_M if uniform else AROUND_M,
-        "gauss" if exact else "midpoint",
+        margin_m=MARGIN_M if uniform else AROUND_M,
+        rule="gauss" if exact else "midpoint",
     )
 
 

@@ -58,7 +58,7 @@ class NamedEffect:
     def at_bound(self) -> tuple[str, ...]:
         """Parameters that ended at a bound of what is allowed, where the best value may lie beyond.
 
-        A shape that ends at one of its two kinds does not count, nor what is neutral.
+        A shape that ends at one of its two kinds does not count, nor what is neutral, nor zero, below which nothing is.
         """
         return tuple(
             p.name
@@ -70,8 +70,8 @@ class NamedEffect:
 
 
 def _met(values: FloatArray, p: EffectParameter) -> bool:
-    """Whether any of some values is at a bound of its parameter that is not its neutral value."""
-    bounds = [end for end in (p.low, p.high) if end != p.neutral]
+    """Whether any of some values is at a bound of its parameter beyond which others could be."""
+    bounds = [end for end in (p.low, p.high) if end not in (p.neutral, 0.0)]
     return any(bool(np.isclose(values, end, rtol=_MEETS, atol=0.0).any()) for end in bounds)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, Finding
 from skincal.calibration.calibration import Columns
 from skincal.calibration.parts import Loss
 from skincal.dataset import Dataset, active_taxels
@@ -17,8 +17,15 @@ from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
+NONE: IntArray = np.zeros(0, dtype=np.int64)
 GLITCH, UNKNOWN = "looks like a glitch", "no known place or force, or nothing of its hold that is believed"
 """Why a press was not used."""
+LEFT = Finding(
+    "misfit",
+    "warning",
+    "Beside the effects that were named something is missing that none of the known ones explains.",
+    "The page and diagnosis.json beside this calibration say where.",
+)
 OUTDATED = ("misfit", "bad_presses", "glitches", "force_scatter")
 """Findings of a fit that say how its images match; with more in the model they match otherwise."""
 OF_PLACES = ("positions_worse", "positions_bent", "slack_bound")
@@ -35,7 +42,9 @@ def with_fitted_presses(
     session: GapSession,
     reading: Reading,
     dataset: Dataset,
-    left_out: IntArray,
+    left_out: IntArray = NONE,
+    *,
+    unexplained: bool = False,
 ) -> Calibration:
     """A calibration with the loss and the slack of the session that it was fitted to; what is out of date is left out.
 
@@ -50,6 +59,7 @@ def with_fitted_presses(
         reading: what was read.
         dataset: the same as the user knows it.
         left_out: rows of presses that look like glitches.
+        unexplained: whether something is left that no effect explains.
     """
     left, noise = hold_residuals(found, session, reading, len(dataset.presses))
     used = np.isfinite(left).any(axis=1) & ~np.isin(np.arange(len(left)), left_out)
@@ -67,7 +77,8 @@ def with_fitted_presses(
     }
     extra = {**old.extra, **{name: value for name, value in found_again.items() if name in old.extra}}
     past = OUTDATED + (OF_PLACES if PLACES in found.effects else ())
-    findings = tuple(one for one in calibration.findings if one.code not in past)
+    kept = tuple(one for one in calibration.findings if one.code not in past)
+    findings = (*kept, LEFT) if unexplained else kept
     slack = _slack(found, left, noise, used, dataset, left_out)
     return replace(calibration, loss=Loss(mse, valley, count, extra), slack=slack, findings=findings)
 

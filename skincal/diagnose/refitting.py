@@ -55,8 +55,7 @@ def refitted_effects(
     mean_square = float((found.slopes.residual[ready.reading.seen] ** 2).mean())
     made = new_calibration(both, found, coords, fixed, mean_square, dataset, ready.poses)
     made = replace(made, provenance=calibration.provenance, grid=calibration.grid)
-    none = np.zeros(0, dtype=np.int64)
-    return with_fitted_presses(made, found.hypothesis, ready.session, ready.reading, dataset, none)
+    return with_fitted_presses(made, found.hypothesis, ready.session, ready.reading, dataset)
 
 
 def _forms(name: str, parameters: Parameters) -> Mapping[str, float]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.calibrate.workers import mapper
-from skincal.calibration import Calibration, Finding
+from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnose.answer import Question
@@ -42,12 +42,6 @@ from skincal.gap.signatures import where_text
 from skincal.gap.silent import without_silent
 from skincal.model.arrays import IntArray
 
-LEFT = Finding(
-    "misfit",
-    "warning",
-    "Beside the effects that were named something is missing that none of the known ones explains.",
-    "The page and diagnosis.json beside this calibration say where.",
-)
 _WIDTH = 1.96
 _MUCH_WORSE = 0.5
 """Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
@@ -130,9 +124,9 @@ def _diagnosed(
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
     heard("calibration")
-    final = _refitted(ready, base, choice, after, calibration, dataset) if named else calibration
-    if named and answer.unexplained:
-        final = replace(final, findings=(*final.findings, LEFT))
+    final = calibration
+    if named:
+        final = _refitted(ready, base, choice, after, calibration, dataset, answer.unexplained)
     found = Diagnosis(
         answer.verdict,
         effects,
@@ -270,6 +264,7 @@ def _refitted(
     start: Hypothesis,
     calibration: Calibration,
     dataset: Dataset,
+    unexplained: bool,
 ) -> Calibration:
     """The calibration with what was named, fitted to all presses from where those of the end were found, too."""
     options = replace(ready.options, settle=0)
@@ -290,7 +285,13 @@ def _refitted(
     mean_square = float((last.slopes.residual[seen] ** 2).mean())
     made = new_calibration(calibration, last, choice.after.coords, held, mean_square, dataset, ready.poses)
     return with_fitted_presses(
-        made, last.hypothesis, ready.session, base.material.reading, dataset, base.glitches
+        made,
+        last.hypothesis,
+        ready.session,
+        base.material.reading,
+        dataset,
+        base.glitches,
+        unexplained=unexplained,
     )
 
 

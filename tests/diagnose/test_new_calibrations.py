@@ -61,6 +61,17 @@ def test_the_best_parameters_are_those_that_were_found():
     assert model.alpha_deg == pytest.approx(degrees(0.03)) and model.beta_deg == pytest.approx(degrees(0.01))
 
 
+def test_it_says_which_dataset_it_is_fitted_to_and_which_one_before():
+    old = make_calibration()
+    covariance = np.eye(5 + len(X))
+    found = Refit(ended(old), X, cast("Any", None), 0.0, covariance)
+    named = replace(moving(), sha256="cd" * 32)
+    new = new_calibration(old, found, COORDS, {}, 1.0, named, ("A", "B")).provenance
+    assert new.dataset_sha256 == "cd" * 32
+    assert new.extra["calibrated_on_sha256"] == old.provenance.dataset_sha256 != new.dataset_sha256
+    assert new.extra["calibrated_on"] == old.provenance.dataset
+
+
 def test_intervals_and_draws_of_the_sensor_keep_their_width_and_move():
     old = make_calibration()
     new = added(old)

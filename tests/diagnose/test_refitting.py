@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from report.diagnosis_cases import LOOP, calibration, session, without_frames
 
@@ -25,6 +26,12 @@ def test_effects_are_found_again_from_others():
         )
     assert found.model.elasticity_pa_per_m == pytest.approx(calibration().model.elasticity_pa_per_m, rel=0.1)
     assert found.provenance == calibration().provenance
+    # How well it fits is said of the fit with the effects.
+    assert found.slack is not None and found.loss.presses_used == found.slack["used"].sum() > 0
+    assert found.loss.mse_counts2 == pytest.approx(
+        np.mean(found.slack["residual_rms_counts"][found.slack["used"]] ** 2), rel=1e-6
+    )
+    assert found.loss.mse_counts2 < 0.2
 
 
 def test_what_the_data_cannot_speak_of_stays_as_it_was():

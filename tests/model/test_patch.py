@@ -84,8 +84,10 @@ def test_gauss_gives_images_nearer_to_those_of_fine_cells():
         return Skin(patch, SkinParameters(5e8, 60.0)).values(Sphere(6e-3), contacts)
 
     fine = values(0.08e-3, "gauss")
-    off = {rule: np.sqrt(((values(0.5e-3, rule) - fine) ** 2).mean()) for rule in ("midpoint", "gauss")}
-    assert off["gauss"] < 0.7 * off["midpoint"]
+    lit = fine > 5.0
+    off = {rule: np.sqrt(((values(0.5e-3, rule) - fine)[lit] ** 2).mean()) for rule in ("midpoint", "gauss")}
+    assert off["midpoint"] == pytest.approx(0.4, abs=0.1)
+    assert off["gauss"] == pytest.approx(0.2, abs=0.05)
 
 
 def test_cells_are_no_longer_than_the_resolution():
@@ -105,20 +107,16 @@ def test_scattered_taxels_have_their_exact_area_too():
     np.testing.assert_allclose(np.bincount(patch.taxel + 1, patch.areas_m2)[1:], 1.5e-3**2, rtol=1e-9)
 
 
-def test_where_the_edges_are_too_many_for_the_resolution_the_patch_is_cut_evenly():
-    _, size = patch_cells(_scattered(), 0.5e-3, 2e-3)
+@pytest.mark.parametrize("rule", ["midpoint", "gauss"])
+def test_where_the_edges_are_too_many_for_the_resolution_the_patch_is_cut_evenly(rule):
+    _, size = patch_cells(_scattered(), 0.5e-3, 2e-3, rule)
     np.testing.assert_allclose(size, np.broadcast_to(size[0], size.shape))
     assert size.max() <= 0.5e-3
-    patch = Patch.build(Plane(), _scattered(), SensorPose(0.0, 0.0), resolution_m=0.5e-3, margin_m=2e-3)
+    pose = SensorPose(0.0, 0.0)
+    patch = Patch.build(Plane(), _scattered(), pose, resolution_m=0.5e-3, margin_m=2e-3, rule=rule)
     area = np.bincount(patch.taxel + 1, patch.areas_m2)[1:] / 1.5e-3**2
     assert np.abs(area - 1).max() < 0.8  # a row of cells more or less on each axis
     assert abs(area.mean() - 1) < 0.02
-
-
-def test_an_axis_that_is_cut_evenly_has_no_pairs_of_nodes():
-    for rule in ("midpoint", "gauss"):
-        _, size = patch_cells(_scattered(), 0.5e-3, 2e-3, rule)
-        np.testing.assert_allclose(size, np.broadcast_to(size[0], size.shape))
 
 
 def test_no_margin_is_a_margin():

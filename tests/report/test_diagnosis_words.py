@@ -36,6 +36,8 @@ def test_a_parameter_that_ended_at_its_bound_is_told():
     assert [
         row.interval.endswith("at its bound") for row in parameter_rows(told) if row.name == "height"
     ] == [True]
+    dead = replace(effect, name="dead_taxel", parameters={"answer": np.array([1.0, 0.0])})
+    assert dead.at_bound == ()
     # What is neutral is at no bound, though an effect may only go one way from it.
     assert replace(effect, parameters={**effect.parameters, "height": np.asarray(0.0)}).at_bound == ()
 
