@@ -35,11 +35,13 @@ from skincal.gap.heldout import Gap, gap_closed
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
 from skincal.gap.places import NAME as PLACES
+from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
 from skincal.gap.relocate import at_best
-from skincal.gap.robust import without_jumps
+from skincal.gap.robust import SURE, without_jumps
+from skincal.gap.session import GapSession
 from skincal.gap.signatures import where_text
-from skincal.gap.silent import without_silent
+from skincal.gap.silent import Silent, with_silent_values, without_silent
 from skincal.model.arrays import IntArray
 
 _WIDTH = 1.96
@@ -107,7 +109,7 @@ def _diagnosed(
     heard("gap on presses nobody has fitted")
     before, after = _ends(ready, base, choice)
     gap = _gap(ready, base, choice, (before, after), again)
-    if answer.seen_only:
+    if answer.seen_only and not _known_before_the_end(ready, base, choice):
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
     refuted = answer.verdict == "effects" and gap.refutes(_MUCH_WORSE) and not _only_places(choice)
@@ -178,11 +180,12 @@ def _only_places(choice: Choice) -> bool:
 
 
 def _ends(ready: Prepared, base: Base, choice: Choice) -> tuple[Hypothesis, Hypothesis]:
-    """Before and after, every press at its best place."""
-    before = _settled(choice.before.hypothesis, ready, base)
+    """Before and after, every press at its best place: those of the end had no say in when a fit was done."""
+    reading = _of_silent(ready, base, choice, base.material.reading, ready.session)
+    before = at_best(choice.before.hypothesis, ready.session, reading, ready.options)
     if choice.after is choice.before:
         return before, before
-    return before, _settled(choice.after.hypothesis, ready, base)
+    return before, at_best(choice.after.hypothesis, ready.session, reading, ready.options)
 
 
 def _gap(
@@ -197,10 +200,23 @@ def _gap(
     rows &= ~np.isin(ready.full.press, base.glitches)
     reading = without_jumps(ready.full_reading, ready.full, list(base.jumps))
     reading = without_stuck(reading, ready.full, list(base.stuck))
-    # Presses of the end may have shown that a taxel fell silent; what shows that is not looked at.
-    reading = without_silent(reading, base.silent, ready.full)
+    reading = _of_silent(ready, base, choice, reading, ready.full)
     reading = reading.with_further(force_variance(choice.after.hypothesis, ready.full, ready.force_noise_n))
     return gap_closed(*ends, ready.full, reading, rows, rng)
+
+
+def _of_silent(ready: Prepared, base: Base, choice: Choice, reading: Reading, session: GapSession) -> Reading:
+    """A reading without what has shown that taxels fell silent, where those were presses of the end."""
+    reading = without_silent(reading, base.silent, session)
+    return with_silent_values(reading, _known_before_the_end(ready, base, choice), session)
+
+
+def _known_before_the_end(ready: Prepared, base: Base, choice: Choice) -> list[Silent]:
+    """Taxels that are named, are silent in presses of the end, and others have surely shown that."""
+    if DEAD_TAXEL not in choice.after.names:
+        return []
+    end = [(one, ready.split.part[one.presses] == FINAL) for one in base.silent]
+    return [one for one, last in end if last.any() and one.falls[~last].sum() > SURE]
 
 
 def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int, float]:
@@ -210,12 +226,6 @@ def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int,
     own = np.abs(after.places[:, 2]) > _PULLED * ready.options.force_sigma
     rows = np.setdiff1d(np.flatnonzero(own), glitches)
     return {int(row): float(np.expm1(after.places[row, 2])) for row in rows}
-
-
-def _settled(hypothesis: Hypothesis, ready: Prepared, base: Base) -> Hypothesis:
-    """The sensor as it is, every press at its best place: those of the end had no say in when a fit was done."""
-    reading = without_silent(base.material.reading, base.silent, ready.session)
-    return at_best(hypothesis, ready.session, reading, ready.options)
 
 
 def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tuple[NamedEffect, ...]:

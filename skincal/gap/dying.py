@@ -32,8 +32,7 @@ def dead_start(bench: Bench, dead: Sequence[Dead]) -> Start | None:
         dead = [one for one in dead if one.from_s <= 0]
         if not dead:
             return None
-    looked = bench.session.taxels
-    flat = {(d.taxel if looked is None else int(looked[d.taxel])): d for d in dead}
+    flat = {_flat(one, bench): one for one in dead}
     from_s = np.zeros(bench.sizes["per-taxel"])
     for taxel, one in flat.items():
         from_s[taxel] = one.from_s
@@ -73,15 +72,41 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
     start = dead_start(bench, [one.dead for one in silent])
     if start is None or "time" in bench.lacking:
         return choice
-    # Presses of the end have no say in a fit: where they alone show it, the taxel stays as it was seen.
-    seen = tuple(replace(c, start=c.value(x)) for c, x in zip(start.coords, start.x, strict=True))
-    found = Found(replace(start, coords=seen), np.zeros(len(seen)), 0.0, 0.0)
+    seen = _as_seen(start, {_flat(one.dead, bench) for one in silent if not _learned(one, material)})
+    found = Found(seen, np.zeros(len(seen.coords)), 0.0, 0.0)
     before, after = _looked_at(choice.before, material), _looked_at(choice.after, material)
     model = extended(after, found, material)
     fall = sum(one.fall for one in silent)
     share = sum(one.fall * one.share for one in silent) / fall
     named = (*choice.named, Named(NAME, (NAME,), share, null.p_value(NAME, fall)))
     return replace(choice, before=before, after=model, named=named)
+
+
+def _learned(one: Silent, material: Material) -> bool:
+    """Whether a press that shows a taxel to be silent has a say in fits."""
+    return bool(material.known[np.isin(material.session.press, one.presses)].any())
+
+
+def _as_seen(start: Start, held: set[int]) -> Start:
+    """A start from which fits begin at what was seen, and which says so of some taxels for good.
+
+    Presses of the end have no say in a fit. Where they alone show that a taxel is silent, what the others say of it are
+    hundredths of a count.
+    """
+    seen = tuple(replace(c, start=c.value(x)) for c, x in zip(start.coords, start.x, strict=True))
+    lasting = {key: np.array(value) for key, value in start.held[NAME].items()}
+    for c in seen:
+        if c.index in held:
+            own = lasting.setdefault(c.parameter.name, np.full(c.size, c.parameter.neutral))
+            own[c.index] = c.start
+    free = tuple(c for c in seen if c.index not in held)
+    return replace(start, coords=free, held={NAME: lasting}, x=(0.0,) * len(free))
+
+
+def _flat(one: Dead, bench: Bench) -> int:
+    """Number of a dead taxel among those of the layout."""
+    looked = bench.session.taxels
+    return one.taxel if looked is None else int(looked[one.taxel])
 
 
 def _looked_at(model: Model, material: Material) -> Model:

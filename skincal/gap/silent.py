@@ -3,11 +3,15 @@
 A press over a taxel that has just died fits nowhere; where it is the only one, or one of few, it looks like a glitch.
 It is none if its image is right once that one taxel is not looked at, but no other force makes it so, and if the taxel
 answered before and no later press shows it answering.
+
+A press that may lie elsewhere within its slack hides such a taxel: it moves to where the taxel need not answer, and the
+sensor moves with many of them. So all presses after the last answer of a taxel are also looked at together, from
+where they were measured: a taxel that is silent leaves them no worse there, and each of them a little better.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +40,11 @@ _ANY_FORCE = 0.5
 """Relative standard deviation of a force that may be anything."""
 _FEW = 8
 """Presses in which a taxel might be silent; one that is in more is found by :func:`skincal.gap.robust.dead_taxels`."""
+_TOGETHER = 40.0
+"""Presses show together that a taxel is silent if its silence leaves so much less of them: odds of exp(20) to one, as far
+as noise and places go."""
+_CLEAR_COUNTS = 15.0
+"""What a taxel reads is an answer, whatever the model, if it is more than that."""
 _MOST = 3
 """No more taxels than one in so many fall silent; where they do, it is something else."""
 
@@ -47,9 +56,10 @@ class Silent:
     Attributes:
         dead: the taxel, since when, and what it reads.
         between_s: it was heard before the first time, and silent from the second one on [s].
-        presses: rows of the presses that show it.
+        presses: rows of the P presses that show it.
         left: (P,) what each of them costs without the taxel's silence.
-        fall: by how much that is less than with it, all together.
+        falls: (P,) by how much that is less than with it.
+        fall: all of that together.
         share: the part of what they cost beyond the usual that this is.
     """
 
@@ -57,6 +67,7 @@ class Silent:
     between_s: tuple[float, float]
     presses: IntArray
     left: FloatArray
+    falls: FloatArray
     fall: float
     share: float
 
@@ -94,20 +105,27 @@ def silent_taxels(
             for row in np.flatnonzero(costs > _usual(costs, session) + SURE).tolist()
             if len(_silence(measured[:, taxel], reading, session, row, taxel))
         ]
+        ways: list[Silent | None] = []
         if 0 < len(might) <= _FEW:
-            one = _heard_no_more(here, session, reading, options, taxel, np.array(might), values, costs)
-            found_silent += [] if one is None else [one]
+            ways += [_heard_no_more(here, session, reading, options, taxel, np.array(might), values, costs)]
+        later = _after_the_last_answer(measured[:, taxel], reading, session, taxel)
+        if len(later):
+            ways += [_silent_together(here, session, reading, options, taxel, later, values, costs, measured)]
+        seen = [one for one in ways if one is not None]
+        found_silent += [max(seen, key=lambda one: (len(one.presses), one.fall))] if seen else []
     best = _best_of_each_press(found_silent)
     return best if len(best) <= values.shape[1] // _MOST else []
 
 
 def _best_of_each_press(silent: Sequence[Silent]) -> list[Silent]:
     """Those that explain a press better than any other does, which may explain it as well from another place."""
-    least: dict[int, float] = {}
-    for one in silent:
-        for row, left in zip(one.presses.tolist(), one.left.tolist(), strict=True):
-            least[row] = min(left, least.get(row, np.inf))
-    return [one for one in silent if all(one.left <= [least[row] for row in one.presses.tolist()])]
+    return [one for one in silent if not any(_beaten(one, other) for other in silent)]
+
+
+def _beaten(one: Silent, other: Silent) -> bool:
+    """Whether another taxel's silence explains the presses better that both of them explain."""
+    _, mine, its = np.intersect1d(one.presses, other.presses, return_indices=True)
+    return float(one.left[mine].sum()) > float(other.left[its].sum())
 
 
 def _settled(
@@ -185,6 +203,34 @@ def _heard_no_more(
         and harder[row] - left[row] > _RATHER
         and _others_lit(expected, reading, silence[row], taxel)
     ]
+    silence = {row: silence[row] for row in shown}
+    return _seen(session, reading, taxel, shown, values, expected, silence, costs, left)
+
+
+def _seen(
+    session: GapSession,
+    reading: Reading,
+    taxel: int,
+    shown: list[int],
+    values: FloatArray,
+    expected: FloatArray,
+    silence: Mapping[int, IntArray],
+    costs: FloatArray,
+    left: FloatArray,
+) -> Silent | None:
+    """A taxel that some presses show to be silent, if it is not heard again and was before.
+
+    Args:
+        session: what was pressed.
+        reading: of all presses.
+        taxel: its column.
+        shown: rows of the presses.
+        values: (N, J) of the model.
+        expected: the same where these presses are without the taxel.
+        silence: the observations in which it is silent, of these presses and of others that it was silent in then.
+        costs: (P,) what presses cost.
+        left: (P,) the same without the taxel.
+    """
     told = np.where(np.isin(session.press, shown), expected[:, taxel], values[:, taxel])
     lit = np.flatnonzero(reading.seen[:, taxel] & (told > _FAINT_COUNTS))
     heard = lit[_heard(told[lit], reading, lit, taxel)]
@@ -192,24 +238,96 @@ def _heard_no_more(
     shown = [row for row in shown if len(heard) and silence[row][0] > heard[-1]]
     if not shown:
         return None
-    first = min(shown, key=lambda row: begin[row])
-    row, from_row, time = begin[first], int(silence[first][0]), times(session)
+    from_row = min(int(rows[0]) for rows in silence.values() if rows[0] > heard[-1])
+    first = from_row - int(session.press[from_row - 1] == session.press[from_row])
+    time = times(session)
     stuck = float(reading.counts[lit[lit >= from_row], taxel].mean())
-    low, high = float(time[max(0, row - 1) : row + 1].mean()), float(time[row : from_row + 1].mean())
+    low, high = float(time[max(0, first - 1) : first + 1].mean()), float(time[first : from_row + 1].mean())
     since = low
-    if row < from_row:
-        part = (reading.counts[row, taxel] - stuck) / max(float(expected[row, taxel]) - stuck, 1e-9)
+    if first < from_row:
+        part = (reading.counts[first, taxel] - stuck) / max(float(expected[first, taxel]) - stuck, 1e-9)
         # Where the observation is missing, any moment within it will do.
         since += float(np.clip(np.nan_to_num(part, nan=0.5), 0.0, 1.0)) * (high - low)
-    whole = float(fall[shown].sum())
+    falls, beyond = (costs - left)[shown], costs[shown] - _usual(costs, session)
+    whole = float(falls.sum())
     return Silent(
         Dead(taxel, since, stuck, 0.0),
         (low, float(time[from_row])),
         np.array(shown),
         left[shown],
+        falls,
         whole,
-        min(1.0, whole / float(beyond[shown].sum())),
+        min(1.0, whole / max(float(beyond.sum()), 1.0)),
     )
+
+
+def _after_the_last_answer(
+    measured: FloatArray, reading: Reading, session: GapSession, taxel: int
+) -> IntArray:
+    """Rows of presses after the last clear answer of a taxel in which it should answer, at their measured places.
+
+    None where it never answered.
+    """
+    rows = np.flatnonzero(reading.seen[:, taxel])
+    noise = _SIGMA * np.sqrt(_variance(reading, rows)[:, taxel])
+    answers = rows[reading.unlifted[rows, taxel] - noise > _CLEAR_COUNTS]
+    if not len(answers):
+        return answers
+    later = np.unique(session.press[answers[-1] + 1 :])
+    later = later[(later >= 0) & (later != session.press[answers[-1]])]
+    return np.array(
+        [p for p in later.tolist() if len(_silence(measured, reading, session, p, taxel))], dtype=np.int64
+    )
+
+
+def _silent_together(
+    here: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    options: RefitOptions,
+    taxel: int,
+    later: IntArray,
+    values: FloatArray,
+    costs: FloatArray,
+    measured: FloatArray,
+) -> Silent | None:
+    """A taxel whose silence explains all presses after its last answer better than their places and forces do."""
+    own = np.isin(np.arange(len(here.places)), later)
+    deaf = np.ones_like(reading.trust)
+    deaf[np.isin(session.press, later), taxel] = 0.0
+    other = reading.trusting(deaf)
+    # From a measured place the way may be lost where nothing else answers; from where it is it is not.
+    starts = here.with_places(np.where(own[:, None], 0.0, here.places)), here
+    ways = [_settled(start, session, other, options, later) for start in starts]
+    images = [way.values(session) for way in ways]
+    left = np.stack(
+        [
+            cost_of_presses(way, other.residual(image), session, options)
+            for way, image in zip(ways, images, strict=True)
+        ]
+    )
+    expected = np.where((left[1] < left[0])[np.maximum(session.press, 0), None], images[1], images[0])
+    # What a silent taxel reads costs something, too.
+    none = reading.residual(np.zeros_like(values))[:, taxel] ** 2
+    mine = np.isin(session.press, later)
+    left = left.min(axis=0) + np.bincount(session.press[mine], none[mine], len(costs))
+    silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in later.tolist()}
+    shown = [
+        row
+        for row, rows in silence.items()
+        if len(rows) and _others_lit(expected, reading, rows, taxel) and left[row] < costs[row]
+    ]
+    if not any(float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS for row in shown):
+        return None
+    harder = _with_any_force(here, session, reading, options, later)
+    if (np.minimum(costs, harder) - left)[shown].sum() < _TOGETHER:
+        return None
+    # Once it is sure, it was silent in the others, too.
+    silence = {
+        row: rows if len(rows) else _silence(measured[:, taxel], reading, session, row, taxel)
+        for row, rows in silence.items()
+    }
+    return _seen(session, reading, taxel, shown, values, expected, silence, costs, left)
 
 
 def _with_any_force(

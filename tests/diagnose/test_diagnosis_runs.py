@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import patch
 
@@ -27,12 +28,18 @@ from skincal.diagnose.diagnosis import Diagnosis
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.diagnose.summary import summary
-from skincal.diagnose.workflow import _pulled, diagnose  # pyright: ignore[reportPrivateUsage]
+from skincal.diagnose.workflow import (  # pyright: ignore[reportPrivateUsage]
+    _of_silent,
+    _pulled,
+    diagnose,
+)
 from skincal.errors import InputError, WorkError
 from skincal.gap.choice_options import ChoiceOptions
 from skincal.gap.choose import Choice, Named
 from skincal.gap.null import Null
+from skincal.gap.robust import Dead, times
 from skincal.gap.signatures import Signature
+from skincal.gap.silent import Silent
 
 OPTIONS = DiagnoseOptions(null_draws=40, choice=ChoiceOptions(significant=0.03, contenders=1, searched=3))
 NO_NULL = Null((), {}, 1.0)
@@ -310,6 +317,28 @@ def test_a_taxel_that_dies_before_the_last_presses_is_named(kind: str, fitted_la
     assert f"taxel_{taxel // 4}_{taxel % 4} " in " ".join(
         f.text for f in found.findings if f.code == "dead_taxel"
     )
+
+
+def test_the_end_shows_a_silent_taxel_only_where_others_have_shown_it_before():
+    ready = prepare(session({}), calibration(), OPTIONS, np.random.default_rng(0))
+    end = np.flatnonzero(ready.split.part == FINAL)
+    first = np.flatnonzero(ready.split.part != FINAL)
+
+    def seen_in(presses: list[int], falls: list[float], *, named: bool = True) -> bool:
+        """Whether what the taxel read late in the session is looked at."""
+        late = float(times(ready.session).max()) / 2
+        rows, values = np.array(presses), np.array(falls)
+        silent = Silent(Dead(9, late, 0.0, 0.0), (late, late), rows, 0 * values, values, values.sum(), 1.0)
+        base = cast(Any, SimpleNamespace(silent=(silent,)))
+        choice = cast(Any, SimpleNamespace(after=SimpleNamespace(names=("dead_taxel",) if named else ())))
+        reading = _of_silent(ready, base, choice, ready.reading, ready.session)
+        assert reading.seen[times(ready.session) < late].all()
+        return bool(reading.seen[times(ready.session) >= late, 9].all())
+
+    assert seen_in([int(first[0]), int(end[0])], [500.0, 20.0])
+    assert not seen_in([int(first[0]), int(end[0])], [20.0, 500.0])
+    assert not seen_in([int(first[0]), int(first[1])], [500.0, 500.0])
+    assert not seen_in([int(first[0]), int(end[0])], [500.0, 20.0], named=False)
 
 
 def test_presses_that_need_quite_another_force_are_told():

@@ -18,6 +18,7 @@ from skincal.gap.models import Model
 from skincal.gap.null import Null
 from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
+from skincal.gap.relocate import relocated
 from skincal.gap.robust import times
 from skincal.gap.silent import Silent, silent_taxels, with_silent_values, without_silent
 from skincal.model.arrays import BoolArray, FloatArray
@@ -144,6 +145,50 @@ def test_nothing_is_silent_where_nothing_is_wrong_or_all_is():
     assert found_in(seen_as(0.0 * values())) == []
 
 
+WIDE = replace(OPTIONS, position_sigma_m=1e-3)
+"""Presses may lie where a dead taxel need not answer."""
+
+
+def of_wide(seed: int, dies: tuple[int, int] | None) -> list[Silent]:
+    """Silent taxels about a fit with wide places; one may die as one of the last presses that reach it begins."""
+    one = made(seed=seed)
+    seen, press = one.truth.values(one.session), one.session.press
+    if dies is not None:
+        taxel, last = dies
+        reached = np.unique(press[(seen[:, taxel] > 8.0) & (press >= 0)])
+        seen[np.flatnonzero(press == reached[-last])[0] :, taxel] = 0.0
+    counts = read(one.session, seen, np.random.default_rng(8), READOUT)
+    reading = Reading.of(replace(one.session, counts=counts), SIGMA, READOUT)
+    fitted = refit(one.start, one.session, reading, WIDE).hypothesis
+    fitted = refit(relocated(fitted, one.session, reading, WIDE), one.session, reading, WIDE).hypothesis
+    return silent_taxels(fitted, one.session, reading, WIDE, NONE)
+
+
+@pytest.mark.parametrize(
+    ("seed", "taxel", "last"), [(6, 1, 2), (6, 3, 2), (7, 3, 2), (9, 3, 3), (11, 0, 2), (11, 1, 3)]
+)
+def test_presses_that_moved_away_from_a_dead_taxel_show_it_together(seed: int, taxel: int, last: int):
+    (found,) = of_wide(seed, (taxel, last))
+    assert found.dead.taxel == taxel and len(found.presses) > 1
+    assert found.fall == pytest.approx(found.falls.sum()) and found.fall > 40
+
+
+@pytest.mark.parametrize("seed", range(6, 12))
+def test_places_that_may_be_anywhere_make_no_live_taxel_silent(seed: int):
+    assert of_wide(seed, None) == []
+
+
+def test_a_taxel_that_answers_at_the_end_is_not_silent_though_presses_moved_away():
+    one = made(seed=6)
+    seen, press = one.truth.values(one.session), one.session.press
+    reached = np.unique(press[(seen[:, 1] > 8.0) & (press >= 0)])
+    seen[np.isin(press, reached[-3:-1]), 1] = 0.0
+    counts = read(one.session, seen, np.random.default_rng(8), READOUT)
+    reading = Reading.of(replace(one.session, counts=counts), SIGMA, READOUT)
+    fitted = refit(one.start, one.session, reading, WIDE).hypothesis
+    assert silent_taxels(fitted, one.session, reading, WIDE, NONE) == []
+
+
 def silence() -> tuple[Reading, Silent]:
     taxel, press = lately()
     reading = silent_in(np.arange(len(one().session)) >= rows_of(press)[0], taxel)
@@ -193,6 +238,20 @@ def test_it_is_named_with_what_it_reads_and_since_when():
         "a press that fit and choice may see"
     )
     assert after.after.refit.objective < after.before.refit.objective - 200
+
+
+def test_where_presses_of_the_end_alone_show_it_it_stays_as_it_was_seen():
+    reading, found = silence()
+    known = one().material.known & ~np.isin(one().session.press, found.presses)
+    less = without_silent(reading, [found], one().session)
+    material = replace(one().material, reading=less, learn=known, score=np.zeros_like(known))
+    base = Model(refit(one().start, one().session, less, OPTIONS, learn=known))
+    before = Choice(base, base, (), (), (0.0, 0.0), int(less.seen.sum()))
+    null = Null(("fitted",) * 9, {"taxel_gain": np.full(9, 3.0)}, 1.0)
+    after = with_silent(before, [found], replace(material, reading=reading), null)
+    own = after.after.hypothesis.effects[NAME]
+    assert after.after.coords == () and own["answer"][found.dead.taxel] == 0.0
+    assert own["stuck_counts"][found.dead.taxel] == pytest.approx(found.dead.stuck_counts)
 
 
 def test_without_a_clock_nothing_can_be_named_that_began_later():
