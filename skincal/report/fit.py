@@ -17,6 +17,7 @@ from skincal.report.fit_images import images_figure
 from skincal.report.fit_residuals import residuals_figure, scatter_figure
 from skincal.report.fit_slack import slack_figure
 from skincal.report.fit_story import (
+    effect_rows,
     headline,
     parameter_rows,
     press_rows,
@@ -125,6 +126,9 @@ def _page(result: FitResult, calibration: Calibration, dataset: Dataset, figures
         headline=words,
         verdict=verdict(result),
         findings=sorted(result.findings, key=lambda finding: finding.severity != "warning"),
+        effects=effect_rows(calibration),
+        best={name: f"{value:.5g}" for name, value in calibration.model.best().items()},
+        rmse=f"{calibration.loss.mse_counts2**0.5:.3g}",
         parameters=parameter_rows(result),
         bound=bound_story(result, calibration),
         scatter=scatter_rows(result),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.calibration import Calibration
+from skincal.calibration.parts import Numbers
 from skincal.dataset import Dataset
 from skincal.fit.result import FitResult
 from skincal.report.fit_presses import why_unused
@@ -14,6 +15,17 @@ from skincal.report.fit_quantities import Quantity, quantities, with_digits
 
 EXPLAINED = 1.5
 """Residuals up to so many times the noise count as explained."""
+
+
+@dataclass(frozen=True)
+class EffectRow:
+    """One parameter of an effect that was fitted beside the base model: in words, its lists by their ends."""
+
+    effect: str
+    name: str
+    value: str
+    low: str
+    high: str
 
 
 @dataclass(frozen=True)
@@ -164,6 +176,23 @@ def _parameter_row(of: Quantity) -> ParameterRow:
     share = f"{100 * (end - start):.2g} %" if of.identified else "all of it"
     width = max(100 * (end - start), 1.0)
     return ParameterRow(of.axis_label, best, low, high, searched, share, width, min(100 * start, 100 - width))
+
+
+def effect_rows(calibration: Calibration) -> list[EffectRow]:
+    """The effects of a calibration, parameter by parameter."""
+    rows: list[EffectRow] = []
+    for effect in calibration.effects:
+        for name, given in effect.parameters.items():
+            ends = [_ends(given), *map(_ends, effect.intervals.get(name, ()))]
+            value, low, high = ends if len(ends) == 3 else (ends[0], "", "")
+            rows.append(EffectRow(effect.name, name, value, low, high))
+    return rows
+
+
+def _ends(numbers: Numbers) -> str:
+    values = np.atleast_1d(np.asarray(numbers, dtype=np.float64))
+    low, high = f"{values.min():.4g}", f"{values.max():.4g}"
+    return (low if low == high else f"{low} to {high}").replace("-", "−")
 
 
 def scatter_rows(result: FitResult) -> list[ScatterRow]:

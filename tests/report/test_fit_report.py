@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from skincal.calibration import Calibration, Loss, ModelParameters, Provenance
+from skincal.calibration import Calibration, Effect, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
     DatasetMeta,
@@ -258,6 +258,21 @@ def test_the_page_says_what_was_found(folder: Path, fitted: Fitted) -> None:
     assert "nan" not in page.text.split()
     for number in fitted[1].presses.press:
         assert str(number) in page.text
+
+
+def test_the_page_of_a_fit_with_effects_says_whose_its_pictures_are(
+    fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result, data, calibration = fitted[0], fitted[1], fitted[2]
+    plain = words_of(result, data, calibration, tmp_path, monkeypatch).text
+    assert "base model alone" not in plain
+    loop = Effect("hysteresis", {"height": 0.21, "width": 1.5}, {"height": (0.19, 0.23)})
+    gains = Effect("taxel_gain", {"gain": [0.9, 1.1, 1.0]})
+    page = words_of(result, data, replace(calibration, effects=(loop, gains)), tmp_path, monkeypatch)
+    assert page.open == []
+    assert "those of the base model alone" in page.text
+    assert re.search(r"hysteresis\s*height\s*0.21\s*0.19\s*0.23", page.text)
+    assert re.search(r"taxel_gain\s*gain\s*0.9 to 1.1", page.text)
 
 
 def test_the_report_is_reproducible(folder: Path, fitted: Fitted, tmp_path: Path) -> None:
