@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import degrees, inf, isfinite
 
 import numpy as np
 
@@ -18,7 +19,7 @@ _FIX = "Use a calibration of this sensor."
 
 
 def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
-    """Checks that a dataset's sensor and surface are the calibrated ones.
+    """Checks that a dataset's sensor and surface are the calibrated ones, and that the sensor may lie where it did.
 
     Raises:
         InputError: they are not; says everything in which they differ.
@@ -28,6 +29,9 @@ def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
     found = sensor_differences(
         calibration, meta.sensor, dataset.layout(), meta.surface, dataset.meshes, place=file
     )
+    fitted_to_it = bool(dataset.sha256) and calibration.provenance.dataset_sha256 == dataset.sha256
+    if not found and not fitted_to_it:
+        found = _mount(calibration, dataset, file)
     if found:
         raise InputError(found)
 
@@ -96,3 +100,29 @@ def _surface(
             Problem(f"{place}, [surface] file", "the calibrated mesh", f"another one, {other.file}", _FIX)
         ]
     return []
+
+
+def _mount(calibration: Calibration, dataset: Dataset, place: str) -> list[Problem]:
+    """Where the calibrated sensor lies outside the ranges of the mount, the slack of positions allowed for."""
+    mount, slack = dataset.meta.mount, dataset.meta.position.slack_m
+    if not isfinite(slack):
+        return []
+    radius = dataset.meta.surface.radius_m
+    ranges = {
+        "y_m": (mount.y_range_m, slack),
+        "x_m": (mount.x_range_m, slack),
+        "beta_deg": (mount.beta_range_deg, degrees(slack / radius) if radius else inf),
+        "alpha_deg": (mount.alpha_range_deg, 0.0),
+    }
+    found: list[Problem] = []
+    for name, best in calibration.model.best().items():
+        searched, beside = ranges.get(name, (None, 0.0))
+        if searched is None:
+            continue
+        low, high = calibration.intervals.get(name, (best, best))
+        if high < searched[0] - beside or low > searched[1] + beside:
+            key = name.replace("_m", "_range_m").replace("_deg", "_range_deg")
+            expected = f"a range with the calibrated {name} in it, {best:.4g}"
+            got = f"{searched[0]:g} to {searched[1]:g}"
+            found.append(Problem(f"{place}, [mount] {key}", expected, got, _FIX))
+    return found

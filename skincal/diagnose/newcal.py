@@ -47,7 +47,7 @@ def new_calibration(
         dataset: names the data.
         poses: names of the hand poses.
     """
-    model = _parameters(calibration, found.hypothesis)
+    model = parameters_of(calibration, found.hypothesis)
     before, after = calibration.model.best(), model.best()
     intervals = {
         name: _moved(name, interval, before[name], after[name])
@@ -87,7 +87,8 @@ def _label(dataset: Dataset) -> str:
     return "" if dataset.folder is None else dataset.folder.resolve().name
 
 
-def _parameters(calibration: Calibration, hypothesis: Hypothesis) -> ModelParameters:
+def parameters_of(calibration: Calibration, hypothesis: Hypothesis) -> ModelParameters:
+    """The best parameters of a calibration as a hypothesis has them."""
     model, pose = hypothesis.model, hypothesis.model.pose
     scale = model.scale_per_n
     each = None if isinstance(scale, float | int) else tuple(float(s) for s in np.atleast_1d(scale))

@@ -25,6 +25,7 @@ from skincal.diagnose.fitted_presses import with_fitted_presses
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.own_numbers import numbers_differ
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
 from skincal.gap.choose import Choice, Heard
@@ -125,6 +126,14 @@ def _diagnosed(
         answer = replace(answer, verdict="unknown", unexplained=True)
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
+    other = numbers_differ(
+        calibration,
+        dataset,
+        ready,
+        after if named else before,
+        without_silent(base.material.reading, base.silent, ready.session),
+        base.material.known,
+    )
     heard("calibration")
     final = calibration
     if named:
@@ -140,7 +149,8 @@ def _diagnosed(
         answer.null,
         choice,
         answer.signatures,
-        findings_of(
+        other
+        + findings_of(
             dataset.layout(),
             dataset.presses.press,
             base.glitches.tolist(),

@@ -41,8 +41,8 @@ _ANY_FORCE = 0.5
 _FEW = 8
 """Presses in which a taxel might be silent; one that is in more is found by :func:`skincal.gap.robust.dead_taxels`."""
 _TOGETHER = 40.0
-"""Presses show together that a taxel is silent if its silence leaves so much less of them: odds of exp(20) to one, as far
-as noise and places go."""
+"""Presses show together that a taxel is silent if its silence leaves so much less of them: odds of exp(20) to one, as
+far as noise and places go."""
 _CLEAR_COUNTS = 15.0
 """What a taxel reads is an answer, whatever the model, if it is more than that."""
 _MOST = 3

@@ -309,6 +309,34 @@ def test_another_sensor_is_refused_with_everything_that_differs(
     assert (radius.expected, radius.got) == ("0.0115 m, as calibrated", "0.01 m")
 
 
+def test_a_sensor_that_cannot_lie_where_the_calibrated_one_does_is_refused(
+    session: Session, calibration: Calibration
+) -> None:
+    dataset = session(4)
+    pose = calibration.model
+    assert pose.beta_deg is not None
+    intervals = {"y_m": (pose.y_m, pose.y_m + 1e-4), "alpha_deg": (pose.alpha_deg - 1, pose.alpha_deg + 1)}
+    calibration = replace(calibration, intervals=intervals)
+    slack = dataset.meta.position.slack_m
+    mount = replace(
+        dataset.meta.mount,
+        y_range_m=(pose.y_m - 5e-3, pose.y_m - 1.1 * slack),
+        beta_range_deg=(pose.beta_deg + 0.5 * np.degrees(slack / 0.0115), pose.beta_deg + 20),
+        alpha_range_deg=(pose.alpha_deg + 1.5, pose.alpha_deg + 20),
+    )
+    other = replace(dataset, meta=replace(dataset.meta, mount=mount))
+    with pytest.raises(InputError) as caught:
+        predict_dataset(calibration, other)
+    along, turn = caught.value.problems
+    assert "[mount] y_range_m" in along.place and "[mount] alpha_range_deg" in turn.place
+    assert "calibrated alpha_deg" in turn.expected
+    # Whoever searched beyond the ranges has found it in these data.
+    same = replace(calibration, provenance=replace(calibration.provenance, dataset_sha256="ef" * 32))
+    predict_dataset(same, replace(other, sha256="ef" * 32))
+    free = replace(other.meta, position=replace(other.meta.position, slack_m=np.inf))
+    predict_dataset(calibration, replace(other, meta=free))
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [

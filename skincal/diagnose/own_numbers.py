@@ -1,0 +1,85 @@
+"""Whether a calibration's own pose, E and S are those of a session that it was not fitted to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.calibration import Calibration, Finding
+from skincal.dataset import Dataset
+from skincal.diagnose.newcal import parameters_of
+from skincal.diagnose.prepare import Prepared
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.problem import cost_of_presses
+from skincal.gap.reading import Reading
+from skincal.gap.relocate import at_best
+from skincal.model.arrays import BoolArray
+
+_MORE = 0.5
+"""What a calibration's own numbers cost beyond what numbers fitted to the session do is told from this on, in units of
+the noise of a value."""
+_IN_WORDS = {
+    "y_m": ("y", 1e3, "mm"),
+    "x_m": ("x", 1e3, "mm"),
+    "beta_deg": ("beta", 1.0, "°"),
+    "alpha_deg": ("alpha", 1.0, "°"),
+}
+_FIX = (
+    "It may be of another sensor of the same make, or sensor, skin or rig have changed since. Fit this session "
+    "(skincal fit) and diagnose it with that calibration; where nothing is named the new one keeps the old numbers."
+)
+
+
+def numbers_differ(
+    calibration: Calibration,
+    dataset: Dataset,
+    ready: Prepared,
+    found: Hypothesis,
+    reading: Reading,
+    known: BoolArray,
+) -> tuple[Finding, ...]:
+    """A finding where a session asks for another pose, E and S than a calibration that was fitted to another one has.
+
+    Args:
+        calibration: that was given.
+        dataset: the session.
+        ready: the session as it is looked at.
+        found: fitted to it with all that was named, every press at its best place.
+        reading: what is believed of what was read.
+        known: (N,) what may be looked at.
+    """
+    same = dataset.sha256 is not None and calibration.provenance.dataset_sha256 == dataset.sha256
+    if same or not ready.options.base:
+        return ()
+    # What was named is not the calibration's to say.
+    start = ready.start.with_effects(found.effects)
+    held = at_best(start, ready.session, reading, ready.options)
+    presses = np.unique(ready.session.press[known & (ready.session.press >= 0)])
+    values = int(reading.seen[np.isin(ready.session.press, presses)].sum())
+    # Places and forces make up for a wrong sensor as far as they may, at a cost.
+    own, again = (
+        np.nansum(
+            cost_of_presses(
+                one, np.nan_to_num(reading.residual(one.values(ready.session))), ready.session, ready.options
+            )[presses]
+        )
+        / max(values, 1)
+        for one in (held, found)
+    )
+    more = float(np.sqrt(max(own - again, 0.0)))
+    if more < _MORE:
+        return ()
+    old, new = calibration.model.best(), parameters_of(calibration, found).best()
+    moved = [
+        f"{word} {factor * (new[name] - old[name]):+.2f} {unit}"
+        for name, (word, factor, unit) in _IN_WORDS.items()
+        if name in new
+    ]
+    grown = [
+        f"{word} {100 * (new[name] / old[name] - 1):+.0f} %"
+        for word, name in (("E", "elasticity_pa_per_m"), ("S", "scale_per_n"))
+    ]
+    text = (
+        f"the calibration was fitted to another session; in this one its pose, E and S are off by {more:.1f} times the "
+        f"noise more than fitted ones ({', '.join([*moved, *grown])})"
+    )
+    return (Finding("other_calibration", "warning", text, _FIX),)

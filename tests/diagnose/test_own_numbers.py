@@ -1,0 +1,59 @@
+"""A calibration that was fitted to another session is told where its own pose, E and S are not those of this one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from report.diagnosis_cases import LOOP, TRUTH, calibration, session
+
+from skincal.calibration import Finding, ModelParameters
+from skincal.dataset import Dataset
+from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.own_numbers import numbers_differ
+from skincal.diagnose.prepare import prepare
+from skincal.gap.refit import refit
+from skincal.gap.relocate import at_best
+
+
+@cache
+def of_loop() -> Dataset:
+    return session(LOOP)
+
+
+def told(data: Dataset, model: ModelParameters, dataset: str = "ab" * 32) -> tuple[Finding, ...]:
+    """What is said of a calibration with such numbers, the session's own being fitted beside its loop."""
+    made = calibration()
+    made = replace(made, model=model, provenance=replace(made.provenance, dataset_sha256=dataset))
+    ready = prepare(data, made, DiagnoseOptions(), np.random.default_rng(0))
+    true = {name: {key: np.asarray(v) for key, v in own.items()} for name, own in LOOP.items()}
+    found = refit(ready.start, ready.session, ready.reading, ready.options, fixed=true).hypothesis
+    found = at_best(found, ready.session, ready.reading, ready.options)
+    everything = np.ones(len(ready.session), dtype=np.bool_)
+    return numbers_differ(made, data, ready, found, ready.reading, everything)
+
+
+def test_the_numbers_of_the_same_sensor_are_those_of_another_session_too():
+    assert told(of_loop(), TRUTH) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"elasticity_pa_per_m": 2.4e8, "scale_per_n": 78.0}, "E +"),
+        ({"scale_per_n": 100.0}, "S -"),
+    ],
+)
+def test_those_of_another_sensor_are_not(change: dict[str, float], word: str):
+    (one,) = told(of_loop(), replace(TRUTH, **change))
+    assert (one.code, one.severity) == ("other_calibration", "warning") and "skincal fit" in one.advice
+    assert word in one.text and "nan" not in one.text
+
+
+def test_of_the_session_that_it_was_fitted_to_a_calibration_says_what_it_says():
+    data = replace(of_loop(), sha256="cd" * 32)
+    other = replace(TRUTH, elasticity_pa_per_m=2.4e8, scale_per_n=78.0)
+    assert told(data, other, "cd" * 32) == ()
+    assert len(told(data, other)) == 1
