@@ -17,6 +17,27 @@ from pathlib import Path
 from skincal.errors import InputError, Problem
 
 
+def refuse_inputs(path: Path, *read: Path) -> None:
+    """Checks that an output does not take the place of what is read, which ``--force`` would delete.
+
+    Args:
+        path: the output folder.
+        read: folders, or files in them, that are read.
+
+    Raises:
+        InputError: the output is one of them, or a folder that holds one.
+    """
+    out = path.resolve()
+    for one in read:
+        source = one.resolve()
+        folder = source.parent if source.is_file() else source
+        if out in (folder, *folder.parents):
+            fix = "Choose another name: what is read stays as it is."
+            raise InputError(
+                [Problem(str(path), "another folder than those that are read", f"that of {one}", fix)]
+            )
+
+
 def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> None:
     """Checks, before any work is done, that an output may be written.
 

@@ -72,15 +72,12 @@ def diagnose(
     from skincal.diagnose.options import DiagnoseOptions, thoroughly
     from skincal.diagnose.summary import summary
     from skincal.diagnose.workflow import diagnose as diagnosed
-    from skincal.errors import InputError, Problem
-    from skincal.files import refuse_existing
+    from skincal.files import refuse_existing, refuse_inputs
 
     refuse_existing(out, force=force, marker="calibration.toml")
-    folder = calibration.parent if calibration.is_file() else calibration
-    if out.resolve() in (folder.resolve(), dataset.resolve()):
-        fix = "Choose another name: CAL stays as it is."
-        raise InputError([Problem(str(out), "another folder than those that are read", "one of them", fix)])
+    refuse_inputs(out, dataset, calibration)
     data, cal = read_dataset(dataset), read_calibration(calibration)
+    said = [str(problem) for problem in (*data.warnings, *cal.warnings)]
     warn((*data.warnings, *cal.warnings))
     options = thoroughly() if thorough else DiagnoseOptions()
     with _stages() as heard:
@@ -92,7 +89,7 @@ def diagnose(
         provenance = replace(found.calibration.provenance, command=command, seed=seed, time=now)
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         plan = None if found.next_plan is None else str(out / PLAN_FILE)
-        told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out)})
+        told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out), "warnings": said})
 
         def beside(folder: Path) -> None:
             from skincal.report.diagnosis import write_diagnosis_report

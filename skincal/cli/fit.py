@@ -122,10 +122,11 @@ def fit(
     from skincal.calibration import write_calibration
     from skincal.dataset import read_dataset
     from skincal.dataset.uniform import uniform_pressure
-    from skincal.files import refuse_existing
+    from skincal.files import refuse_existing, refuse_inputs
 
     options = _options(active_counts, min_active, bound, level, draws, per_taxel)
     refuse_existing(out, force=force, marker="calibration.toml")
+    refuse_inputs(out, dataset, *([] if effects is None else [effects]))
     data = read_dataset(dataset)
     warn(data.warnings)
     if uniform_pressure(data):

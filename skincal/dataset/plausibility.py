@@ -33,6 +33,13 @@ WHICH_FRAME = "Is the surface in dataset.toml the right one, and the frame the f
 FAR = 20.0
 """Positions whose median lies farther from the patch than this many times its reach are not meant."""
 
+DROPPED, MOST_DROPPED = 1 / 3, 0.01
+"""A frame of a hold has lost its force below this part of the hold's mean; so many may."""
+
+APART_M, APART_SHARE, APART_IMAGE, FEWEST_COMPARED = 1e-3, 0.2, 0.7, 3
+"""Frames are of another press than the table's if they lie so far off [m], or their force does, and their image is off
+by this part of the press's own; told where there are so many presses at least."""
+
 LARGEST_RADIUS_M, SMALLEST_RADIUS_M = 1.0, 5e-5
 FASTEST_M_PER_S = 0.5
 
@@ -206,7 +213,11 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
         findings.warn(f"{file}, column phase", "frames of the hold of each press", "none")
         return
     ratio = _median(force[held]) / _median(presses.force_n[held])
-    if ratio > 30 or 0 < ratio < 1 / 30:
+    if ratio <= 0:
+        got = f"{ratio:.3g} times those of the presses in the hold"
+        fix = "Was the force recorded? Leave the frames out if it was not."
+        findings.error(f"{file}, column force_n", "the forces of the presses", got, fix)
+    elif ratio > 30 or ratio < 1 / 30:
         unit = "millinewtons; divide" if ratio > 30 else "kilonewtons; multiply"
         got = f"{ratio:.3g} times those of the presses in the hold"
         findings.error(f"{file}, column force_n", "forces [N]", got, f"It looks like {unit} by 1000.")
@@ -216,7 +227,76 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
     if not held.all():
         got = f"none for {int(np.sum(~held))} of {len(presses)}"
         findings.warn(f"{file}, column phase", "frames of the hold of each press", got)
+    _check_dropouts(dataset, force, file, findings)
+    _check_same_presses(dataset, force, file, findings)
     _check_session_clock(dataset, middle, held, file, findings)
+
+
+def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
+    """Frames of a hold have about the force of their press, but for a few.
+
+    Args:
+        dataset: with frames.
+        force: (K,) mean force of the hold of each press [N].
+        file: the frames' name.
+        findings: where it goes.
+    """
+    frames, presses = dataset.frames, dataset.presses
+    assert frames is not None
+    held = np.flatnonzero(
+        (frames.phase == HOLD) & np.isin(frames.press, presses.press) & (np.isfinite(frames.force_n))
+    )
+    order = np.argsort(presses.press)
+    own = force[order[np.searchsorted(presses.press[order], frames.press[held])]]
+    lost = held[frames.force_n[held] < own * DROPPED]
+    if len(lost) > MOST_DROPPED * max(len(held), 1):
+        found = ", ".join(str(row + 1) for row in lost[:3].tolist())
+        got = f"less than a third of it in {len(lost)} of {len(held)} (rows {found} ...)"
+        fix = "Did the force sensor drop out? Leave these rows out, or empty their force_n."
+        findings.warn(
+            f"{file}, column force_n", "about the force of the press in frames of its hold", got, fix
+        )
+
+
+def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
+    """The frames of a press are those of the press of that number in the table: alike in image, and place or force.
+
+    Args:
+        dataset: with frames.
+        force: (K,) mean force of the hold of each press [N].
+        file: the frames' name.
+        findings: where it goes.
+    """
+    frames, presses = dataset.frames, dataset.presses
+    assert frames is not None
+    image = np.stack([hold_means(dataset, column) for column in frames.counts.T], axis=1)
+    place = np.stack([hold_means(dataset, column) for column in frames.position_m.T], axis=1)
+    both = np.isfinite(image) & np.isfinite(presses.counts)
+    usual = _usual(presses.counts, both)
+    size = np.where(both, presses.counts - usual, 0.0)
+    apart = np.where(both, image - presses.counts, 0.0)
+    away = np.linalg.norm(place - presses.position_m, axis=1) > max(APART_M, dataset.meta.position.sigma_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        away |= np.abs(force / presses.force_n - 1) > APART_SHARE
+    other = away & (np.linalg.norm(apart, axis=1) > APART_IMAGE * np.linalg.norm(size, axis=1))
+    looked = int(both.any(axis=1).sum())
+    if not other.any() or looked < FEWEST_COMPARED:
+        return
+    numbers = ", ".join(str(press) for press in presses.press[other][:6].tolist())
+    got = f"another image at another place or force for {int(other.sum())} of {looked} (press {numbers})"
+    say = findings.error if other.sum() > looked / 2 else findings.warn
+    fix = "Are the presses numbered alike in both files?"
+    say(f"{file}, column press", "frames of the presses of the table", got, fix)
+
+
+def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
+    """The median image (J,); NaN-free."""
+    return np.array(
+        [
+            np.median(column[seen]) if seen.any() else 0.0
+            for column, seen in zip(counts.T, both.T, strict=True)
+        ]
+    )
 
 
 def _check_session_clock(

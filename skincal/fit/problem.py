@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from skincal.errors import WorkError
 from skincal.fit.general_contacts import ContactMap
 from skincal.fit.observe import Observed, Readout, clipped_share, observe
 from skincal.fit.types import Bools, Floats, Ints
@@ -215,6 +216,11 @@ def pose_problem(
     dark_below = max(4.0 * (seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.1), 0.5)
     values = np.where(read, seen.values, 0.0)[rows]
     dark = values < dark_below
+    if len(rows) and not (~dark & read[rows]).any():
+        raise WorkError(
+            f"no taxel reads {dark_below:.2g} counts more than at rest in any press: expected counts of a converter; "
+            f"got {values.max():.3g} at most. Of volts or shares multiply taxels, value_min and value_max, say by 255"
+        )
     return FitProblem(
         rig,
         presses.across_m[rows],

@@ -99,6 +99,20 @@ def test_nothing_is_overwritten(
     assert run(cal, folder, "--out", tmp_path / "out", "--force") == 0
 
 
+def test_what_is_read_is_not_replaced(
+    cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for out in (folder, folder.parent / "." / folder.name):
+        assert run(cal, folder, "--out", out, "--force") == 2
+        assert "expected another folder than those that are read" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", str(folder), "--effects", str(cal), "--out", str(cal), "--force"])
+    assert ended.value.code == 2
+    assert "another folder than those that are read" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
 def test_another_sensor(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (folder / "dataset.toml").read_text().replace("radius_m = 0.0115", "radius_m = 0.0125")
     (folder / "dataset.toml").write_text(text)

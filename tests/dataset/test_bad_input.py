@@ -179,6 +179,12 @@ def test_mistakes_in_the_presses(folder: Path, edit: Edit, said: list[str]) -> N
         assert words in text
 
 
+def renumbered(table: pd.DataFrame) -> pd.DataFrame:
+    """Each press has the number of the one after it; rest is rest."""
+    press = table.press.astype(int)
+    return table.assign(press=np.where(press < 0, press, (press + 1) % (press.max() + 1)))
+
+
 FRAMES: list[tuple[Edit, list[str]]] = [
     (put("time_s", 20, 0.0), ["frames.csv, column time_s, row 21 (line 22)", "ordered in time"]),
     (put("time_s", 20, np.nan), ["column time_s, row 21"]),
@@ -195,6 +201,8 @@ FRAMES: list[tuple[Edit, list[str]]] = [
     (scale(1000, "force_n"), ["frames.csv, column force_n", "millinewtons"]),
     (scale(1000, "x_m", "y_m", "z_m"), ["frames.csv, columns x_m, y_m, z_m", "looks like millimetres"]),
     (scale(1000, "time_s"), ["frames.csv, column time_s", "session clock", "milliseconds"]),
+    (scale(0.0, "force_n"), ["frames.csv, column force_n", "got 0 times", "Was the force recorded?"]),
+    (renumbered, ["frames.csv, column press", "of the presses of the table", "numbered alike"]),
 ]
 
 
@@ -404,3 +412,29 @@ def test_what_a_person_should_know(folder: Path, edit: Edit, said: str) -> None:
     assert not check.errors
     assert said in "\n".join(str(w) for w in check.warnings)
     assert read_dataset(folder).warnings == check.warnings
+
+
+def test_forces_that_drop_out_are_told(folder: Path) -> None:
+    def dropped(table: pd.DataFrame) -> None:
+        held = np.flatnonzero(table.phase == "hold")
+        table.loc[held[::10], "force_n"] = 0.0
+
+    edit_table(folder, "frames.csv", dropped)
+    check = check_dataset(folder)
+    assert not check.errors
+    (said,) = [str(w) for w in check.warnings if "force_n" in w.place]
+    assert "less than a third of it" in said and "drop out" in said
+
+
+def test_one_press_with_the_frames_of_another_is_told(folder: Path) -> None:
+    def swapped(table: pd.DataFrame) -> None:
+        first, last = (np.flatnonzero(table.press == p) for p in (0, int(table.press.max())))
+        count = min(len(first), len(last))
+        columns = [
+            c for c in table.columns if c.startswith("taxel_") or c in ("x_m", "y_m", "z_m", "force_n")
+        ]
+        table.loc[first[:count], columns] = table.loc[last[:count], columns].to_numpy()
+
+    edit_table(folder, "frames.csv", swapped)
+    said = [str(w) for w in check_dataset(folder).warnings if "numbered alike" in str(w)]
+    assert len(said) == 1 and "1 of" in said[0] and "(press 0)" in said[0]

@@ -147,6 +147,21 @@ def test_a_hold_from_above_differs_under_hysteresis(session: Session) -> None:
     assert down.max() > 1.05 * up.max()
 
 
+def test_a_covariate_that_is_empty_in_some_presses_is_said(session: Session) -> None:
+    dataset = rich(session(5, frames_per_press=0))
+    columns = dict(dataset.presses.columns)
+    columns["temperature_c"] = np.where(np.arange(5) < 2, columns["temperature_c"], np.nan)
+    part = replace(dataset, presses=replace(dataset.presses, columns=columns))
+    warm = Effect("gain_drift", {"temperature_per_k": 0.1})
+    slow = Effect("gain_drift", {"rate_per_s": 1e-4})
+    for effect, said in ((warm, 1), (slow, 0), (case_of("crosstalk"), 0)):
+        warnings = predict_dataset(calibrated(effect), part).warnings
+        found = [str(w) for w in warnings if "temperature_c" in w.place]
+        assert len(found) == said
+        assert all("empty in 3 of 5 presses" in text and "gain_drift" in text for text in found)
+    assert predict_dataset(calibrated(warm), dataset).warnings == ()
+
+
 def test_what_lacks_a_covariate_is_left_out_and_said(session: Session) -> None:
     dataset = session(3)
     base = predict_dataset(make_calibration(), dataset)
