@@ -126,3 +126,6 @@ SUITES: Mapping[str, Callable[[np.random.Generator, int], list[Spec]]] = {
     "poor": _poor,
     "robust": _robust,
 }
+
+SIZES: Mapping[str, int] = {suite: len(specs(suite, 0)) for suite in SUITES}
+"""Sessions that a whole test has of each suite."""

@@ -8,6 +8,7 @@ from skincal.calibration import Calibration, Finding
 from skincal.dataset import Dataset
 from skincal.diagnose.newcal import parameters_of
 from skincal.diagnose.prepare import Prepared
+from skincal.errors import InputError, Problem
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.problem import cost_of_presses
 from skincal.gap.reading import Reading
@@ -17,6 +18,8 @@ from skincal.model.arrays import BoolArray
 _MORE = 0.5
 """What a calibration's own numbers cost beyond what numbers fitted to the session do is told from this on, in units of
 the noise of a value."""
+_FAR_MORE = 5.0
+"""From here on it cannot be the same sensor, whatever has changed."""
 _IN_WORDS = {
     "y_m": ("y", 1e3, "mm"),
     "x_m": ("x", 1e3, "mm"),
@@ -39,6 +42,8 @@ def numbers_differ(
 ) -> tuple[Finding, ...]:
     """A finding where a session asks for another pose, E and S than a calibration that was fitted to another one has.
 
+    Far more than what may have changed since is refused.
+
     Args:
         calibration: that was given.
         dataset: the session.
@@ -46,6 +51,9 @@ def numbers_differ(
         found: fitted to it with all that was named, every press at its best place.
         reading: what is believed of what was read.
         known: (N,) what may be looked at.
+
+    Raises:
+        InputError: the calibration's numbers are those of quite another sensor.
     """
     same = dataset.sha256 is not None and calibration.provenance.dataset_sha256 == dataset.sha256
     if same or not ready.options.base:
@@ -82,4 +90,8 @@ def numbers_differ(
         f"the calibration was fitted to another session; in this one its pose, E and S are off by {more:.1f} times the "
         f"noise more than fitted ones ({', '.join([*moved, *grown])})"
     )
+    if more > _FAR_MORE:
+        place = "the calibration" if calibration.folder is None else str(calibration.folder)
+        fix = "Fit this session (skincal fit), and diagnose it with that calibration."
+        raise InputError([Problem(place, "a calibration of the sensor that was pressed", text, fix)])
     return (Finding("other_calibration", "warning", text, _FIX),)

@@ -31,7 +31,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         numbers["slack_rms_after_m"] = gap.slack_after_m
     return {
         "verdict": d.verdict,
-        "effects": [_effect(e) for e in d.effects],
+        "effects": [_effect(e) | {"calibrated": _calibrated(d, e)} for e in d.effects],
         "unexplained": d.unexplained,
         "refuted": d.refuted,
         "wide_open": d.wide_open,
@@ -48,6 +48,12 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "next_presses": list(d.next_presses),
         "seed": d.seed,
     }
+
+
+def _calibrated(diagnosis: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    """The parameters in the new calibration, which were fitted once more, to the presses of the end as well."""
+    own = next(e for e in diagnosis.calibration.effects if e.name == effect.name)
+    return {name: np.asarray(value).tolist() for name, value in own.parameters.items()}
 
 
 def _effect(effect: NamedEffect) -> dict[str, Any]:

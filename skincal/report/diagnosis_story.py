@@ -12,7 +12,7 @@ from skincal.effects import EFFECTS, EffectParameter
 from skincal.gap.split import FINAL, SELECTION, TRAIN
 from skincal.model.arrays import FloatArray
 from skincal.report.diagnosis_candidates import critical_score, law_words, units
-from skincal.report.diagnosis_words import left_words
+from skincal.report.diagnosis_words import left_words, unexplained
 from skincal.report.fit_quantities import with_digits
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def headline(found: Diagnosis) -> str:
     if found.verdict == "none":
         return "Nothing is missing that these presses could show."
     if found.verdict == "unknown":
-        return "Something is missing that none of the known effects explains."
+        return unexplained(found)
     return f"Missing: {_and([names_of(e) for e in found.effects])}."
 
 

@@ -50,9 +50,19 @@ def _verdict(found: Diagnosis) -> str:
             f"Something is missing. {names} shows, but with it presses that nobody has fitted are as far off."
         )
     if found.verdict == "unknown":
-        return "Something is missing that none of the known effects explains."
+        return unexplained(found)
     names = " and ".join(" or ".join(effect.consistent_with) for effect in found.effects)
     return f"Missing: {names}."
+
+
+def unexplained(found: Diagnosis) -> str:
+    """What to say where something is missing and has no name."""
+    if found.audit.cannot_see:
+        return (
+            "Something is missing that none of the known effects explains, of those that these presses can show; "
+            f"{len(found.audit.cannot_see)} others they cannot."
+        )
+    return "Something is missing that none of the known effects explains."
 
 
 def _effect(effect: NamedEffect) -> Iterator[str]:

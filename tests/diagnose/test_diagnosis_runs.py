@@ -255,7 +255,10 @@ def test_the_summary_is_that_of_the_contract():
     assert found["verdict"] == "effects" and [e["name"] for e in found["effects"]] == ["hysteresis"]
     assert set(found["effects"][0]) == {
         "name", "consistent_with", "p_value", "parameters", "intervals", "where", "share", "by_places", "at_bound",
+        "calibrated",
     }  # fmt: skip
+    last = diagnosed("hysteresis")[0].calibration.effects[0].parameters
+    assert found["effects"][0]["calibrated"] == dict(last)
     low, high = found["effects"][0]["intervals"]["height"]
     assert low < found["effects"][0]["parameters"]["height"] < high
     assert "slack_rms_before_m" not in found["gap"]

@@ -14,6 +14,7 @@ from skincal.dataset import Dataset
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.own_numbers import numbers_differ
 from skincal.diagnose.prepare import prepare
+from skincal.errors import InputError
 from skincal.gap.refit import refit
 from skincal.gap.relocate import at_best
 
@@ -50,6 +51,12 @@ def test_those_of_another_sensor_are_not(change: dict[str, float], word: str):
     (one,) = told(of_loop(), replace(TRUTH, **change))
     assert (one.code, one.severity) == ("other_calibration", "warning") and "skincal fit" in one.advice
     assert word in one.text and "nan" not in one.text
+
+
+def test_those_of_quite_another_sensor_are_refused():
+    other = replace(TRUTH, elasticity_pa_per_m=5e7, scale_per_n=400.0)
+    with pytest.raises(InputError, match=r"of the sensor that was pressed.*S -.*skincal fit"):
+        told(of_loop(), other)
 
 
 def test_of_the_session_that_it_was_fitted_to_a_calibration_says_what_it_says():

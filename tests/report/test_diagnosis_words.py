@@ -11,7 +11,7 @@ from skincal.diagnose.summary import summary
 from skincal.effects import EFFECTS
 from skincal.gap.choose import Round
 from skincal.report.diagnosis_gap import closed_words
-from skincal.report.diagnosis_story import parameter_rows, verdict_sentences
+from skincal.report.diagnosis_story import headline, parameter_rows, verdict_sentences
 from skincal.report.diagnosis_words import verdict_lines
 
 
@@ -91,7 +91,17 @@ def test_what_held_out_presses_refute_is_told():
     assert verdict_lines(refuted)[0].startswith("Something is missing. hysteresis would explain it, but")
     assert summary(refuted)["refuted"] and not summary(found)["refuted"]
     unknown = replace(found, verdict="unknown", effects=())
-    assert verdict_lines(unknown)[0] == "Something is missing that none of the known effects explains."
+    bare = replace(unknown, audit=replace(unknown.audit, effects={}))
+    assert not bare.audit.cannot_see
+    assert (
+        verdict_lines(bare)[0]
+        == headline(bare)
+        == "Something is missing that none of the known effects explains."
+    )
+    static = replace(diagnosed("static")[0], verdict="unknown")
+    hidden = len(static.audit.cannot_see)
+    assert hidden > 3 and verdict_lines(static)[0] == headline(static)
+    assert headline(static).endswith(f"of those that these presses can show; {hidden} others they cannot.")
 
 
 def test_what_comes_closest_to_what_is_left_is_told():
