@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from skincal.model import Surface
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 HIGHEST_PRESSURE_PA = 3e6
 LOWEST_PRESSURE_PA = 100.0
@@ -246,13 +247,12 @@ def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Fi
     held = np.flatnonzero(
         (frames.phase == HOLD) & np.isin(frames.press, presses.press) & (np.isfinite(frames.force_n))
     )
-    order = np.argsort(presses.press)
-    own = force[order[np.searchsorted(presses.press[order], frames.press[held])]]
+    own = force[_rows_of(presses.press, frames.press[held])]
     lost = held[frames.force_n[held] < own * DROPPED]
     if len(lost) > MOST_DROPPED * max(len(held), 1):
         found = ", ".join(str(row + 1) for row in lost[:3].tolist())
         got = f"less than a third of it in {len(lost)} of {len(held)} (rows {found} ...)"
-        fix = "Did the force sensor drop out? Leave these rows out, or empty their force_n."
+        fix = "Did the force sensor drop out? Leave these rows out."
         findings.warn(
             f"{file}, column force_n", "about the force of the press in frames of its hold", got, fix
         )
@@ -289,6 +289,12 @@ def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings
     say(f"{file}, column press", "frames of the presses of the table", got, fix)
 
 
+def _rows_of(presses: IntArray, numbers: IntArray) -> IntArray:
+    """Rows of the table of presses, by their numbers."""
+    order = np.argsort(presses)
+    return order[np.searchsorted(presses[order], numbers)]
+
+
 def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
     """The median image (J,); NaN-free."""
     return np.array(
@@ -323,8 +329,7 @@ def hold_means(dataset: Dataset, values: FloatArray) -> FloatArray:
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     hold = (frames.phase == HOLD) & np.isin(frames.press, presses.press)
-    order = np.argsort(presses.press)
-    row = order[np.searchsorted(presses.press[order], frames.press[hold])]
+    row = _rows_of(presses.press, frames.press[hold])
     count = np.bincount(row, minlength=len(presses))
     total = np.bincount(row, weights=values[hold], minlength=len(presses))
     return np.divide(total, count, out=np.full(len(presses), np.nan), where=count > 0)

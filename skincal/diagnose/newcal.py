@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from math import degrees
 
@@ -69,7 +69,8 @@ def new_calibration(
         version=__version__,
         extra={**from_.extra, **before_, "diagnosed": name},
     )
-    effects = _effects(found, coords, held, mean_square, dataset, poses)
+    had = {e.name for e in calibration.effects}
+    effects = _effects(found, coords, held, mean_square, dataset, poses, had)
     kept = tuple(e for e in calibration.effects if e.name not in {one.name for one in effects})
     return replace(
         calibration,
@@ -129,11 +130,13 @@ def _effects(
     mean_square: float,
     dataset: Dataset,
     poses: tuple[str, ...],
+    had: Set[str],
 ) -> tuple[Effect, ...]:
     spread = np.sqrt(np.maximum(np.diag(found.covariance)[BASE_SIZE:], 0.0) * max(1.0, mean_square))
     best = parameters_at(coords, found.x, held)
     ends = [parameters_at(coords, found.x + side * _WIDTH * spread, held) for side in (-1.0, 1.0)]
-    free = {c.effect for c in coords}
+    # One that was named as it was seen has nothing that was fitted.
+    free = {c.effect for c in coords} | (best.keys() - had)
     taxels = dataset.layout().taxels
     made: list[Effect] = []
     for name in (n for n in EFFECTS if n in free):

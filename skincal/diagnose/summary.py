@@ -52,8 +52,8 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _calibrated(diagnosis: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     """The parameters in the new calibration, which were fitted once more, to the presses of the end as well."""
-    own = next(e for e in diagnosis.calibration.effects if e.name == effect.name)
-    return {name: np.asarray(value).tolist() for name, value in own.parameters.items()}
+    own = [e.parameters for e in diagnosis.calibration.effects if e.name == effect.name]
+    return {name: np.asarray(value).tolist() for given in own for name, value in given.items()}
 
 
 def _effect(effect: NamedEffect) -> dict[str, Any]:

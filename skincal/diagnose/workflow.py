@@ -222,11 +222,11 @@ def _of_silent(ready: Prepared, base: Base, choice: Choice, reading: Reading, se
 
 
 def _known_before_the_end(ready: Prepared, base: Base, choice: Choice) -> list[Silent]:
-    """Taxels that are named, are silent in presses of the end, and others have surely shown that."""
+    """Taxels that are named, and that presses of the end show to be silent, as others have surely shown before."""
     if DEAD_TAXEL not in choice.after.names:
         return []
     end = [(one, ready.split.part[one.presses] == FINAL) for one in base.silent]
-    return [one for one, last in end if last.any() and one.falls[~last].sum() > SURE]
+    return [one for one, last in end if min(one.falls[last].sum(), one.falls[~last].sum()) > SURE]
 
 
 def _pulled(after: Hypothesis, ready: Prepared, glitches: IntArray) -> dict[int, float]:

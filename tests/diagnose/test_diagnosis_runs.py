@@ -299,6 +299,10 @@ def test_a_taxel_that_dies_in_the_last_press_that_reaches_it_is_named(fitted_law
     answer = found.effects[0].parameters["answer"]
     assert np.flatnonzero(answer < 0.5).tolist() == [taxel]
     assert [f.code for f in found.findings] == ["dead_taxel"]
+    (own,) = found.calibration.effects
+    assert own.name == "dead_taxel" and np.flatnonzero(np.array(own.parameters["answer"]) < 0.5).tolist() == [
+        taxel
+    ]
     # What would show the gap has shown the fault: it is not told how much of it is closed.
     assert summary(found)["gap"]["closed"] is None
 
@@ -338,10 +342,11 @@ def test_the_end_shows_a_silent_taxel_only_where_others_have_shown_it_before():
         assert reading.seen[times(ready.session) < late].all()
         return bool(reading.seen[times(ready.session) >= late, 9].all())
 
-    assert seen_in([int(first[0]), int(end[0])], [500.0, 20.0])
+    assert seen_in([int(first[0]), int(end[0])], [500.0, 300.0])
     assert not seen_in([int(first[0]), int(end[0])], [20.0, 500.0])
+    assert not seen_in([int(first[0]), int(end[0])], [500.0, 20.0])
     assert not seen_in([int(first[0]), int(first[1])], [500.0, 500.0])
-    assert not seen_in([int(first[0]), int(end[0])], [500.0, 20.0], named=False)
+    assert not seen_in([int(first[0]), int(end[0])], [500.0, 300.0], named=False)
 
 
 def test_presses_that_need_quite_another_force_are_told():
