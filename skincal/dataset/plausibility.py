@@ -269,8 +269,7 @@ def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings
     """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
-    image = np.stack([hold_means(dataset, column) for column in frames.counts.T], axis=1)
-    place = np.stack([hold_means(dataset, column) for column in frames.position_m.T], axis=1)
+    image, place = hold_means(dataset, frames.counts), hold_means(dataset, frames.position_m)
     both = np.isfinite(image) & np.isfinite(presses.counts)
     usual = _usual(presses.counts, both)
     size = np.where(both, presses.counts - usual, 0.0)
@@ -325,11 +324,18 @@ def _check_session_clock(
 
 
 def hold_means(dataset: Dataset, values: FloatArray) -> FloatArray:
-    """Mean of a column of the frames over the hold of each press, shape (K,); NaN where it has no hold."""
+    """Means of columns of the frames over the hold of each press, (K,) or (K, m); NaN where it has no hold.
+
+    Args:
+        dataset: with frames.
+        values: (n,) or (n, m), frame by frame.
+    """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     hold = (frames.phase == HOLD) & np.isin(frames.press, presses.press)
     row = _rows_of(presses.press, frames.press[hold])
-    count = np.bincount(row, minlength=len(presses))
-    total = np.bincount(row, weights=values[hold], minlength=len(presses))
-    return np.divide(total, count, out=np.full(len(presses), np.nan), where=count > 0)
+    count = np.bincount(row, minlength=len(presses))[:, None]
+    columns = (values[:, None] if values.ndim == 1 else values)[hold].T
+    total = np.stack([np.bincount(row, weights=c, minlength=len(presses)) for c in columns], axis=1)
+    mean = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    return mean[:, 0] if values.ndim == 1 else mean

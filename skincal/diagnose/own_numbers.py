@@ -19,7 +19,7 @@ _MORE = 0.5
 """What a calibration's own numbers cost beyond what numbers fitted to the session do is told from this on, in units of
 the noise of a value."""
 _FAR_MORE = 5.0
-"""From here on it cannot be the same sensor, whatever has changed."""
+"""From here on it is refused."""
 _IN_WORDS = {
     "y_m": ("y", 1e3, "mm"),
     "x_m": ("x", 1e3, "mm"),
