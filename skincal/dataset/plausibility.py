@@ -234,14 +234,7 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
 
 
 def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
-    """Frames of a hold have about the force of their press, but for a few.
-
-    Args:
-        dataset: with frames.
-        force: (K,) mean force of the hold of each press [N].
-        file: the frames' name.
-        findings: where it goes.
-    """
+    """Frames of a hold have about the mean force (K,) of the hold of their press, but for a few."""
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     held = np.flatnonzero(
@@ -259,14 +252,7 @@ def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Fi
 
 
 def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
-    """The frames of a press are those of the press of that number in the table: alike in image, and place or force.
-
-    Args:
-        dataset: with frames.
-        force: (K,) mean force of the hold of each press [N].
-        file: the frames' name.
-        findings: where it goes.
-    """
+    """The frames of a press are those of the press of that number in the table: alike in image, and place or force."""
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     image, place = hold_means(dataset, frames.counts), hold_means(dataset, frames.position_m)
