@@ -209,7 +209,7 @@ def judged(
     strongest = max(clear, default=0.0)
     in_images = [one for one in choice.named if not one.by_places]
     no_more = choice.left <= options.background
-    if in_images and (no_more or choice.explained >= options.explained):
+    if in_images and (no_more or choice.explained >= options.choice.explained):
         much = 1 - choice.explained > options.unexplained or choice.left > options.much
         return "effects", not no_more and much
     misfit = options.misfits(choice.left, null.times_most(choice.excess[1]))

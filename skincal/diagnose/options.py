@@ -14,7 +14,6 @@ class DiagnoseOptions:
     Attributes:
         null_draws: null sessions of each contact law.
         choice: when an effect is named.
-        explained: part of the excess that the named effects must explain together; else the verdict is ``unknown``.
         structure: something is missing where a residual depends on something by so many times the most of any null
             session, whether an effect explains it or not.
         misfit: root mean square in units of the noise of a residual that is more than chance can leave, if it is also
@@ -29,7 +28,6 @@ class DiagnoseOptions:
 
     null_draws: int = 60
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
-    explained: float = 0.75
     structure: float = 5.0
     misfit: float = 0.5
     unexplained: float = 0.12

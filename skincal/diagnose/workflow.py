@@ -48,9 +48,6 @@ from skincal.model.arrays import IntArray
 _WIDTH = 1.96
 _MUCH_WORSE = 0.5
 """Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
-_OPEN = (0.1, 0.3)
-"""What was named does not explain a gap of which surely less than this part is closed, if the gap is at least so many
-times the noise."""
 _PULLED = 16.0
 """A press that has so many standard deviations of its measured force more, or less, is told."""
 
@@ -120,7 +117,7 @@ def _diagnosed(
     # What effects do may look like another law as long as they are not in the model.
     law = min(choice.law, of_law(replace(base, model=choice.after)))
     of_gap = law * _deviation(choice.after, base) / gap.floor
-    wide_open = answer.verdict == "effects" and gap.leaves_open(*_OPEN, of_gap) and not _beside_images(choice)
+    wide_open = answer.verdict == "effects" and gap.stays_open(of_gap) and not _beside_images(choice)
     if wide_open:
         # It is there, but it is not the gap: levels at rest of a few hundredths of a count, for one.
         answer = replace(answer, verdict="unknown", unexplained=True)

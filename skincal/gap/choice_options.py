@@ -15,6 +15,11 @@ class ChoiceOptions:
         share_first: part of the excess that an effect must explain to be named at all, of what is there in its round.
         share_later: the same from the second round on: what an equation that is not quite right leaves over must not
             be named.
+        share_of_taxels: the same of an effect with numbers for each taxel that did not score: so many numbers take up a
+            part of whatever is missing.
+        explained: part of the excess that the named effects must explain together, else the verdict is ``unknown``.
+            Where one is named that does not, every other is fitted in full beside it: the search holds places, forces
+            and sensor to first order, and about a fit that has no room for the second effect they are far off.
         of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
         alike: effects stay in the set of names if they explain at least this part of what the best one does, or less
             by no more than the weakest effect that is named; ``half`` of it in any case.
@@ -54,6 +59,8 @@ class ChoiceOptions:
     significant: float = 0.01
     share_first: float = 0.25
     share_later: float = 0.4
+    share_of_taxels: float = 0.5
+    explained: float = 0.75
     of_all: float = 0.06
     alike: float = 0.88
     half: float = 0.5

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from skincal.gap.candidates import Found, Scene, Start, best_of, search
 from skincal.gap.choice_options import ChoiceOptions
-from skincal.gap.contest import Contest, PValue
+from skincal.gap.contest import IN_PLACES, Contest, PValue
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import (
@@ -50,8 +51,9 @@ class Named:
         name: of the effect.
         consistent_with: names that these data cannot tell apart from it, itself first.
         share: part of the excess of its round that it explains.
-        p_value: of the best score of a null session's effects reaching its score; of what was read off, reaching what a
-            full fit explains; of what only a full fit to some presses found, reaching what that explains of the others.
+        p_value: of the best score of a null session's effects reaching its score; of what was read off, or found by a
+            full fit alone, reaching what that explains; of what only a full fit to some presses found, reaching what
+            that explains of the others.
         by_places: whether the places of presses told it (:mod:`skincal.gap.places`), not the images.
     """
 
@@ -172,7 +174,9 @@ def choose(
         found = _searched(model, material, library, options, extra or {}, passed)
         if not found:
             break
-        contest = Contest(model, material, p_value, null_mean, options, left)
+        # Where one was passed over, the model is that of the round before.
+        done = rounds[-1].fits if rounds and rounds[-1].passed_over else dict[str, Model]()
+        contest = Contest(model, material, p_value, null_mean, options, left, done)
         if contest.scores(found[0]):
             heard(f"round {number}: fitting {found[0].effect} and what comes near it")
         beside = len(named) - told
@@ -180,22 +184,12 @@ def choose(
         fits = contest.fits([f for f in found if contest.near(f, found) or f.effect in readable])
         # What can be read off is there; what takes it up on the way must wait until it is in the model.
         read = next((n for n in readable if n in fits and contest.fall(fits[n]) >= least), None)
-        if read is None and beside == 0 and contest.little(fits, options.halfway):
-            heard(f"round {number}: fitting all others that score, as these explain little")
-            fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
-        # For the first, and for one beside one; a third is more often what equations are not quite right in.
-        wanted = {0: options.halfway, 1: options.share_later}.get(beside, 0.0)
-        if read is None and wanted and contest.little(fits, wanted) and left > options.sure * least:
-            heard(f"round {number}: fitting others to some presses, as these explain little")
-            # Nothing is known of a session of which the first effects explain little: any other may be it.
-            first_of_all = beside == 0
-            every = found
-            if first_of_all:
-                every = _searched(model, material, library, options, extra or {}, passed, every=True)
-            share = options.holds if first_of_all else options.share_later
-            holding = contest.holding([f for f in every if f.effect not in fits], share, every=first_of_all)
-            fits |= contest.fits(holding)
-            found = sorted({f.effect: f for f in [*found, *holding]}.values(), key=lambda f: -f.scored)
+        if read is None:
+            every = partial(_searched, model, material, library, options, extra or {}, passed, every=True)
+            # What is named and all that is added must explain enough together, or the answer is that nobody knows.
+            lacking = 1 - (1 - options.explained) * first / left
+            needed = Needed(beside, least, lacking, partial(_told, heard, number))
+            fits, found = further(contest, found, fits, every, needed)
         falls = {name: contest.fall(m) for name, m in fits.items()}
         rounds.append(Round(tuple(found), left, falls, fits))
         if not fits:
@@ -210,6 +204,12 @@ def choose(
         best = fits[name]
         share = falls[name] / left
         asked = options.share_later if beside else options.share_first
+        if (
+            beside
+            and of_taxels(best, name)
+            and not any(f.effect == name and contest.scores(f) for f in found)
+        ):
+            asked = options.share_of_taxels
         enough = share >= asked and falls[name] >= max(least, options.later(options.of_all, first, seen))
         if read is None and not enough:
             break
@@ -229,8 +229,11 @@ def choose(
             alike = [n for n in fits if abs(falls[n] - falls[name]) <= options.least(seen)]
         others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         # What was read off need not hold for other presses: a taxel may die in the last ones.
+        # What a full fit alone has found did not score: its p-value is that of what it explains.
         own = next(
-            p_value(name, f.scored if read is None else falls[name]) for f in found if f.effect == name
+            p_value(name, f.scored if read is None and contest.scores(f) else falls[name])
+            for f in found
+            if f.effect == name
         )
         named.append(Named(name, (name, *others), share, own))
         heard(f"round {number}: presses again, with {name}")
@@ -245,6 +248,72 @@ def choose(
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
 
 
+@dataclass(frozen=True, eq=False)
+class Needed:
+    """What full fits of a round are for.
+
+    Attributes:
+        beside: effects that were named, without those that were read off.
+        least: by how much the weakest effect lowers the squared residual.
+        lacking: part of what is left that an effect must explain for what is named to explain enough; nothing lacks
+            where it is negative.
+        heard: told what is being done.
+    """
+
+    beside: int
+    least: float
+    lacking: float
+    heard: Heard
+
+
+def further(
+    contest: Contest,
+    found: Sequence[Found],
+    fits: Mapping[str, Model],
+    every: Callable[[], list[Found]],
+    needed: Needed,
+) -> tuple[dict[str, Model], list[Found]]:
+    """More effects fitted in full where those that score best explain little; all full fits, and the search with them.
+
+    Args:
+        contest: of the round.
+        found: its search, best score first.
+        fits: the full fits of those that score best.
+        every: searches every effect there is.
+        needed: what they are for.
+    """
+    options, fits, found = contest.options, dict(fits), list(found)
+    if needed.beside == 0 and contest.little(fits, options.halfway):
+        needed.heard("fitting all others that score, as these explain little")
+        fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
+    # For the first, and for one beside one; a third is more often what equations are not quite right in.
+    wanted = {0: options.halfway, 1: options.share_later}.get(needed.beside, 0.0)
+    if wanted and contest.little(fits, wanted) and contest.left > options.sure * needed.least:
+        needed.heard("fitting others to some presses, as these explain little")
+        # Nothing is known of a session of which the first effects explain little: any other may be it.
+        first_of_all = needed.beside == 0
+        several = every() if first_of_all else found
+        share = options.holds if first_of_all else options.share_later
+        holding = contest.holding([f for f in several if f.effect not in fits], share, every=first_of_all)
+        fits |= contest.fits(holding)
+        found = _with(found, holding)
+    if needed.beside == 1 and needed.lacking > 0 and contest.little(fits, max(needed.lacking, wanted)):
+        needed.heard("fitting every other, as one effect does not explain enough")
+        others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
+        fits |= contest.fits(others)
+        found = _with(found, others)
+    return fits, found
+
+
+def _with(found: Sequence[Found], more: Sequence[Found]) -> list[Found]:
+    """Searches with others, which go before those of the same effect; best score first."""
+    return sorted({f.effect: f for f in [*found, *more]}.values(), key=lambda f: -f.scored)
+
+
+def _told(heard: Heard, number: int, what: str) -> None:
+    heard(f"round {number}: {what}")
+
+
 def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str, Model]) -> str:
     """Of effects that explain about as much the one that explains most, those with numbers for each taxel last.
 
@@ -255,10 +324,15 @@ def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str
     """
 
     def order(name: str) -> tuple[int, float]:
-        own = [c for c in fits[name].coords if c.effect == name and c.is_strength]
-        return sum(c.parameter.shape == "per-taxel" for c in own), -falls[name]
+        return of_taxels(fits[name], name), -falls[name]
 
     return min(alike, key=order)
+
+
+def of_taxels(model: Model, name: str) -> int:
+    """How many numbers of single taxels an effect of a model has."""
+    own = [c for c in model.coords if c.effect == name and c.is_strength]
+    return sum(c.parameter.shape == "per-taxel" for c in own)
 
 
 def of_one_kind(name: str, known: Collection[str]) -> bool:

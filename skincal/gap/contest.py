@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class Contest:
         null_mean: mean square of a null session's residual.
         options: when an effect is named.
         left: excess of the model.
+        done: full fits that need not be made again.
     """
 
     model: Model
@@ -37,6 +38,7 @@ class Contest:
     null_mean: float
     options: ChoiceOptions
     left: float
+    done: Mapping[str, Model] = field(default_factory=dict[str, Model])
 
     def scores(self, one: Found) -> bool:
         """Whether an effect explains more of other presses than any does in null sessions."""
@@ -57,8 +59,12 @@ class Contest:
 
     def fits(self, found: Sequence[Found]) -> dict[str, Model]:
         """Full fits of some, each with what was named before."""
-        fitted = self._fitted(self.model, found, self.material)
-        return {one.effect: model for one, model in zip(found, fitted, strict=True)}
+        new = [one for one in found if one.effect not in self.done]
+        made = {
+            one.effect: model
+            for one, model in zip(new, self._fitted(self.model, new, self.material), strict=True)
+        }
+        return {one.effect: made.get(one.effect) or self.done[one.effect] for one in found}
 
     def holding(self, found: Sequence[Found], share: float, *, every: bool = False) -> list[Found]:
         """Those of which a full fit to the presses learned from explains such a share of the others; scored with it.

@@ -19,6 +19,9 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 _DRAWS = 400
 _FEWEST = 4
 """Presses without which nothing is sure: an interval that draws from fewer is too narrow."""
+OPEN = ((0.1, 0.3), (0.6, 2.0))
+"""What was named does not explain a gap of which surely less than this part is closed, if the gap is at least so many
+times the noise: next to nothing of any gap, or too little of a large one, as gains of taxels do where gains drift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,14 @@ class Gap:
         added = self.after**2 - self.before**2
         sure = self.presses >= _FEWEST and self.interval[1] < 0
         return bool(sure and added > (least * self.floor) ** 2)
+
+    def stays_open(self, law: float = 0.0) -> bool:
+        """Whether what was named surely does not explain the gap (:data:`OPEN`).
+
+        Args:
+            law: root mean square of what the contact law is not right in, in units of the noise.
+        """
+        return any(self.leaves_open(most, least, law) for most, least in OPEN)
 
     def leaves_open(self, most: float, least: float, law: float = 0.0) -> bool:
         """Whether there is a gap beside the contact law's of which surely next to nothing is closed.

@@ -213,12 +213,12 @@ def _tried(found: Diagnosis) -> str:
         gap = found.gap
         return (
             f"{_and(names)} explains {percent(choice.explained)} of the excess, but presses that nobody has fitted "
-            f"are as far off with it, {gap.after:.3g} counts instead of {gap.before:.3g}: it is not what is missing."
+            f"stay off with it, {gap.after:.3g} counts instead of {gap.before:.3g}: it is not what is missing."
         )
     if names:
         return (
             f"With {_and(names)} in the model {percent(choice.explained)} of the excess is explained; "
-            f"{percent(found.options.explained)} is asked for before effects are named."
+            f"{percent(found.options.choice.explained)} is asked for before effects are named."
         )
     falls = choice.rounds[0].falls if choice.rounds else {}
     best = max(falls.items(), key=lambda item: item[1], default=("", 0.0))

@@ -46,9 +46,7 @@ def _verdict(found: Diagnosis) -> str:
         return f"Something is missing. {names} would explain it, but puts presses that nobody has fitted further off."
     if found.wide_open:
         names = " and ".join(one.name for one in found.choice.named)
-        return (
-            f"Something is missing. {names} shows, but with it presses that nobody has fitted are as far off."
-        )
+        return f"Something is missing. {names} shows, but with it presses that nobody has fitted stay off."
     if found.verdict == "unknown":
         return unexplained(found)
     names = " and ".join(" or ".join(effect.consistent_with) for effect in found.effects)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, scene_of
 
+import skincal.gap.contest as contest_module
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import Found, best_of
 from skincal.gap.choice_options import ChoiceOptions
@@ -17,14 +18,17 @@ from skincal.gap.choose import (
     KINDS,
     Choice,
     Named,
+    Needed,
     Round,
     choose,
     dropped,
+    further,
     likeness,
     of_one_kind,
     simplest,
 )
 from skincal.gap.choose import _searched as searched
+from skincal.gap.contest import Contest
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material, Model, begun_again, excess_of, extended, without
@@ -147,9 +151,16 @@ def test_where_the_best_explain_little_every_effect_may_be_it(
     assert named(choice) == expected
 
 
-@pytest.mark.parametrize("holds", [True, False])
-def test_a_later_effect_that_is_searched_in_vain_is_named_if_it_holds_for_other_presses(
-    monkeypatch: pytest.MonkeyPatch, holds: bool
+@pytest.mark.parametrize(
+    ("holds", "explained"),
+    [
+        (True, 0.0),
+        (False, 0.0),
+        (False, 0.99),  # the first does not explain enough: all are fitted beside it
+    ],
+)
+def test_a_later_effect_that_is_searched_in_vain_is_named_if_it_holds_for_others_or_a_fit_to_all_needs_it(
+    monkeypatch: pytest.MonkeyPatch, holds: bool, explained: float
 ):
     of, (library, null) = two()
 
@@ -165,10 +176,11 @@ def test_a_later_effect_that_is_searched_in_vain_is_named_if_it_holds_for_other_
     monkeypatch.setattr("skincal.gap.choose._searched", misled)
     if not holds:
         monkeypatch.setattr("skincal.gap.contest.Contest._of_others", lambda *_: 1.0)
-    choice = choose(of.model, of.made.material, library, lambda *_: 0.001, null.mean_square, ChoiceOptions())
+    options = ChoiceOptions(explained=explained)
+    choice = choose(of.model, of.made.material, library, lambda *_: 0.001, null.mean_square, options)
     first, later = choice.rounds[:2]
     assert first.taken in TWO
-    if holds:
+    if holds or explained:
         assert set(named(choice)) == set(TWO)
         assert later.found[0].effect != later.taken and next(iter(later.fits)) != later.taken
     else:
@@ -308,6 +320,73 @@ def test_excess_is_what_no_null_session_has():
     assert abs(left) < 6 * np.sqrt(2 * many)
     hidden = case("crosstalk")
     assert excess_of(hidden.model, hidden.made.material, 1.0) > 2000
+
+
+class Told(Contest):
+    """A contest of which it is known what full fits explain; they are told in order."""
+
+    def __init__(self, options: ChoiceOptions, falls: dict[str, float], left: float = 1000.0) -> None:
+        of = case("hysteresis")
+        super().__init__(of.model, of.made.material, lambda *_: 0.5, 1.0, options, left)
+        object.__setattr__(self, "falls", falls)
+        object.__setattr__(self, "asked", [])
+
+    def fits(self, found: Any) -> dict[str, Any]:
+        self.asked.extend(f.effect for f in found)
+        return {f.effect: f.effect for f in found}
+
+    def fall(self, model: Any) -> float:
+        return self.falls[model]
+
+    def holding(self, found: Any, share: float, *, every: bool = False) -> list[Found]:
+        return []
+
+
+@pytest.mark.parametrize(
+    ("beside", "lacking", "first", "all_tried"),
+    [
+        (1, 0.5, 300.0, True),  # what was fitted explains three tenths, and half is asked for
+        (1, 0.1, 300.0, True),  # enough together with what is named, too little beside it
+        (1, 0.5, 600.0, False),
+        (1, -0.2, 100.0, False),  # what is named is enough
+        (2, 0.5, 100.0, False),
+        (0, 0.75, 600.0, False),
+    ],
+)
+def test_where_two_effects_do_not_explain_enough_every_other_is_fitted_beside_the_first(
+    beside: int, lacking: float, first: float, all_tried: bool
+):
+    starts = case("hysteresis").scene.bench.starts
+    names = ("crosstalk", "taxel_gain", "contact_offset")
+    one, gain, places = (Found(starts(n)[0], np.zeros(1), 0.0, -s) for s, n in enumerate(names))
+    contest = Told(ChoiceOptions(), {"crosstalk": first, "taxel_gain": 700.0})
+    heard: list[str] = []
+    needed = Needed(beside, 1000.0, lacking, heard.append)
+    fits: Any = contest.fits([one])
+    fits, found = further(contest, [one], fits, lambda: [one, gain, places], needed)
+    # Errors of places are told by places.
+    assert contest.asked == ["crosstalk", "taxel_gain"][: 1 + all_tried]
+    assert list(fits) == contest.asked == [f.effect for f in found]
+    assert [h.startswith("fitting every other") for h in heard] == [True] * all_tried
+
+
+def test_full_fits_of_the_round_before_are_not_made_again(monkeypatch: pytest.MonkeyPatch):
+    of = case("hysteresis")
+    made_again: list[str] = []
+
+    def extended_to(model: Model, found: Found, _: Material) -> Model:
+        made_again.append(found.effect)
+        return model
+
+    monkeypatch.setattr(contest_module, "extended", extended_to)
+    found = [Found(of.scene.bench.starts(n)[0], np.zeros(1), 0.0, 0.0) for n in ("crosstalk", "saturation")]
+    known = replace(of.model)
+    contest = Contest(
+        of.model, of.made.material, lambda *_: 0.5, 1.0, ChoiceOptions(), 9.0, {"crosstalk": known}
+    )
+    fits = contest.fits(found)
+    assert fits["crosstalk"] is known and made_again == ["saturation"]
+    assert list(fits) == ["crosstalk", "saturation"]
 
 
 def test_progress_is_told():

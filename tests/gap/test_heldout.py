@@ -152,6 +152,26 @@ def test_a_gap_that_surely_is_not_closed_stays_open(
     assert gap.leaves_open(0.1, 0.3) is stays
 
 
+@pytest.mark.parametrize(
+    ("before", "interval", "stays"),
+    [
+        (6.0, (-0.1, 0.4), True),  # most of six times the noise
+        (6.0, (0.4, 0.7), False),
+        (
+            1.5,
+            (-0.1, 0.4),
+            False,
+        ),  # as little of what is hardly more than the noise: the rest may be any of many things
+        (1.5, (-0.1, 0.05), True),
+    ],
+)
+def test_of_a_large_gap_more_must_be_closed(before: float, interval: tuple[float, float], stays: bool):
+    gap = Gap(before, before, 1.0, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    assert gap.stays_open() is stays
+    # What the contact law leaves is no gap that an effect could close.
+    assert not gap.stays_open(law=before)
+
+
 def test_what_the_contact_law_leaves_open_no_effect_can_close():
     before = float(np.sqrt(1 + 1.0**2 + 0.4**2))
     gap = Gap(before, before, 1.0, 0.08, (0.05, 0.09), 9, 100, 0.0, 0.0, np.zeros((9, 4)))

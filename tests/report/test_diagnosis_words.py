@@ -82,7 +82,7 @@ def test_what_closes_nothing_is_told():
     wide_open = replace(found, verdict="unknown", effects=(), wide_open=True)
     assert "hysteresis shows, but with it" in verdict_lines(wide_open)[0]
     story = " ".join(verdict_sentences(wide_open))
-    assert "as far off with it" in story and "is asked for" not in story
+    assert "stay off with it" in story and "is asked for" not in story
 
 
 def test_what_held_out_presses_refute_is_told():
