@@ -47,7 +47,8 @@ def diagnose(
     cache: Annotated[
         bool,
         typer.Option(
-            help="Keep null sessions in the user's cache (SKINCAL_CACHE), and take them from there."
+            help="Keep null sessions and fits in the user's cache (SKINCAL_CACHE), and take them from there: the "
+            "same command goes on where it was interrupted."
         ),
     ] = True,
     seed: SeedOption = 0,

@@ -1,8 +1,9 @@
-"""What a diagnosis worked out once and need not again: the scores of null sessions.
+"""What a diagnosis worked out once and need not again: the scores of null sessions, and where fits ended.
 
-An entry goes by a hash of everything that it depends on, the version of skincal included: the protocol (places, forces,
-times, phases), the sensor, the noise, the settings. So a diagnosis that was interrupted later, or one of the same
-presses with the same calibration, finds its null sessions ready. Entries are arrays without code.
+An entry goes by a hash of everything that it depends on, the program included: of null sessions the protocol (places,
+forces, times, phases), the sensor, the noise, the settings; of a fit where it began, too, and what was read. So a
+diagnosis that was interrupted goes on where it was, and one of the same presses with the same calibration finds its
+null sessions ready. Entries are arrays without code.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import tempfile
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import cast
 from zipfile import BadZipFile
@@ -49,10 +51,20 @@ class Cache:
     folder: Path | None = None
     most: int = 200
 
+    def beside(self, name: str, most: int) -> Cache:
+        """A cache in a folder of this one, for entries that must not push out those here.
+
+        Args:
+            name: of the folder.
+            most: entries that are kept there.
+        """
+        return Cache(None if self.folder is None else self.folder / name, most)
+
     def get(self, kind: str, parts: Iterable[object], make: Callable[[], Arrays]) -> Arrays:
         """The entry of some parts, made where it is not there.
 
-        A cache that cannot be read or written is done without: it saves time and nothing else.
+        A cache that cannot be read or written is done without: it saves time and nothing else. So is one where parts
+        are of a kind of which nothing says that it is all in their fields, such as a mesh.
 
         Args:
             kind: of entry; names its file.
@@ -61,7 +73,10 @@ class Cache:
         """
         if self.folder is None:
             return make()
-        path = self.folder / f"{kind}-{digest(parts)}.npz"
+        try:
+            path = self.folder / f"{kind}-{digest(parts)}.npz"
+        except _UnknownPartError:
+            return make()
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 found = {name: stored[name] for name in stored.files}
@@ -89,9 +104,27 @@ class Cache:
             old.unlink(missing_ok=True)
 
 
+@cache
+def _program() -> bytes:
+    """What tells this program from another: its version, and the files it is made of; who edits it gets new entries."""
+    root = Path(__file__).parent.parent
+    told = [
+        (str(p.relative_to(root)), p.stat().st_size, p.stat().st_mtime_ns) for p in sorted(root.rglob("*.py"))
+    ]
+    return repr((__version__, told)).encode()
+
+
+class _UnknownPartError(TypeError):
+    """A part that is not known to be all in what can be hashed of it."""
+
+
 def digest(parts: Iterable[object]) -> str:
-    """A hash of arrays, numbers and text, and of the version."""
-    found = hashlib.sha256(__version__.encode())
+    """A hash of arrays, numbers, text, dataclasses and what holds them, and of the program.
+
+    Raises:
+        TypeError: a part of another kind.
+    """
+    found = hashlib.sha256(_program())
     for part in parts:
         found.update(_bytes(part) + b"\0")
     return found.hexdigest()[:32]
@@ -105,4 +138,13 @@ def _bytes(part: object) -> bytes:
     if isinstance(part, tuple | list):
         inside = cast("tuple[object, ...] | list[object]", part)
         return b"(" + b",".join(_bytes(one) for one in inside) + b")"
-    return repr(part).encode()
+    if isinstance(part, Mapping):
+        held = cast("Mapping[object, object]", part)
+        return b"{" + b",".join(_bytes(key) + b":" + _bytes(value) for key, value in held.items()) + b"}"
+    if is_dataclass(part) and not isinstance(part, type):
+        # What two of them are not compared by, they do not depend on.
+        own = [getattr(part, one.name) for one in fields(part) if one.compare]
+        return type(part).__qualname__.encode() + _bytes(own)
+    if part is None or isinstance(part, str | bool | int | float | np.generic):
+        return repr(cast("object", part)).encode()
+    raise _UnknownPartError(f"cache: expected arrays, numbers, text or dataclasses of them; got {type(part)}")

@@ -48,6 +48,8 @@ from skincal.model.arrays import IntArray
 _WIDTH = 1.96
 _MUCH_WORSE = 0.5
 """Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
+_FITS = 1000
+"""Ends of fits that are kept: those of a few diagnoses, so that one that was interrupted goes on."""
 _PULLED = 16.0
 """A press that has so many standard deviations of its measured force more, or less, is told."""
 
@@ -98,10 +100,12 @@ def _diagnosed(
     rng, audited, asked, again, further = np.random.default_rng(seed).spawn(5)
     heard("noise floor and places")
     ready = prepare(dataset, calibration, options, rng)
-    ready = replace(ready, options=replace(ready.options, mapper=spread))
+    cache = cache or Cache()
+    fits = cache.beside("fits", _FITS)
+    ready = replace(ready, options=replace(ready.options, mapper=spread, keep=fits.get))
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
-    answer = Question(ready, dataset.layout(), options, seed, cache or Cache(), heard).answer(asked)
+    answer = Question(ready, dataset.layout(), options, seed, cache, heard).answer(asked)
     choice = answer.choice
     base = without_hidden_glitches(answer.base, choice.after) if choice.named else answer.base
     heard("gap on presses nobody has fitted")

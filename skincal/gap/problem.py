@@ -6,7 +6,7 @@ step costs little more than the model itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -38,6 +38,18 @@ _WORTH_SENDING = 500
 well."""
 
 
+Keep = Callable[[str, Sequence[object], Callable[[], Mapping[str, FloatArray]]], Mapping[str, FloatArray]]
+"""Gives arrays of a kind that some parts determine, made by a function or kept from before."""
+
+
+def afresh(
+    kind: str, parts: Sequence[object], make: Callable[[], Mapping[str, FloatArray]]
+) -> Mapping[str, FloatArray]:
+    """A :data:`Keep` that keeps nothing."""
+    del kind, parts
+    return make()
+
+
 @dataclass(frozen=True)
 class RefitOptions:
     """How a refit goes.
@@ -51,6 +63,7 @@ class RefitOptions:
         base: whether the base model may move.
         mapper: works out pieces that do not depend on each other; that of a pool of processes uses more cores. What is
             found does not depend on it.
+        keep: may know already where a fit ended.
     """
 
     position_sigma_m: float = 1e-3
@@ -60,6 +73,7 @@ class RefitOptions:
     enough: float = 2.0
     base: bool = True
     mapper: Mapper = field(default=map, repr=False, compare=False)
+    keep: Keep = field(default=afresh, repr=False, compare=False)
 
     @property
     def place_prior(self) -> FloatArray:

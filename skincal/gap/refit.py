@@ -13,7 +13,7 @@ sensor; they only find their own place.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.problem import Look, RefitOptions, RefitProblem, Slopes
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
+from skincal.model import SensorPose
 from skincal.model.arrays import BoolArray, FloatArray
 
 _TRIES, _OWN_TRIES = 6, 2
@@ -73,6 +74,22 @@ def refit(
     """
     problem = RefitProblem(session, reading, options, tuple(coords), learn, dict(fixed or {}))
     x = np.zeros(len(coords)) if x is None else clipped(coords, x)
+    ended: list[tuple[Look, Slopes, float]] = []
+
+    def make() -> Mapping[str, FloatArray]:
+        ended.append(_descended(problem, start, x))
+        return _numbers(ended[0][0])
+
+    parts = [start.model, start.places, session, reading, options, problem.coords, x, learn, problem.fixed]
+    kept = options.keep("refit", parts, make)
+    here, slopes, best = ended[0] if ended else _again(problem, start, kept)
+    covariance = problem.covariance(here.hypothesis, slopes)
+    return Refit(here.hypothesis, here.x, slopes, best, covariance)
+
+
+def _descended(problem: RefitProblem, start: Hypothesis, x: FloatArray) -> tuple[Look, Slopes, float]:
+    """Where the way downhill ends, the slopes there, and the objective."""
+    options = problem.options
     here = problem.look(start, x)
     whole = problem.wants_base(0)
     slopes = problem.slopes(here, base=whole)
@@ -88,10 +105,34 @@ def refit(
         slopes = problem.slopes(here, base=whole)
         if found:
             break
-    if not whole:
-        slopes = problem.slopes(here)
-    covariance = problem.covariance(here.hypothesis, slopes)
-    return Refit(here.hypothesis, here.x, slopes, best, covariance)
+    return here, slopes if whole else problem.slopes(here), best
+
+
+def _numbers(end: Look) -> dict[str, FloatArray]:
+    """All that tells where a fit ended."""
+    model = end.hypothesis.model
+    return {
+        "pose": np.array(astuple(model.pose)),
+        "elasticity": np.array(model.elasticity_pa_per_m),
+        "scale": np.array(model.scale_per_n),
+        "places": end.hypothesis.places,
+        "x": end.x,
+    }
+
+
+def _again(
+    problem: RefitProblem, start: Hypothesis, numbers: Mapping[str, FloatArray]
+) -> tuple[Look, Slopes, float]:
+    """What :func:`_descended` found, from the numbers of its end."""
+    scale = numbers["scale"]
+    model = replace(
+        start.model,
+        pose=SensorPose(*numbers["pose"].tolist()),
+        elasticity_pa_per_m=float(numbers["elasticity"]),
+        scale_per_n=scale if scale.ndim else float(scale),
+    )
+    here = problem.look(replace(start, model=model, places=numbers["places"]), numbers["x"])
+    return here, problem.slopes(here), problem.judged(here)[0]
 
 
 def _tried(

@@ -94,6 +94,23 @@ def _ends(
     if not options.base:
         # Under uniform pressure, where the sensor is not free, every place looks the same.
         return ends, costs
+    parts = [found.model, found.effects, found.places, session, reading, options, reach_m]
+    kept = options.keep(
+        "ends", parts, lambda: _followed(found, session, reading, options, reach_m, ends, costs)
+    )
+    return kept["ends"], kept["costs"]
+
+
+def _followed(
+    found: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    options: RefitOptions,
+    reach_m: float,
+    ends: FloatArray,
+    costs: FloatArray,
+) -> dict[str, FloatArray]:
+    """The ends and costs of :func:`_ends`, entered where they are to be."""
     presses = np.unique(session.press[session.press >= 0])
     # Always the same shares, so that what is found does not depend on who works them out.
     shares = [rows for rows in np.array_split(presses, _SHARES) if len(rows)]
@@ -108,7 +125,7 @@ def _ends(
     ]
     for rows, (end, cost) in zip(shares, options.mapper(_ends_of, tasks), strict=True):
         ends[rows], costs[rows] = end[rows], cost[rows]
-    return ends, costs
+    return {"ends": ends, "costs": costs}
 
 
 def _ends_of(

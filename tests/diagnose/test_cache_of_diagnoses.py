@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skincal.diagnose.cache import Arrays, Cache, default_folder, digest
+from skincal.gap.problem import RefitOptions
+from skincal.model import SensorPose
 
 
 class Maker:
@@ -104,6 +107,45 @@ def test_a_digest_sees_all_of_an_array_wherever_it_is():
     assert digest([[("a", long)]]) != digest([[("a", other)]])
     assert digest([(long, 1)]) == digest([(long.copy(), 1)])
     assert digest([("a", "b"), "c"]) != digest([("a",), "b", "c"])
+
+
+def test_a_digest_sees_all_fields_that_dataclasses_are_compared_by():
+    kept = RefitOptions(steps=3)
+    assert digest([kept]) == digest([replace(kept, mapper=sorted)]) != digest([replace(kept, steps=4)])
+    pose, long = SensorPose(0.02, 0.1), np.zeros(5000)
+    assert digest([pose]) != digest([replace(pose, x_m=1e-9)])
+    other = long.copy()
+    other[2500] = 1e-12
+    assert digest([{"a": {"b": long}}]) != digest([{"a": {"b": other}}])
+    assert digest([{"a": 1}]) != digest([{"b": 1}])
+
+
+def test_what_cannot_be_looked_into_is_not_kept(tmp_path: Path):
+    with pytest.raises(
+        TypeError, match=r"expected arrays, numbers, text or dataclasses of them; got <class 'ob"
+    ):
+        digest([object()])
+    make = Maker()
+    for _ in range(2):
+        assert Cache(tmp_path).get("null", [{"of a mesh": object()}], make)["a"][0] == 1.0
+    assert make.made == 2 and not any(tmp_path.iterdir())
+
+
+def test_another_program_has_entries_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    before = digest([1])
+    monkeypatch.setattr("skincal.diagnose.cache._program", lambda: b"edited")
+    assert digest([1]) != before
+
+
+def test_a_cache_beside_another_takes_no_room_of_it(tmp_path: Path):
+    cache = Cache(tmp_path, most=1)
+    cache.get("null", [1], Maker())
+    fits = cache.beside("fits", most=2)
+    for number in range(3):
+        fits.get("refit", [number], Maker())
+    assert [p.name for p in tmp_path.glob("*.npz")] == [f"null-{digest([1])}.npz"]
+    assert len(list((tmp_path / "fits").iterdir())) == 2
+    assert Cache().beside("fits", most=2).folder is None
 
 
 def test_the_folder_is_said_or_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

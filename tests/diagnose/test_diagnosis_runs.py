@@ -37,6 +37,7 @@ from skincal.errors import InputError, WorkError
 from skincal.gap.choice_options import ChoiceOptions
 from skincal.gap.choose import Choice, Named
 from skincal.gap.null import Null
+from skincal.gap.refit import _descended as descended  # pyright: ignore[reportPrivateUsage]
 from skincal.gap.robust import Dead, times
 from skincal.gap.signatures import Signature
 from skincal.gap.silent import Silent
@@ -237,17 +238,29 @@ def test_an_interrupted_diagnosis_goes_on_and_ends_the_same(tmp_path: Path, fitt
     through, data = diagnosed("hysteresis")
 
     def cut(stage: str) -> None:
-        if "searching" in stage:
+        if "presses again" in stage:
             raise KeyboardInterrupt
 
-    kept = Cache(tmp_path)
-    with pytest.raises(KeyboardInterrupt):
-        diagnose(data, calibration(), OPTIONS, 1, cut, kept)
-    assert any(tmp_path.iterdir())
-    with patch("skincal.diagnose.kept.simulate_null", side_effect=AssertionError("not taken from the cache")):
-        again = diagnose(data, calibration(), OPTIONS, 1, cache=kept)
-    assert told(again) == told(through)
-    assert again.calibration.effects == through.calibration.effects
+    kept, fitted = Cache(tmp_path), list[int]()
+
+    def counted(*given: Any) -> Any:
+        fitted.append(1)
+        return descended(*given)
+
+    with patch("skincal.gap.refit._descended", counted):
+        with pytest.raises(KeyboardInterrupt):
+            diagnose(data, calibration(), OPTIONS, 1, cut, kept)
+        first = len(fitted)
+        with patch("skincal.diagnose.kept.simulate_null", side_effect=AssertionError("not from the cache")):
+            again = diagnose(data, calibration(), OPTIONS, 1, cache=kept)
+        second = len(fitted) - first
+        # Nothing is left to fit or to look for.
+        with patch("skincal.gap.relocate._followed", side_effect=AssertionError("not from the cache")):
+            last = diagnose(data, calibration(), OPTIONS, 1, cache=kept)
+    assert first >= 2 and second >= 1 and len(fitted) == first + second
+    for other in (again, last):
+        assert told(other) == told(through)
+        assert other.calibration.effects == through.calibration.effects
 
 
 def test_the_summary_is_that_of_the_contract():
