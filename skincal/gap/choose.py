@@ -28,6 +28,7 @@ from skincal.gap.models import (
     begun_again,
     excess_of,
     found_again,
+    levelled,
     scene_of,
     without,
 )
@@ -244,6 +245,7 @@ def choose(
         if read is not None:
             first, told, origin, first_round = left, told + 1, model, len(rounds)
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
+    model = levelled(model, material)
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
 

@@ -27,6 +27,8 @@ _SETTLE = 3
 """Steps in which only presses move, from a new beginning."""
 _LOOKS = 2
 """Presses are looked for so many times at most."""
+_ABOUT_ONE = 0.02
+"""Gains whose middle is so near to one are left as they are."""
 _MUCH = 20.0
 """No further look where the last one lowered the objective by less."""
 
@@ -173,6 +175,26 @@ def begun_again(model: Model, material: Material, fresh: Hypothesis) -> Model:
     """A model fitted from another sensor and other places, its effects starting where they are."""
     other = fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
     return found_again(other, material)
+
+
+def levelled(model: Model, material: Material) -> Model:
+    """A model with gains of taxels about one; itself where they are, or where it has none.
+
+    What all gains share is the scale S of the counts. A fit may run far along that, S a multiple and all gains a
+    fraction of what they should be, and is slow on the way back. It begins again from where both mean the same.
+    """
+    own = [k for k, c in enumerate(model.coords) if (c.effect, c.parameter.name) == ("taxel_gain", "gain")]
+    if not own:
+        return model
+    gains = np.array([model.coords[k].value(float(model.refit.x[k])) for k in own])
+    shared = float(np.median(gains))
+    if abs(shared - 1) < _ABOUT_ONE:
+        return model
+    x = model.refit.x.copy()
+    x[own] = [model.coords[k].at(gain / shared) for k, gain in zip(own, gains.tolist(), strict=True)]
+    start = model.hypothesis.moved(np.array([0.0, 0.0, 0.0, 0.0, np.log(shared)]))
+    other = fitted(start, model.coords, x, model.held, material)
+    return min(model, other, key=lambda m: m.refit.objective)
 
 
 def without(model: Model, name: str, material: Material) -> Model:

@@ -123,11 +123,12 @@ def _draw_round(axes: Axes, one: Round, null: Null, names: tuple[str, ...], word
         named, rival = effect in names[:1], effect in names[1:]
         colour = BLUE if named else GREEN if rival else ORANGE if effect in one.falls else GREY
         below = value < LEAST
-        axes.plot(max(value, 1.08 * LEAST), k, "<" if below else "o", color=colour, markersize=6)
+        at = max(value, 1.08 * LEAST)
+        axes.plot(at, k, "<" if below else "o", color=colour, markersize=6)
         if effect in one.falls:
             words = word if named else "cannot be told from it" if rival else "fitted in full"
             share = 100 * min(one.falls[effect] / one.excess, 1.0) if one.excess > 0 else 0.0
-            axes.annotate(f"{words}: explains {share:.0f} %", (value, k), (8, 0), textcoords="offset points",
+            axes.annotate(f"{words}: explains {share:.0f} %", (at, k), (8, 0), textcoords="offset points",
                           va="center", fontsize=8, color=BLACK)  # fmt: skip
     axes.set_yticks(np.arange(len(order)), [one.found[i].effect for i in order.tolist()])
     axes.set_ylim(len(order) - 0.5, -0.5)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from gap.made_sessions import OPTIONS, Made, made, pressed
 
 from skincal.gap.candidates import Bench
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.models import Material, Model, begun_again, fitted, found_again
+from skincal.gap.models import Material, Model, begun_again, fitted, found_again, levelled
 
 AWAY = np.array([3e-4, -2e-4, 0.03, 0.3, -0.2])
 HIDDEN = {"crosstalk": {"leak": 0.06}}
@@ -42,6 +43,28 @@ def test_a_fit_that_ended_in_the_wrong_valleys_is_mended_once_the_effect_is_in_t
         assert again.refit.objective < times * best
         assert abs(float(again.hypothesis.effects["crosstalk"]["leak"]) - 0.06) < 0.002
         assert again.coords == astray.coords
+
+
+def test_gains_that_share_a_factor_are_levelled_and_the_scale_has_it():
+    one = made({"taxel_gain": {"gain": [1.1, 0.9, 1.0, 1.15, 1.0, 0.85, 0.95, 1.05, 1.1]}}, seed=5)
+    (search,) = Bench(one.start, one.session).starts("taxel_gain")
+    good = fitted(one.start, search.coords, np.zeros(9), {}, one.material)
+    third = np.array([c.at((1 + 0.12 * x) / 3) for c, x in zip(search.coords, good.refit.x, strict=True)])
+    there = good.hypothesis.moved(np.array([0.0, 0.0, 0.0, 0.0, np.log(3.0)]))
+    still = replace(one.material, options=replace(one.material.options, steps=0))
+    astray = fitted(there, search.coords, third, {}, still)
+    # The same values, which only the prior of the gains likes less.
+    assert np.allclose(astray.refit.slopes.residual, good.refit.slopes.residual)
+    assert astray.refit.objective > good.refit.objective + 20
+    again = levelled(astray, one.material)
+    assert again.refit.objective == pytest.approx(good.refit.objective, abs=2.0)
+    assert np.median(again.hypothesis.effects["taxel_gain"]["gain"]) == pytest.approx(1.0, abs=0.1)
+    scales = (again.hypothesis.model.scale_per_n, one.truth.model.scale_per_n)
+    assert scales[0] == pytest.approx(scales[1], rel=0.1)
+    # Nothing is left to be done, nor where there are no gains.
+    assert levelled(good, one.material) is good
+    none = replace(astray, coords=())
+    assert levelled(none, one.material) is none
 
 
 def test_a_fit_is_never_worse_for_having_been_looked_over():
