@@ -127,7 +127,7 @@ def _draw_round(axes: Axes, one: Round, null: Null, names: tuple[str, ...], word
         axes.plot(at, k, "<" if below else "o", color=colour, markersize=6)
         if effect in one.falls:
             words = word if named else "cannot be told from it" if rival else "fitted in full"
-            share = 100 * min(one.falls[effect] / one.excess, 1.0) if one.excess > 0 else 0.0
+            share = 100 * min(max(one.falls[effect] / one.excess, 0.0), 1.0) if one.excess > 0 else 0.0
             axes.annotate(f"{words}: explains {share:.0f} %", (at, k), (8, 0), textcoords="offset points",
                           va="center", fontsize=8, color=BLACK)  # fmt: skip
     axes.set_yticks(np.arange(len(order)), [one.found[i].effect for i in order.tolist()])
