@@ -1,7 +1,7 @@
 """Keeps the sessions of a blind test that have been run in one file, so that it can go on elsewhere and later.
 
-    python -m benchmarks.blind pack DIR --out benchmarks/results/blind_sessions_22.jsonl.gz
-    python -m benchmarks.blind unpack benchmarks/results/blind_sessions_22.jsonl.gz --out DIR
+    python -m benchmarks.blind pack DIR --out benchmarks/results/blind_sessions_23.jsonl.gz
+    python -m benchmarks.blind unpack benchmarks/results/blind_sessions_23.jsonl.gz --out DIR
 
 The file holds the study (its first line says of which code it is), what was said of each session, and its label, sealed
 as it was. Unpacked, ``run`` goes on with the sessions that are missing, and ``score`` opens the labels.
