@@ -11,7 +11,7 @@ and stays out if nothing is lost.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from skincal.gap.candidates import Found, Scene, Start, best_of, search
 from skincal.gap.choice_options import ChoiceOptions
-from skincal.gap.contest import IN_PLACES, Contest, PValue
+from skincal.gap.contest import Contest, Heard, Needed, PValue, further
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import (
@@ -32,8 +32,6 @@ from skincal.gap.models import (
     scene_of,
     without,
 )
-
-Heard = Callable[[str], None]
 
 KINDS: tuple[frozenset[str], ...] = (
     frozenset({"spread", "crosstalk", "ghosting"}),
@@ -204,12 +202,9 @@ def choose(
         name = read or simplest(close, falls, fits)
         best = fits[name]
         share = falls[name] / left
+        own = next(f for f in found if f.effect == name)
         asked = options.share_later if beside else options.share_first
-        if (
-            beside
-            and of_taxels(best, name)
-            and not any(f.effect == name and contest.scores(f) for f in found)
-        ):
+        if beside and of_taxels(best, name) and not contest.scores(own):
             asked = options.share_of_taxels
         enough = share >= asked and falls[name] >= max(least, options.later(options.of_all, first, seen))
         if read is None and not enough:
@@ -231,12 +226,8 @@ def choose(
         others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         # What was read off need not hold for other presses: a taxel may die in the last ones.
         # What a full fit alone has found did not score: its p-value is that of what it explains.
-        own = next(
-            p_value(name, f.scored if read is None and contest.scores(f) else falls[name])
-            for f in found
-            if f.effect == name
-        )
-        named.append(Named(name, (name, *others), share, own))
+        told_by = own.scored if read is None and contest.scores(own) else falls[name]
+        named.append(Named(name, (name, *others), share, p_value(name, told_by)))
         heard(f"round {number}: presses again, with {name}")
         model = found_again(best, material)
         if fresh is not None and excess_of(model, material, null_mean) > least:
@@ -248,68 +239,6 @@ def choose(
     model = levelled(model, material)
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
-
-
-@dataclass(frozen=True, eq=False)
-class Needed:
-    """What full fits of a round are for.
-
-    Attributes:
-        beside: effects that were named, without those that were read off.
-        least: by how much the weakest effect lowers the squared residual.
-        lacking: part of what is left that an effect must explain for what is named to explain enough; nothing lacks
-            where it is negative.
-        heard: told what is being done.
-    """
-
-    beside: int
-    least: float
-    lacking: float
-    heard: Heard
-
-
-def further(
-    contest: Contest,
-    found: Sequence[Found],
-    fits: Mapping[str, Model],
-    every: Callable[[], list[Found]],
-    needed: Needed,
-) -> tuple[dict[str, Model], list[Found]]:
-    """More effects fitted in full where those that score best explain little; all full fits, and the search with them.
-
-    Args:
-        contest: of the round.
-        found: its search, best score first.
-        fits: the full fits of those that score best.
-        every: searches every effect there is.
-        needed: what they are for.
-    """
-    options, fits, found = contest.options, dict(fits), list(found)
-    if needed.beside == 0 and contest.little(fits, options.halfway):
-        needed.heard("fitting all others that score, as these explain little")
-        fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
-    # For the first, and for one beside one; a third is more often what equations are not quite right in.
-    wanted = {0: options.halfway, 1: options.share_later}.get(needed.beside, 0.0)
-    if wanted and contest.little(fits, wanted) and contest.left > options.sure * needed.least:
-        needed.heard("fitting others to some presses, as these explain little")
-        # Nothing is known of a session of which the first effects explain little: any other may be it.
-        first_of_all = needed.beside == 0
-        several = every() if first_of_all else found
-        share = options.holds if first_of_all else options.share_later
-        holding = contest.holding([f for f in several if f.effect not in fits], share, every=first_of_all)
-        fits |= contest.fits(holding)
-        found = _with(found, holding)
-    if needed.beside == 1 and needed.lacking > 0 and contest.little(fits, max(needed.lacking, wanted)):
-        needed.heard("fitting every other, as one effect does not explain enough")
-        others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
-        fits |= contest.fits(others)
-        found = _with(found, others)
-    return fits, found
-
-
-def _with(found: Sequence[Found], more: Sequence[Found]) -> list[Found]:
-    """Searches with others, which go before those of the same effect; best score first."""
-    return sorted({f.effect: f for f in [*found, *more]}.values(), key=lambda f: -f.scored)
 
 
 def _told(heard: Heard, number: int, what: str) -> None:

@@ -18,6 +18,9 @@ PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""
 
 
+Heard = Callable[[str], None]
+
+
 @dataclass(frozen=True, eq=False)
 class Contest:
     """Effects of a round against each other.
@@ -108,6 +111,68 @@ class Contest:
             return [extended(model, found[0], material)]
         tasks = [(model, f, material.alone) for f in found]
         return list(material.options.mapper(_extended, tasks))
+
+
+@dataclass(frozen=True, eq=False)
+class Needed:
+    """What full fits of a round are for.
+
+    Attributes:
+        beside: effects that were named, without those that were read off.
+        least: by how much the weakest effect lowers the squared residual.
+        lacking: part of what is left that an effect must explain for what is named to explain enough; nothing lacks
+            where it is negative.
+        heard: told what is being done.
+    """
+
+    beside: int
+    least: float
+    lacking: float
+    heard: Heard
+
+
+def further(
+    contest: Contest,
+    found: Sequence[Found],
+    fits: Mapping[str, Model],
+    every: Callable[[], list[Found]],
+    needed: Needed,
+) -> tuple[dict[str, Model], list[Found]]:
+    """More effects fitted in full where those that score best explain little; all full fits, and the search with them.
+
+    Args:
+        contest: of the round.
+        found: its search, best score first.
+        fits: the full fits of those that score best.
+        every: searches every effect there is.
+        needed: what they are for.
+    """
+    options, fits, found = contest.options, dict(fits), list(found)
+    if needed.beside == 0 and contest.little(fits, options.halfway):
+        needed.heard("fitting all others that score, as these explain little")
+        fits |= contest.fits([f for f in found if f.effect not in fits and contest.scores(f)])
+    # For the first, and for one beside one; a third is more often what equations are not quite right in.
+    wanted = {0: options.halfway, 1: options.share_later}.get(needed.beside, 0.0)
+    if wanted and contest.little(fits, wanted) and contest.left > options.sure * needed.least:
+        needed.heard("fitting others to some presses, as these explain little")
+        # Nothing is known of a session of which the first effects explain little: any other may be it.
+        first_of_all = needed.beside == 0
+        several = every() if first_of_all else found
+        share = options.holds if first_of_all else options.share_later
+        holding = contest.holding([f for f in several if f.effect not in fits], share, every=first_of_all)
+        fits |= contest.fits(holding)
+        found = _with(found, holding)
+    if needed.beside == 1 and needed.lacking > 0 and contest.little(fits, max(needed.lacking, wanted)):
+        needed.heard("fitting every other, as one effect does not explain enough")
+        others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
+        fits |= contest.fits(others)
+        found = _with(found, others)
+    return fits, found
+
+
+def _with(found: Sequence[Found], more: Sequence[Found]) -> list[Found]:
+    """Searches with others, which go before those of the same effect; best score first."""
+    return sorted({f.effect: f for f in [*found, *more]}.values(), key=lambda f: -f.scored)
 
 
 def _extended(task: tuple[Model, Found, Material]) -> Model:

@@ -18,17 +18,15 @@ from skincal.gap.choose import (
     KINDS,
     Choice,
     Named,
-    Needed,
     Round,
     choose,
     dropped,
-    further,
     likeness,
     of_one_kind,
     simplest,
 )
 from skincal.gap.choose import _searched as searched
-from skincal.gap.contest import Contest
+from skincal.gap.contest import Contest, Needed, further
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material, Model, begun_again, excess_of, extended, without
