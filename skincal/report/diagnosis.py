@@ -86,9 +86,9 @@ SECTIONS = (
         "Effects that were searched, parameters found on the presses that learn, scored on the presses that choose. "
         "In the grey band nothing can be told from chance, whatever the contact law. An effect is added when it is "
         "beyond the band and explains more of the excess than any other in a full fit with sensor and places; the "
-        "search begins again with it in the model. Triangles: no better than nothing on presses that choose. Beside one "
-        "effect that does not explain enough every other is fitted in full, and what explains most of the rest is added "
-        "wherever it lies here, for there the scores err.",
+        "search begins again with it in the model. Triangles: no better than nothing on presses that choose. Beside "
+        "one effect that does not explain enough every other is fitted in full, and what explains most of the rest is "
+        "added wherever it lies here, for there the scores err.",
         lambda found, _: candidates_figure(found),
         place=2,
     ),
