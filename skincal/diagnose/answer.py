@@ -19,7 +19,7 @@ from skincal.diagnose.diagnosis import Verdict
 from skincal.diagnose.kept import Kept
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import OFFSET, Prepared
-from skincal.diagnose.second_look import heard_again, taken_back
+from skincal.diagnose.second_look import heard_again, silent_beside, taken_back
 from skincal.gap.candidates import Scene, Start
 from skincal.gap.choose import Choice, Heard, choose
 from skincal.gap.dying import NAME as DEAD_TAXEL
@@ -29,7 +29,7 @@ from skincal.gap.models import scene_of
 from skincal.gap.null import Null
 from skincal.gap.places import with_places
 from skincal.gap.signatures import Signature, signature_columns, signature_falls
-from skincal.gap.silent import without_silent
+from skincal.gap.silent import Silent, without_silent
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -84,10 +84,13 @@ class Question:
     def answer(self, rng: np.random.Generator) -> Answer:
         """What the session says, without glitches, or with all presses if those may be an effect."""
         whole = rng.spawn(1)[0]
-        base, errors = self._base(leave_out=True)
+        base, errors = self._base()
         # Other processes begin with it before it is known whether it is needed; without any, it waits until then.
         with_all = self._ahead(whole) if may_be_effect(base) else None
         first = self._answer(base, errors, rng)
+        if first.choice.named and (late := silent_beside(first.base, first.choice.after)):
+            self.heard("again, without taxels that fell silent")
+            first = self._answer(*self._base(late=late), rng)
         if with_all is None or (first.verdict == "effects" and not first.unexplained):
             return with_what_was_seen(first)
         self.heard("again, with all presses")
@@ -117,9 +120,11 @@ class Question:
         options = replace(base.material.options, mapper=self.ready.options.mapper)
         return replace(answer, base=replace(base, material=replace(base.material, options=options)))
 
-    def _base(self, *, leave_out: bool) -> tuple[Base, dict[str, FloatArray]]:
+    def _base(
+        self, *, leave_out: bool = True, late: Sequence[Silent] = ()
+    ) -> tuple[Base, dict[str, FloatArray]]:
         self.heard("base model")
-        return fit_base_and_law(self.ready, self.heard, leave_out=leave_out)
+        return fit_base_and_law(self.ready, self.heard, leave_out=leave_out, late=late)
 
     def _answer(self, base: Base, errors: Mapping[str, FloatArray], rng: np.random.Generator) -> Answer:
         drawn, swapped = rng.spawn(2)

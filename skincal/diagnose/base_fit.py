@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -61,12 +61,13 @@ class Base:
     suspected: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
-def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
+def fit_base(ready: Prepared, *, leave_out: bool = True, late: Sequence[Silent] = ()) -> Base:
     """Fits the base model, and again with the noise of the force, and without glitches and jumps.
 
     Args:
         ready: the session.
         leave_out: whether presses may be left out as glitches; those of the end may in any case.
+        late: taxels that were seen to fall silent once it was known what else is missing.
     """
     known, beside, session = ready.is_part(TRAIN, SELECTION), _beside(ready), ready.session
     reading, stuck, shifted = _of_staircase(ready, beside)
@@ -83,6 +84,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True) -> Base:
         first = _first_look(ready, reading, beside)
     gone = dead_taxels(first.slopes.values, reading, session)
     silent = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
+    silent += [one for one in late if one.dead.taxel not in {s.dead.taxel for s in silent}]
     suspected = np.intersect1d(wild, presses_of(silent))
     if silent:
         wild = np.setdiff1d(wild, suspected)
@@ -161,7 +163,11 @@ def _law_errors(base: Base, heard: Callable[[str], None]) -> dict[str, FloatArra
 
 
 def fit_base_and_law(
-    ready: Prepared, heard: Callable[[str], None], *, leave_out: bool = True
+    ready: Prepared,
+    heard: Callable[[str], None],
+    *,
+    leave_out: bool = True,
+    late: Sequence[Silent] = (),
 ) -> tuple[Base, dict[str, FloatArray]]:
     """The base model beside what its law may be wrong in, and what each contact law leaves of it (N, J).
 
@@ -169,8 +175,9 @@ def fit_base_and_law(
         ready: the session.
         heard: told what is being done.
         leave_out: whether presses may be left out of fit and choice as glitches.
+        late: taxels that were seen to fall silent once it was known what else is missing.
     """
-    base = fit_base(ready, leave_out=leave_out)
+    base = fit_base(ready, leave_out=leave_out, late=late)
     errors = _law_errors(base, heard)
     base = with_law(base, errors)
     alone = dominating(*_left(base.model, base.material))

@@ -13,9 +13,33 @@ from skincal.gap.faults import without_stuck
 from skincal.gap.models import Model, fitted
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import at_best
-from skincal.gap.robust import IN_PROPORTION, explained_presses, with_presses, without_mixed, without_presses
-from skincal.gap.silent import presses_of, silent_taxels, with_silent_values, without_silent
+from skincal.gap.robust import (
+    IN_PROPORTION,
+    SURE,
+    explained_presses,
+    with_presses,
+    without_mixed,
+    without_presses,
+)
+from skincal.gap.silent import Silent, presses_of, silent_taxels, with_silent_values, without_silent
 from skincal.model.arrays import IntArray
+
+
+def silent_beside(base: Base, after: Model) -> list[Silent]:
+    """Taxels that are seen to fall silent only once what else is missing is in the model.
+
+    They were believed while it was looked for, so that what they do is among what is left. Those that presses in doubt
+    show alone are not meant: these had no say.
+
+    Args:
+        base: as the effects were named about it.
+        after: with them.
+    """
+    m = base.material
+    heard, doubted, known = _heard(base)
+    found = silent_taxels(after.hypothesis, m.session, heard, m.options, doubted, base.dead)
+    new = [one for one in found if one.dead.taxel not in known and not np.isin(one.presses, doubted).all()]
+    return [one for one in new if one.fall > SURE]
 
 
 def heard_again(base: Base, after: Model) -> Base:
@@ -27,15 +51,12 @@ def heard_again(base: Base, after: Model) -> Base:
         base: as the effects were named about it.
         after: with them.
     """
-    m = base.material
-    doubted = np.union1d(base.glitches, presses_of(base.silent))
+    m, press = base.material, base.material.session.press
+    whole, doubted, known = _heard(base)
     if not len(doubted):
         return base
-    press = m.session.press
     heard = with_silent_values(m.reading, base.silent, m.session)
-    whole = with_presses(heard, press, base.glitches)
     found = silent_taxels(after.hypothesis, m.session, whole, m.options, doubted, base.dead)
-    known = {one.dead.taxel for one in base.silent}
     silent = tuple(s for s in found if s.dead.taxel in known or np.isin(s.presses, doubted).all())
     # What was out of proportion, and is not explained by a silent taxel after all, is a glitch again.
     left_out = np.setdiff1d(np.union1d(base.glitches, base.suspected), presses_of(silent))
@@ -80,6 +101,15 @@ def taken_back(base: Base, choice: Choice) -> tuple[Base, Choice]:
     )
     base = replace(base, model=before, material=material, glitches=np.setdiff1d(base.glitches, back))
     return base, replace(choice, before=before, after=after)
+
+
+def _heard(base: Base) -> tuple[Reading, IntArray, set[int]]:
+    """The reading with all that was left out, the presses in doubt, and the taxels that were seen to fall silent."""
+    m = base.material
+    heard = with_silent_values(m.reading, base.silent, m.session)
+    doubted = np.union1d(base.glitches, presses_of(base.silent))
+    known = {one.dead.taxel for one in base.silent}
+    return with_presses(heard, m.session.press, base.glitches), doubted, known
 
 
 def _with(base: Base, presses: IntArray) -> Reading:

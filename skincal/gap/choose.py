@@ -27,6 +27,7 @@ from skincal.gap.models import (
     Model,
     begun_again,
     excess_of,
+    finished,
     found_again,
     levelled,
     scene_of,
@@ -237,6 +238,9 @@ def choose(
             first, told, origin, first_round = left, told + 1, model, len(rounds)
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     model = levelled(model, material)
+    if named:
+        heard("the last fit")
+        model = finished(model, material)
     left = excess_of(model, material, null_mean)
     return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
 
@@ -297,12 +301,15 @@ def dropped(
 
     Args:
         model: with all that was named.
-        named: in the order in which they were; the last one was named beside all others.
+        named: in the order in which they were. One alone is needed; of several the last one, too, may be no more, as
+            presses were looked for again after it was named.
         material: the session.
         least: by how much the objective must rise for an effect to stay.
     """
     kept = list(named)
-    for one in named[:-1]:
+    for one in named:
+        if len(kept) == 1:
+            break
         other = without(model, one.name, material)
         if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) >= least:
             # The model's presses were looked for with the effect; without it they deserve the same.

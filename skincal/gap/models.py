@@ -27,6 +27,8 @@ _SETTLE = 3
 """Steps in which only presses move, from a new beginning."""
 _LOOKS = 2
 """Presses are looked for so many times at most."""
+_MANY, _ROUNDS = 60, 3
+"""Steps, and looks for presses, of the fit that counts."""
 _ABOUT_ONE = 0.02
 """Gains whose middle is so near to one are left as they are."""
 _MUCH = 20.0
@@ -175,6 +177,21 @@ def begun_again(model: Model, material: Material, fresh: Hypothesis) -> Model:
     """A model fitted from another sensor and other places, its effects starting where they are."""
     other = fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
     return found_again(other, material)
+
+
+def finished(model: Model, material: Material) -> Model:
+    """A model gone on with for as long as it gains; itself where it has ended.
+
+    A fit among many takes few steps. The one that counts takes as many as it needs.
+    """
+    long = replace(material, options=replace(material.options, steps=_MANY))
+    for _ in range(_ROUNDS):
+        other = found_again(fitted(model.hypothesis, model.coords, model.refit.x, model.held, long), long)
+        fall = model.refit.objective - other.refit.objective
+        model = other if fall > 0 else model
+        if fall < _MUCH:
+            break
+    return model
 
 
 def levelled(model: Model, material: Material) -> Model:

@@ -289,9 +289,7 @@ class RefitProblem:
             normal[BASE_SIZE:, BASE_SIZE:] += np.diag(inverse)
             right[BASE_SIZE:] -= inverse * x
         if len(which) and (free or len(x)):
-            part = normal[np.ix_(which, which)]
-            part = part + _RIDGE * np.diag(np.diag(part) + 1e-12)
-            shared[which] = np.linalg.solve(part, right[which])
+            shared[which] = self._within(x, normal[np.ix_(which, which)], right[which])
         most = np.concatenate([MOST_STEP, np.full(len(x), _MOST_COORDINATE)])
         shared /= max(1.0, float(np.max(np.abs(shared) / most, initial=0.0)))
         places = np.zeros_like(here.places)
@@ -300,6 +298,27 @@ class RefitProblem:
         length = np.hypot(places[:, 0], places[:, 1])
         places *= np.minimum(1.0, _MOST_PLACE_M / np.maximum(length, 1e-12))[:, None]
         return shared[:BASE_SIZE], shared[BASE_SIZE:], places
+
+    def _within(self, x: FloatArray, normal: FloatArray, right: FloatArray) -> FloatArray:
+        """The step that solves normal equations, of which the last are those of the coordinates, within their bounds.
+
+        A coordinate that would leave its bounds goes as far as they are, and the others what is best then: clipped
+        afterwards, it would leave them where they go with what it does not do.
+        """
+        normal = normal + _RIDGE * np.diag(np.diag(normal) + 1e-12)
+        low, high = np.full((2, len(right)), [[-np.inf], [np.inf]])
+        if len(x):
+            bounds = np.array([c.bounds for c in self.coords])
+            low[-len(x) :], high[-len(x) :] = (bounds - x[:, None]).T
+        step, free = np.zeros(len(right)), np.ones(len(right), dtype=np.bool_)
+        while True:
+            rest = right[free] - normal[np.ix_(free, ~free)] @ step[~free]
+            step[free] = np.linalg.solve(normal[np.ix_(free, free)], rest)
+            out = free & ((step < low) | (step > high))
+            if not out.any():
+                return step
+            step[out] = np.clip(step, low, high)[out]
+            free &= ~out
 
     def _normal(
         self, here: Hypothesis, slopes: Slopes, damping: FloatArray

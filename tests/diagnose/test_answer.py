@@ -34,7 +34,7 @@ PREPARED = cast("Any", Ready(RefitOptions()))
 
 
 def of(verdict: str, unexplained: bool = False) -> Answer:
-    base, choice = SimpleNamespace(glitches=np.array([3])), SimpleNamespace(after=object())
+    base, choice = SimpleNamespace(glitches=np.array([3])), SimpleNamespace(after=object(), named=())
     return Answer(cast("Any", base), NOTHING, cast("Any", choice), (), cast("Any", verdict), unexplained)
 
 
@@ -56,7 +56,9 @@ def counts(
         return explained
 
     monkeypatch.setattr(
-        Question, "_base", lambda self, *, leave_out: ((without if leave_out else everything).base, {})
+        Question,
+        "_base",
+        lambda self, *, leave_out=True, late=(): ((without if leave_out else everything).base, {}),
     )
     monkeypatch.setattr(
         Question, "_answer", lambda self, base, errors, rng: without if base is without.base else everything
@@ -111,7 +113,9 @@ def test_with_other_processes_all_presses_are_asked_ahead(monkeypatch: pytest.Mo
     without, everything = (replace(of("none"), base=base) for base in (based([3]), based([])))
     everything = replace(everything, verdict="unknown")
     monkeypatch.setattr(
-        Question, "_base", lambda self, *, leave_out: ((without if leave_out else everything).base, {})
+        Question,
+        "_base",
+        lambda self, *, leave_out=True, late=(): ((without if leave_out else everything).base, {}),
     )
 
     def told(self: Question, base: Base, errors: object, rng: np.random.Generator) -> Answer:
@@ -165,3 +169,24 @@ def test_a_law_that_is_allowed_for_twice_is_allowed_for_once():
     again = with_law(once, errors)
     assert again.material.law is not None
     np.testing.assert_allclose(again.material.law, law)
+
+
+def test_taxels_that_are_silent_beside_what_was_named_are_left_out_and_it_is_asked_again(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    named, heard, seen = SimpleNamespace(after=object(), named=("ghosting",)), list[str](), ["taxel 3"]
+    first = replace(of("effects", True), choice=cast("Any", named))
+    last = replace(first, base=cast("Any", SimpleNamespace(glitches=np.array([3]))), unexplained=False)
+    monkeypatch.setattr(
+        Question, "_base", lambda self, *, leave_out=True, late=(): ((last if late else first).base, {})
+    )
+    monkeypatch.setattr(
+        Question, "_answer", lambda self, base, errors, rng: first if base is first.base else last
+    )
+    monkeypatch.setattr(answer, "may_be_effect", lambda _: False)
+    monkeypatch.setattr(answer, "with_what_was_seen", lambda counted: counted)
+    question = Question(PREPARED, NOTHING, DiagnoseOptions(), 0, Cache(), heard.append)
+    for beside, found in ((seen, last), ([], first)):
+        monkeypatch.setattr(answer, "silent_beside", lambda base, after, beside=beside: beside)
+        assert question.answer(np.random.default_rng(0)) is found
+    assert heard == ["again, without taxels that fell silent"]

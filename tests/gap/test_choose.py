@@ -247,6 +247,10 @@ def test_an_effect_that_the_others_do_without_is_dropped():
     model, kept = dropped(both, named, of.made.material, 0.05 * choice.excess[0])
     assert [k.name for k in kept] == ["crosstalk"] and model.names == ("crosstalk",)
     assert model.refit.objective == pytest.approx(choice.after.refit.objective, abs=15)
+    # The last one as well, but never the only one.
+    model, kept = dropped(both, named[::-1], of.made.material, 0.05 * choice.excess[0])
+    assert [k.name for k in kept] == ["crosstalk"]
+    assert dropped(alone, named[:1], of.made.material, 1e9) == (alone, named[:1])
 
 
 def parts(of: Case) -> tuple[np.ndarray, np.ndarray]:

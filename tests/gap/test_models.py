@@ -10,7 +10,7 @@ from gap.made_sessions import OPTIONS, Made, made, pressed
 
 from skincal.gap.candidates import Bench
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.models import Material, Model, begun_again, fitted, found_again, levelled
+from skincal.gap.models import Material, Model, begun_again, finished, fitted, found_again, levelled
 
 AWAY = np.array([3e-4, -2e-4, 0.03, 0.3, -0.2])
 HIDDEN = {"crosstalk": {"leak": 0.06}}
@@ -71,3 +71,15 @@ def test_a_fit_is_never_worse_for_having_been_looked_over():
     one = made(HIDDEN, pressed(24, 7), seed=4)
     good = with_crosstalk(one, one.start)
     assert found_again(good, wide(one)).refit.objective <= good.refit.objective
+
+
+def test_the_fit_that_counts_goes_on_until_it_has_ended():
+    one = made(HIDDEN, pressed(24, 7), seed=4)
+    best = with_crosstalk(one, one.truth).refit.objective
+    few = replace(wide(one), options=replace(wide(one).options, steps=2))
+    search = Bench(one.start, one.session).starts("crosstalk")[0]
+    short = fitted(one.start.moved(AWAY), search.coords, np.zeros(len(search.coords)), {}, few)
+    assert short.refit.objective > best + 100
+    assert finished(short, few).refit.objective < best + 20
+    done = finished(with_crosstalk(one, one.start), wide(one))
+    assert finished(done, wide(one)).refit.objective == pytest.approx(done.refit.objective, abs=5.0)

@@ -11,9 +11,10 @@ from gap.gap_sessions import READOUT, without
 from gap.made_sessions import OPTIONS, SIGMA, Made, made, read
 
 from skincal.diagnose.base_fit import Base
-from skincal.diagnose.second_look import heard_again
+from skincal.diagnose.second_look import heard_again, silent_beside
 from skincal.gap.choose import Choice
 from skincal.gap.dying import NAME, with_silent
+from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model
 from skincal.gap.null import Null
 from skincal.gap.reading import Reading
@@ -288,3 +289,28 @@ def test_a_press_that_was_left_out_is_heard_again_for_its_silent_taxel():
 def test_without_doubt_nothing_is_heard_again():
     base, model = base_of(one().reading)
     assert heard_again(base, model) is base
+
+
+@pytest.mark.parametrize("last", [2, 3])
+def test_a_taxel_that_was_believed_is_seen_to_be_silent_beside_what_was_named(last: int):
+    one = made({"ghosting": {"array_leak": 0.08}}, seed=6)
+    press, values = one.session.press, one.truth.values(one.session)
+    own = without_its_effects(one).values(one.session)
+    reached = np.unique(press[(own[:, 3] > 20.0) & (press >= 0)])
+    dead = np.arange(len(one.session)) >= np.flatnonzero(press == reached[-last])[0]
+    values[dead, 3] = 0.0
+    counts = read(one.session, values, np.random.default_rng(8), READOUT)
+    spoilt = replace(one, reading=Reading.of(replace(one.session, counts=counts), SIGMA, READOUT))
+    after = Model(refit(one.start, one.session, spoilt.reading, OPTIONS, fixed=one.truth.effects))
+    base = Base(Model(refit(one.start, one.session, spoilt.reading, OPTIONS)), spoilt.material, NONE, (), ())
+    (found,) = silent_beside(base, after)
+    assert found.dead.taxel == 3 and set(reached[-last:]) <= set(found.presses)
+    assert silent_beside(replace(base, material=one.material), after) == []
+    # What presses in doubt show alone is looked at when those are.
+    assert silent_beside(replace(base, glitches=found.presses), after) == []
+    assert silent_beside(replace(base, silent=(found,)), after) == []
+
+
+def without_its_effects(one: Made) -> Hypothesis:
+    """The truth of a session but for what is hidden in it."""
+    return replace(one.truth, effects={})
