@@ -162,7 +162,10 @@ def choose(
         fresh: where a fit may begin again once an effect is named; None: only from where the last one ended.
     """
     options = options or ChoiceOptions()
-    model, named, rounds, told, passed = before, list[Named](), list[Round](), 0, set[str]()
+    named: list[Named] = []
+    rounds: list[Round] = []
+    passed: set[str] = set()
+    model, told = before, 0
     seen = int((material.reading.seen & material.known[:, None]).sum())
     least = options.least(seen, law)
     whole = first = left = excess_of(before, material, null_mean)
@@ -212,14 +215,21 @@ def choose(
             break
         if beside and falls[name] < options.of_related * first:
             known = [one.name for one in named[told:]]
-            if of_one_kind(name, known):
+            kin = [one for one in known if of_one_kind(name, [one])]
+            alone = instead(best, kin, material, left - least, null_mean) if kin else best
+            if alone is None:
                 # What the equation of the first is not quite right in; something else may still be there.
                 passed.add(name)
                 rounds[-1] = replace(rounds[-1], passed_over=name)
                 continue
-            scene = scene_of(origin, material)
-            if likeness(scene, material, rounds[first_round], name, known) > options.related:
+            if (
+                not kin
+                and likeness(scene_of(origin, material), material, rounds[first_round], name, known)
+                > options.related
+            ):
                 break
+            # The first came nearest to it only as long as sensor and presses were not where they belong.
+            best, named = alone, [one for one in named if one.name not in kin]
         rounds[-1] = replace(rounds[-1], taken=name)
         if read:
             # It stands far out of the noise: only what leaves as much, no less, cannot be told from it.
@@ -292,6 +302,24 @@ def likeness(scene: Scene, material: Material, first: Round, name: str, known: S
         return 0.0
     unit = {n: own / max(float(np.linalg.norm(own)), 1e-300) for n, own in done.items()}
     return max((float(unit[name] @ unit[n]) ** 2 for n in known if n in unit), default=0.0)
+
+
+def instead(
+    model: Model, kin: Collection[str], material: Material, most: float, null_mean: float
+) -> Model | None:
+    """A model without effects that are of a kind with its last one; None where it leaves too much then.
+
+    Args:
+        model: with all of them.
+        kin: names of those to be dropped.
+        material: the session.
+        most: excess that it may leave.
+        null_mean: mean square of a null session's residual.
+    """
+    for name in kin:
+        model = without(model, name, material)
+    model = finished(found_again(model, material), material)
+    return model if excess_of(model, material, null_mean) <= most else None
 
 
 def dropped(

@@ -153,6 +153,12 @@ def clipped(coords: Sequence[Coordinate], x: FloatArray) -> FloatArray:
     return np.clip(x, bounds[:, 0], bounds[:, 1])
 
 
+def room(coords: Sequence[Coordinate], x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far coordinates (n,) may go down, at most zero, and up, at least zero, from where they are within bounds."""
+    bounds = np.array([c.bounds for c in coords], dtype=np.float64).reshape(-1, 2)
+    return np.minimum(bounds[:, 0] - x, 0.0), np.maximum(bounds[:, 1] - x, 0.0)
+
+
 def names(coords: Sequence[Coordinate]) -> tuple[str, ...]:
     """Names of coordinates, with their taxel or pose."""
     return tuple(

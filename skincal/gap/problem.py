@@ -14,7 +14,8 @@ import numpy as np
 
 from skincal.effects import EFFECTS, Contacted, EffectSkin, Samples, Stage
 from skincal.fit.tasks import Mapper
-from skincal.gap.free import Coordinate, clipped, parameters_at, priors
+from skincal.gap.downhill import bounded_step
+from skincal.gap.free import Coordinate, clipped, parameters_at, priors, room
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters, memory_samples
 from skincal.gap.reading import Reading
 from skincal.gap.session import GapSession
@@ -300,25 +301,11 @@ class RefitProblem:
         return shared[:BASE_SIZE], shared[BASE_SIZE:], places
 
     def _within(self, x: FloatArray, normal: FloatArray, right: FloatArray) -> FloatArray:
-        """The step that solves normal equations, of which the last are those of the coordinates, within their bounds.
-
-        A coordinate that would leave its bounds goes as far as they are, and the others what is best then: clipped
-        afterwards, it would leave them where they go with what it does not do.
-        """
-        normal = normal + _RIDGE * np.diag(np.diag(normal) + 1e-12)
+        """The step that solves normal equations within bounds; the last numbers are the coordinates."""
         low, high = np.full((2, len(right)), [[-np.inf], [np.inf]])
         if len(x):
-            bounds = np.array([c.bounds for c in self.coords])
-            low[-len(x) :], high[-len(x) :] = (bounds - x[:, None]).T
-        step, free = np.zeros(len(right)), np.ones(len(right), dtype=np.bool_)
-        while True:
-            rest = right[free] - normal[np.ix_(free, ~free)] @ step[~free]
-            step[free] = np.linalg.solve(normal[np.ix_(free, free)], rest)
-            out = free & ((step < low) | (step > high))
-            if not out.any():
-                return step
-            step[out] = np.clip(step, low, high)[out]
-            free &= ~out
+            low[-len(x) :], high[-len(x) :] = room(self.coords, x)
+        return bounded_step(normal + _RIDGE * np.diag(np.diag(normal) + 1e-12), right, low, high)
 
     def _normal(
         self, here: Hypothesis, slopes: Slopes, damping: FloatArray

@@ -484,3 +484,24 @@ def test_what_the_equation_of_the_first_leaves_is_passed_over():
     # It is there, and named where so small a part of a kind may be.
     both = ChoiceOptions(of_related=0.0, of_all=0.0, share_later=0.2)
     assert set(named(chosen(of, (library, null), both))) == {"crosstalk", "ghosting"}
+
+
+def test_what_takes_more_than_one_of_its_kind_goes_instead_of_it(monkeypatch: pytest.MonkeyPatch):
+    one = made({"crosstalk": {"leak": 0.05}})
+    model = based(one)
+    of = Case(one, model, scene_of(one, model))
+    library = Library.of(of.scene, ("crosstalk", "spread"))
+    errors = {"fitted": np.zeros_like(of.scene.zero)}
+    null = simulate_null(of.scene, one.material, library, errors, 100, np.random.default_rng(0))
+    rounds = list[int]()
+
+    def without_crosstalk_at_first(*given: Any, **more: Any) -> list[Found]:
+        rounds.append(1)
+        return [f for f in searched(*given, **more) if f.effect == "spread" or len(rounds) > 1]
+
+    monkeypatch.setattr("skincal.gap.choose._searched", without_crosstalk_at_first)
+    options = ChoiceOptions(share_first=0.0, halfway=0.0, of_related=2.0)
+    choice = choose(model, one.material, library, null.p_value, null.mean_square, options)
+    assert [r.taken for r in choice.rounds[:2]] == ["spread", "crosstalk"]
+    assert named(choice) == ("crosstalk",) == choice.after.names and choice.explained > 0.9
+    assert choice.named[0].p_value < 0.05 and 0 < choice.named[0].share <= 1

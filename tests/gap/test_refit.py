@@ -15,7 +15,7 @@ from skincal.effects import EFFECTS, Stage
 from skincal.gap.base import BaseModel
 from skincal.gap.free import coordinates, parameters_at, priors
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.problem import RefitOptions, RefitProblem
+from skincal.gap.problem import RefitOptions
 from skincal.gap.refit import Refit, refit
 from skincal.gap.relocate import relocated
 from skincal.gap.settle import settled
@@ -213,22 +213,6 @@ def test_a_number_at_its_bound_does_not_keep_the_others_from_their_way(shift: fl
     found = refit(away, one.session, one.reading, replace(OPTIONS, steps=25), coords, ends)
     assert found.objective < best.objective + 20
     assert found.x[0] <= coords[0].bounds[1]
-
-
-def test_a_step_within_bounds_is_the_best_of_those_that_are():
-    coords = coordinates(EFFECTS["response_curve"], SIZES)
-    problem = RefitProblem(made().session, made().reading, OPTIONS, tuple(coords), None, {})
-    rng = np.random.default_rng(0)
-    bounds = np.array([c.bounds for c in coords])
-    for _ in range(20):
-        slopes, pull = rng.normal(size=(30, 7)), 3 * rng.normal(size=30)
-        x = rng.uniform(bounds[:, 0], bounds[:, 1])
-        step = problem._within(x, slopes.T @ slopes, slopes.T @ pull)
-        there = x + step[5:]
-        assert ((there >= bounds[:, 0] - 1e-9) & (there <= bounds[:, 1] + 1e-9)).all()
-        # What is not at a bound is best for those that are.
-        free = np.append(np.ones(5, dtype=bool), np.abs(there[:, None] - bounds).min(axis=1) > 1e-9)
-        assert np.abs((slopes.T @ (pull - slopes @ step))[free]).max() < 1e-3
 
 
 def test_presses_that_are_not_learned_from_have_no_say():
