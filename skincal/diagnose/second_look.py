@@ -35,11 +35,9 @@ def silent_beside(base: Base, after: Model) -> list[Silent]:
         base: as the effects were named about it.
         after: with them.
     """
-    m = base.material
-    heard, doubted, known = _heard(base)
-    found = silent_taxels(after.hypothesis, m.session, heard, m.options, doubted, base.dead)
-    new = [one for one in found if one.dead.taxel not in known and not np.isin(one.presses, doubted).all()]
-    return [one for one in new if one.fall > SURE]
+    doubted, known = _doubted(base), {one.dead.taxel for one in base.silent}
+    new = [one for one in _silent(base, after) if one.dead.taxel not in known and one.fall > SURE]
+    return [one for one in new if not np.isin(one.presses, doubted).all()]
 
 
 def heard_again(base: Base, after: Model) -> Base:
@@ -51,13 +49,14 @@ def heard_again(base: Base, after: Model) -> Base:
         base: as the effects were named about it.
         after: with them.
     """
-    m, press = base.material, base.material.session.press
-    whole, doubted, known = _heard(base)
+    m, press, doubted = base.material, base.material.session.press, _doubted(base)
     if not len(doubted):
         return base
+    known = {one.dead.taxel for one in base.silent}
     heard = with_silent_values(m.reading, base.silent, m.session)
-    found = silent_taxels(after.hypothesis, m.session, whole, m.options, doubted, base.dead)
-    silent = tuple(s for s in found if s.dead.taxel in known or np.isin(s.presses, doubted).all())
+    silent = tuple(
+        s for s in _silent(base, after) if s.dead.taxel in known or np.isin(s.presses, doubted).all()
+    )
     # What was out of proportion, and is not explained by a silent taxel after all, is a glitch again.
     left_out = np.setdiff1d(np.union1d(base.glitches, base.suspected), presses_of(silent))
     reading = with_presses(heard, press, np.intersect1d(base.glitches, presses_of(silent)))
@@ -103,13 +102,17 @@ def taken_back(base: Base, choice: Choice) -> tuple[Base, Choice]:
     return base, replace(choice, before=before, after=after)
 
 
-def _heard(base: Base) -> tuple[Reading, IntArray, set[int]]:
-    """The reading with all that was left out, the presses in doubt, and the taxels that were seen to fall silent."""
+def _doubted(base: Base) -> IntArray:
+    """Presses that were left out, or show a taxel falling silent."""
+    return np.union1d(base.glitches, presses_of(base.silent))
+
+
+def _silent(base: Base, after: Model) -> list[Silent]:
+    """Taxels that fall silent under a model, among all that was read."""
     m = base.material
     heard = with_silent_values(m.reading, base.silent, m.session)
-    doubted = np.union1d(base.glitches, presses_of(base.silent))
-    known = {one.dead.taxel for one in base.silent}
-    return with_presses(heard, m.session.press, base.glitches), doubted, known
+    whole = with_presses(heard, m.session.press, base.glitches)
+    return silent_taxels(after.hypothesis, m.session, whole, m.options, _doubted(base), base.dead)
 
 
 def _with(base: Base, presses: IntArray) -> Reading:

@@ -228,7 +228,6 @@ def choose(
                 > options.related
             ):
                 break
-            # The first came nearest to it only as long as sensor and presses were not where they belong.
             best, named = alone, [one for one in named if one.name not in kin]
         rounds[-1] = replace(rounds[-1], taken=name)
         if read:
@@ -308,6 +307,8 @@ def instead(
     model: Model, kin: Collection[str], material: Material, most: float, null_mean: float
 ) -> Model | None:
     """A model without effects that are of a kind with its last one; None where it leaves too much then.
+
+    One that was named before may have come nearest only as long as sensor and presses were not where they belong.
 
     Args:
         model: with all of them.

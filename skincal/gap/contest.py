@@ -17,7 +17,6 @@ IN_PLACES = "contact_offset"
 PValue = Callable[[str, float], float]
 """The p-value of an effect's score, from its name and the score."""
 
-
 Heard = Callable[[str], None]
 
 
