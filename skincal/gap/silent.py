@@ -29,6 +29,8 @@ _SILENT = 0.2
 """A taxel that reads less than this part of what it should is silent."""
 _FAINT_COUNTS = 4.0
 """Silence begins where a taxel should read so much, once it is sure that there is any."""
+_PICKED_UP = 0.1
+"""A silent taxel picks up at most this part of what it should read, from its neighbours' lines."""
 _SIGMA = 5.0
 """Noise that lifts the reading of a silent taxel is no answer."""
 _TAKEN = 0.8
@@ -43,6 +45,8 @@ _FEW = 8
 _TOGETHER = 40.0
 """Presses show together that a taxel is silent if its silence leaves so much less of them: odds of exp(20) to one, as
 far as noise and places go."""
+_SEVERAL = 2
+"""So many presses show something together at least."""
 _CLEAR_COUNTS = 15.0
 """What a taxel reads is an answer, whatever the model, if it is more than that."""
 _MOST = 3
@@ -296,8 +300,10 @@ def _silent_together(
     deaf = np.ones_like(reading.trust)
     deaf[np.isin(session.press, later), taxel] = 0.0
     other = reading.trusting(deaf)
-    # From a measured place the way may be lost where nothing else answers; from where it is it is not.
-    starts = here.with_places(np.where(own[:, None], 0.0, here.places)), here
+    # From a measured place the way may be lost where nothing else answers: from where it is it is not, and on a grid
+    # there is none to lose.
+    placed = here.with_places(np.where(own[:, None], 0.0, here.places))
+    starts = placed, relocated(placed, *of_presses(session, other, later), options), here
     ways = [_settled(start, session, other, options, later) for start in starts]
     images = [way.values(session) for way in ways]
     left = np.stack(
@@ -306,10 +312,11 @@ def _silent_together(
             for way, image in zip(ways, images, strict=True)
         ]
     )
-    expected = np.where((left[1] < left[0])[np.maximum(session.press, 0), None], images[1], images[0])
+    best, rows = left.argmin(axis=0), np.arange(len(session))
+    expected = np.stack(images)[best[np.maximum(session.press, 0)], rows]
     # What a silent taxel reads costs something, too.
-    none = reading.residual(np.zeros_like(values))[:, taxel] ** 2
     mine = np.isin(session.press, later)
+    none = _what_it_picks_up(expected, reading, mine, taxel)
     left = left.min(axis=0) + np.bincount(session.press[mine], none[mine], len(costs))
     silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in later.tolist()}
     shown = [
@@ -317,7 +324,9 @@ def _silent_together(
         for row, rows in silence.items()
         if len(rows) and _others_lit(expected, reading, rows, taxel) and left[row] < costs[row]
     ]
-    if not any(float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS for row in shown):
+    clear = any(float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS for row in shown)
+    # One alone may be wrong for another reason, and is judged as such.
+    if len(shown) < _SEVERAL or not clear:
         return None
     harder = _with_any_force(here, session, reading, options, later)
     if (np.minimum(costs, harder) - left)[shown].sum() < _TOGETHER:
@@ -328,6 +337,16 @@ def _silent_together(
         for row, rows in silence.items()
     }
     return _seen(session, reading, taxel, shown, values, expected, silence, costs, left)
+
+
+def _what_it_picks_up(expected: FloatArray, reading: Reading, mine: BoolArray, taxel: int) -> FloatArray:
+    """What it costs (N,) that a silent taxel reads what it does: some part of what it should, picked up on the way."""
+    should, weight = expected[mine, taxel], reading.frames[mine]
+    read = np.where(reading.seen[mine, taxel], reading.unlifted[mine, taxel], 0.0)
+    part = (weight * read * should).sum() / max(float((weight * should**2).sum()), 1e-9)
+    silent = np.zeros_like(expected)
+    silent[:, taxel] = np.clip(part, 0.0, _PICKED_UP) * expected[:, taxel]
+    return as_floats(reading.residual(silent)[:, taxel] ** 2)
 
 
 def _with_any_force(

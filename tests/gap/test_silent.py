@@ -150,14 +150,17 @@ WIDE = replace(OPTIONS, position_sigma_m=1e-3)
 """Presses may lie where a dead taxel need not answer."""
 
 
-def of_wide(seed: int, dies: tuple[int, int] | None) -> list[Silent]:
-    """Silent taxels about a fit with wide places; one may die as one of the last presses that reach it begins."""
+def of_wide(seed: int, dies: tuple[int, int] | None, picks_up: float = 0.0) -> list[Silent]:
+    """Silent taxels about a fit with wide places; one may die as one of the last presses that reach it begins.
+
+    What it picks up then is a part of what it should read.
+    """
     one = made(seed=seed)
     seen, press = one.truth.values(one.session), one.session.press
     if dies is not None:
         taxel, last = dies
         reached = np.unique(press[(seen[:, taxel] > 8.0) & (press >= 0)])
-        seen[np.flatnonzero(press == reached[-last])[0] :, taxel] = 0.0
+        seen[np.flatnonzero(press == reached[-last])[0] :, taxel] *= picks_up
     counts = read(one.session, seen, np.random.default_rng(8), READOUT)
     reading = Reading.of(replace(one.session, counts=counts), SIGMA, READOUT)
     fitted = refit(one.start, one.session, reading, WIDE).hypothesis
@@ -172,6 +175,19 @@ def test_presses_that_moved_away_from_a_dead_taxel_show_it_together(seed: int, t
     (found,) = of_wide(seed, (taxel, last))
     assert found.dead.taxel == taxel and len(found.presses) > 1
     assert found.fall == pytest.approx(found.falls.sum()) and found.fall > 40
+
+
+@pytest.mark.parametrize(
+    ("seed", "taxel", "last"), [(6, 0, 2), (6, 3, 4), (7, 3, 2), (10, 1, 3), (11, 0, 3), (11, 3, 2)]
+)
+def test_what_a_dead_taxel_picks_up_from_its_neighbours_hides_it_not(seed: int, taxel: int, last: int):
+    (found,) = of_wide(seed, (taxel, last), picks_up=0.05)
+    assert found.dead.taxel == taxel and len(found.presses) > 1
+
+
+def test_presses_that_moved_far_from_a_dead_taxel_are_looked_for_where_they_were():
+    (found,) = of_wide(11, (3, 3))
+    assert found.dead.taxel == 3 and len(found.presses) > 1
 
 
 @pytest.mark.parametrize("seed", range(6, 12))
