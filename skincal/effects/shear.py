@@ -1,12 +1,13 @@
 """A tangential force moves or changes the image.
 
-    (across, along) += s Q (F / 1 N)^-p,    F_skin = F + c |Q|
+    (across, along) += s Q (F / 1 N)^-p / (1 + b |Q|),    F_skin = F + c |Q|
 
 with Q the tangential force: the soft skin yields by s metres a newton under it and carries the contact along, and a
 part c of it adds to what the taxels feel, as they answer to any strain. Q is measured along growing beta and along +y.
 On a foundation p is zero; a ball on a thick layer is held the better the larger the contact, whose radius grows with
 the third root of the force, and p is a third (Mindlin 1949); with p = 1 it is the direction of the force alone that
-counts.
+counts. Rubber stiffens as its chains are drawn out (Gent 1996), and carries along by s / b at most; b is zero where it
+does not.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ class Shear(InputEffect):
             "shift_m_per_n",
             "m/N",
             0.0,
-            -3e-3,
-            3e-3,
-            "s: how far the contact is carried along, pressed with 1 N",
+            -6e-3,
+            6e-3,
+            "s: how far the contact is carried along by a little Q, pressed with 1 N",
             typical=0.6e-3,
         ),
         EffectParameter(
@@ -51,11 +52,21 @@ class Shear(InputEffect):
         EffectParameter(
             "load_exponent", "-", 0.0, 0.0, 1.0, "p: how much less is carried along under load", role="form"
         ),
+        EffectParameter(
+            "stiffening_per_n",
+            "1/N",
+            0.0,
+            0.0,
+            5.0,
+            "b: how much less is carried along the larger Q is",
+            role="form",
+        ),
     )
     covariates = ("shear",)
     source = (
         "Tangential compliance of a foundation: Kalker, Three-Dimensional Elastic Bodies, 1990, simplified theory; "
-        "of a ball on a half-space: Mindlin, Compliance of elastic bodies in contact, J. Appl. Mech. 16 (1949)."
+        "of a ball on a half-space: Mindlin, Compliance of elastic bodies in contact, J. Appl. Mech. 16 (1949); rubber "
+        "with a limit: Gent, A new constitutive relation for rubber, Rubber Chem. Technol. 69 (1996)."
     )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
@@ -63,8 +74,10 @@ class Shear(InputEffect):
         assert samples.shear_n is not None
         shear = np.where(np.isfinite(samples.shear_n), samples.shear_n, 0.0)
         force = samples.contacts.force_n
-        added = np.maximum(force + values["force_share"] * np.hypot(shear[:, 0], shear[:, 1]), 0.0)
+        size = np.hypot(shear[:, 0], shear[:, 1])
+        added = np.maximum(force + values["force_share"] * size, 0.0)
         felt = np.where(samples.touching & (force > 0), added, force)
         held = np.maximum(np.nan_to_num(force), _LEAST_N) ** -values.number("load_exponent")
+        held /= 1.0 + values.number("stiffening_per_n") * size
         moved = setting.moved(samples, *(values.number("shift_m_per_n") * held * shear.T))
         return replace(moved, contacts=replace(moved.contacts, force_n=felt))

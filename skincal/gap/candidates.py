@@ -48,7 +48,12 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "cover": ({"share": 0.2}, {"share": 0.9}),
     "spread": ({"tail": 0.0}, {"tail": 1.0}),
     "crosstalk": ({"loss": 0.0}, {"loss": 1.0, "reach": 0.05}),
-    "shear": ({"load_exponent": 0.0}, {"load_exponent": 1 / 3}, {"load_exponent": 1.0}),
+    "shear": (
+        {"load_exponent": 0.0},
+        {"load_exponent": 0.0, "stiffening_per_n": 1.5},
+        {"load_exponent": 1 / 3},
+        {"load_exponent": 1.0},
+    ),
 }
 """Forms from which an effect is searched; one start, the default, for all others."""
 

@@ -38,6 +38,7 @@ SUFFIXES = {
     "counts/s": "_counts_per_s",
     "counts/K": "_counts_per_k",
     "1/s": "_per_s",
+    "1/N": "_per_n",
     "1/K": "_per_k",
     "decades": "",
     "touches": "",

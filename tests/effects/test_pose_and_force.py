@@ -138,6 +138,13 @@ def test_shear_carries_along_less_under_load(exponent: float, at_8_n: float):
     np.testing.assert_allclose(sheared.values(told), BASE.values(true), atol=1e-9)
 
 
+def test_shear_carries_along_no_further_than_rubber_stretches():
+    sheared = skin_with("shear", shift_m_per_n=1e-3, stiffening_per_n=1.0)
+    told = presses(0.0, 0.0, [2.0] * 3, shear_u_n=[1.0, -0.6, 1e6], shear_v_n=[0.0, 0.8, 0.0])
+    true = presses([5e-4, -3e-4, 1e-3], [0.0, 4e-4, 0.0], 2.0)
+    np.testing.assert_allclose(sheared.values(told), BASE.values(true), rtol=1e-5, atol=1e-9)
+
+
 def test_shear_adds_to_the_force_whatever_its_direction():
     sheared = skin_with("shear", force_share=0.2)
     told = presses(0.0, 0.0, [2.0] * 3, shear_u_n=[1.0, 0.0, -0.6], shear_v_n=[0.0, 1.0, 0.8])

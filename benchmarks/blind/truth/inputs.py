@@ -13,14 +13,14 @@ from benchmarks.blind.truth.rig import NOMINAL_Y_M, Floats
 
 @dataclass(frozen=True)
 class Shear(Effect):
-    """The skin is carried along, adds to the force, and leans to where it is pushed.
+    """The skin is carried along, farther round the finger than along it or less far, adds to the force, and leans.
 
-    ``place += s Q / |Q| tanh(|Q| / Q0)``, ``F_skin = sqrt(F² + k Q²)``, ``y_j = x_j (1 + k l Q r_j / F)`` with r_j the
-    place of the taxel from the contact.
+    ``place += (s_u Q_u, s_v Q_v) / sqrt(1 + (|Q| / Q0)²)``, ``F_skin = sqrt(F² + k Q²)``,
+    ``y_j = x_j (1 + k l Q r_j / F)`` with r_j the place of the taxel from the contact.
     """
 
-    shift_m: float = 0.5e-3
-    knee_n: float = 0.6
+    shifts_m_per_n: tuple[float, float] = (0.8e-3, 0.8e-3)
+    limit_n: float = 0.6
     lean_per_m: float = 60.0
 
     name = "shear"
@@ -31,16 +31,18 @@ class Shear(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
         """See :meth:`Effect.draw`."""
-        return cls(
-            cls.typical, rng.uniform(0.2e-3, 0.8e-3), rng.uniform(0.4, 1.0), rng.choice([0.0, 40.0, 80.0])
-        )
+        across, ratio = rng.uniform(0.3e-3, 1.2e-3), rng.uniform(0.6, 1.4)
+        limit = rng.choice([rng.uniform(0.4, 1.0), 3.0])
+        lean = rng.choice([0.0, 40.0, 80.0])
+        return cls(cls.typical, (float(across), float(ratio * across)), float(limit), float(lean))
 
     def touches(self, touches: Touches, scene: Scene) -> Touches:
         """See :meth:`Effect.touches`."""
         size = np.hypot(*scene.shear_n.T)
-        way = self.strength * self.shift_m * np.tanh(size / self.knee_n) / np.maximum(size, 1e-9)
+        held = self.strength / np.sqrt(1 + (size / self.limit_n) ** 2)
+        across, along = (held * s * q for s, q in zip(self.shifts_m_per_n, scene.shear_n.T, strict=True))
         force = np.sqrt(touches.force_n**2 + self.strength * size**2)
-        return replace(touches.moved(way * scene.shear_n[:, 0], way * scene.shear_n[:, 1]), force_n=force)
+        return replace(touches.moved(across, along), force_n=force)
 
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
