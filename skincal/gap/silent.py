@@ -306,30 +306,27 @@ def _silent_together(
     starts = placed, relocated(placed, *of_presses(session, other, later), options), here
     ways = [_settled(start, session, other, options, later) for start in starts]
     images = [way.values(session) for way in ways]
-    left = np.stack(
+    # What a silent taxel reads costs something, too.
+    all_left = np.stack(
         [
             cost_of_presses(way, other.residual(image), session, options)
+            + _of_what_it_picks_up(image, session, reading, later, taxel)
             for way, image in zip(ways, images, strict=True)
         ]
     )
-    best, rows = left.argmin(axis=0), np.arange(len(session))
-    expected = np.stack(images)[best[np.maximum(session.press, 0)], rows]
-    # What a silent taxel reads costs something, too.
-    mine = np.isin(session.press, later)
-    none = _what_it_picks_up(expected, reading, mine, taxel)
-    left = left.min(axis=0) + np.bincount(session.press[mine], none[mine], len(costs))
+    left, best = all_left.min(axis=0), all_left.argmin(axis=0)
+    expected = np.stack(images)[best[np.maximum(session.press, 0)], np.arange(len(session))]
     silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in later.tolist()}
-    shown = [
-        row
-        for row, rows in silence.items()
-        if len(rows) and _others_lit(expected, reading, rows, taxel) and left[row] < costs[row]
-    ]
+    better = [row for row, rows in silence.items() if len(rows) and left[row] < costs[row]]
+    shown = [row for row in better if _others_lit(expected, reading, silence[row], taxel)]
     clear = any(float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS for row in shown)
     # One alone may be wrong for another reason, and is judged as such.
     if len(shown) < _SEVERAL or not clear:
         return None
-    harder = _with_any_force(here, session, reading, options, later)
-    if (np.minimum(costs, harder) - left)[shown].sum() < _TOGETHER:
+    falls = np.minimum(costs, _with_any_force(here, session, reading, options, later)) - left
+    told, dark = falls[shown].sum(), falls[[row for row in better if row not in shown]].sum()
+    # Presses that show nothing at all may have missed: what they say counts by as much as what the others do at most.
+    if told + min(told, dark) < _TOGETHER:
         return None
     # Once it is sure, it was silent in the others, too.
     silence = {
@@ -339,14 +336,18 @@ def _silent_together(
     return _seen(session, reading, taxel, shown, values, expected, silence, costs, left)
 
 
-def _what_it_picks_up(expected: FloatArray, reading: Reading, mine: BoolArray, taxel: int) -> FloatArray:
-    """What it costs (N,) that a silent taxel reads what it does: some part of what it should, picked up on the way."""
+def _of_what_it_picks_up(
+    expected: FloatArray, session: GapSession, reading: Reading, rows: IntArray, taxel: int
+) -> FloatArray:
+    """What it costs presses (P,) that a silent taxel reads what it does: some part of what it should, from others."""
+    mine = np.isin(session.press, rows)
     should, weight = expected[mine, taxel], reading.frames[mine]
     read = np.where(reading.seen[mine, taxel], reading.unlifted[mine, taxel], 0.0)
     part = (weight * read * should).sum() / max(float((weight * should**2).sum()), 1e-9)
     silent = np.zeros_like(expected)
     silent[:, taxel] = np.clip(part, 0.0, _PICKED_UP) * expected[:, taxel]
-    return as_floats(reading.residual(silent)[:, taxel] ** 2)
+    costs = reading.residual(silent)[mine, taxel] ** 2
+    return as_floats(np.bincount(session.press[mine], costs, session.presses))
 
 
 def _with_any_force(

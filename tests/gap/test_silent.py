@@ -185,6 +185,12 @@ def test_what_a_dead_taxel_picks_up_from_its_neighbours_hides_it_not(seed: int, 
     assert found.dead.taxel == taxel and len(found.presses) > 1
 
 
+@pytest.mark.parametrize(("seed", "last"), [(8, 4), (10, 3)])
+def test_presses_that_light_nothing_else_count_where_others_show_it_too(seed: int, last: int):
+    (found,) = of_wide(seed, (3, last), picks_up=0.05 if seed == 8 else 0.0)
+    assert found.dead.taxel == 3 and len(found.presses) > 1
+
+
 def test_presses_that_moved_far_from_a_dead_taxel_are_looked_for_where_they_were():
     (found,) = of_wide(11, (3, 3))
     assert found.dead.taxel == 3 and len(found.presses) > 1
