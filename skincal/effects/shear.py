@@ -6,8 +6,8 @@ with Q the tangential force: the soft skin yields by s metres a newton under it 
 part c of it adds to what the taxels feel, as they answer to any strain. Q is measured along growing beta and along +y.
 On a foundation p is zero; a ball on a thick layer is held the better the larger the contact, whose radius grows with
 the third root of the force, and p is a third (Mindlin 1949); with p = 1 it is the direction of the force alone that
-counts. Rubber stiffens as its chains are drawn out (Gent 1996), and carries along by s / b at most; b is zero where it
-does not.
+counts. Rubber stiffens as its chains are drawn out (Gent 1996): here in the simplest equation with a limit, s / b at
+1 N; b is zero where it does not.
 """
 
 from __future__ import annotations

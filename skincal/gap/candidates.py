@@ -50,7 +50,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "crosstalk": ({"loss": 0.0}, {"loss": 1.0, "reach": 0.05}),
     "shear": (
         {"load_exponent": 0.0},
-        {"load_exponent": 0.0, "stiffening_per_n": 1.5},
+        {"stiffening_per_n": 1.5},
         {"load_exponent": 1 / 3},
         {"load_exponent": 1.0},
     ),
