@@ -57,7 +57,8 @@ def dead_start(bench: Bench, dead: Sequence[Dead]) -> Start | None:
 def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, null: Null) -> Choice:
     """A choice with taxels that were seen to fall silent named as well.
 
-    It is the same where dead ones were named before, and without a clock, which the effect needs to say since when.
+    It is the same where dead ones were named before. Without a clock, which the effect needs to say since when, only
+    those are named that never answered.
     What is left stays that of the choice, in which the silent have no part.
 
     Args:
@@ -66,11 +67,11 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
         material: the session with those values.
         null: sessions in which nothing is missing.
     """
-    if not silent:
-        return choice
     bench = scene_of(choice.after, material).bench
+    if "time" in bench.lacking:
+        silent = [one for one in silent if one.dead.from_s <= 0]
     start = dead_start(bench, [one.dead for one in silent])
-    if start is None or "time" in bench.lacking:
+    if start is None:
         return choice
     seen = _as_seen(start, {_flat(one.dead, bench) for one in silent if not _learned(one, material)})
     found = Found(seen, np.zeros(len(seen.coords)), 0.0, 0.0)

@@ -1,12 +1,13 @@
-"""Taxels that fall silent late, so that one press shows it, or a few.
+"""Taxels that fall silent late, so that one press shows it, or a few, and taxels that never answer.
 
 A press over a taxel that has just died fits nowhere; where it is the only one, or one of few, it looks like a glitch.
 It is none if its image is right once that one taxel is not looked at, but no other force makes it so, and if the taxel
 answered before and no later press shows it answering.
 
 A press that may lie elsewhere within its slack hides such a taxel: it moves to where the taxel need not answer, and the
-sensor moves with many of them. So all presses after the last answer of a taxel are also looked at together, from
-where they were measured: a taxel that is silent leaves them no worse there, and each of them a little better.
+sensor moves with many of them. So all presses after the last answer of a taxel, or all where it never answers, are also
+looked at together, from where they were measured: a taxel that is silent leaves them no worse there, and each of them a
+little better.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ _SEVERAL = 2
 """So many presses show something together at least."""
 _CLEAR_COUNTS = 15.0
 """What a taxel reads is an answer, whatever the model, if it is more than that."""
+_SHOULD_COUNTS = 10.0
+"""One of the presses that show together that a taxel is silent should light it so much."""
 _MOST = 3
 """No more taxels than one in so many fall silent; where they do, it is something else."""
 
@@ -59,7 +62,8 @@ class Silent:
 
     Attributes:
         dead: the taxel, since when, and what it reads.
-        between_s: it was heard before the first time, and silent from the second one on [s].
+        between_s: it was heard before the first time, and silent from the second one on [s]; both are when the
+            session begins where it was never heard.
         presses: rows of the P presses that show it.
         left: (P,) what each of them costs without the taxel's silence.
         falls: (P,) by how much that is less than with it.
@@ -84,7 +88,7 @@ def silent_taxels(
     doubted: IntArray,
     dead: Sequence[Dead] = (),
 ) -> list[Silent]:
-    """Taxels that fall silent in one press or a few, and are not heard of again.
+    """Taxels that fall silent in one press or a few, and are not heard of again, or that never are.
 
     Args:
         found: a fit of the base model.
@@ -163,6 +167,12 @@ def _heard(expected: FloatArray, reading: Reading, rows: IntArray, taxel: int) -
     return reading.unlifted[rows, taxel] - _SIGMA * noise >= _SILENT * expected
 
 
+def _no_more_than_faint(reading: Reading, rows: IntArray, taxel: int) -> bool:
+    """Whether a taxel reads so little in observations that its neighbours' lines may have brought it."""
+    noise = np.sqrt(_variance(reading, rows)[:, taxel])
+    return bool((reading.unlifted[rows, taxel] - _SIGMA * noise <= _FAINT_COUNTS).all())
+
+
 def _variance(reading: Reading, rows: IntArray) -> FloatArray:
     """What noise alone makes of observations (n, J) [counts²]."""
     return as_floats(reading.sigma_counts**2 / reading.frames[rows][:, None])
@@ -222,7 +232,7 @@ def _seen(
     costs: FloatArray,
     left: FloatArray,
 ) -> Silent | None:
-    """A taxel that some presses show to be silent, if it is not heard again and was before.
+    """A taxel that some presses show to be silent, if it is not heard again, and was before or several show it.
 
     Args:
         session: what was pressed.
@@ -238,25 +248,25 @@ def _seen(
     told = np.where(np.isin(session.press, shown), expected[:, taxel], values[:, taxel])
     lit = np.flatnonzero(reading.seen[:, taxel] & (told > _FAINT_COUNTS))
     heard = lit[_heard(told[lit], reading, lit, taxel)]
-    # One that never answered did not die, and one that answers later has not.
-    shown = [row for row in shown if len(heard) and silence[row][0] > heard[-1]]
-    if not shown:
+    if _no_more_than_faint(reading, heard, taxel):
+        heard = heard[:0]
+    last = int(heard[-1]) if len(heard) else -1
+    # One that answers later has not died; that one never answered must be told by several presses.
+    shown = [row for row in shown if silence[row][0] > last]
+    if len(shown) < (1 if len(heard) else _SEVERAL):
         return None
-    from_row = min(int(rows[0]) for rows in silence.values() if rows[0] > heard[-1])
-    first = from_row - int(session.press[from_row - 1] == session.press[from_row])
-    time = times(session)
+    from_row = min(int(rows[0]) for rows in silence.values() if rows[0] > last)
     stuck = float(reading.counts[lit[lit >= from_row], taxel].mean())
-    low, high = float(time[max(0, first - 1) : first + 1].mean()), float(time[first : from_row + 1].mean())
-    since = low
-    if first < from_row:
-        part = (reading.counts[first, taxel] - stuck) / max(float(expected[first, taxel]) - stuck, 1e-9)
-        # Where the observation is missing, any moment within it will do.
-        since += float(np.clip(np.nan_to_num(part, nan=0.5), 0.0, 1.0)) * (high - low)
+    if len(heard):
+        since, between = _falls_silent(session, reading.counts[:, taxel], expected[:, taxel], from_row, stuck)
+    else:
+        begin = float(times(session)[0])
+        since, between = 0.0, (begin, begin)
     falls, beyond = (costs - left)[shown], costs[shown] - _usual(costs, session)
     whole = float(falls.sum())
     return Silent(
         Dead(taxel, since, stuck, 0.0),
-        (low, float(time[from_row])),
+        between,
         np.array(shown),
         left[shown],
         falls,
@@ -265,20 +275,42 @@ def _seen(
     )
 
 
+def _falls_silent(
+    session: GapSession, counts: FloatArray, expected: FloatArray, from_row: int, stuck: float
+) -> tuple[float, tuple[float, float]]:
+    """When a taxel falls silent that is silent from some observation on, and between which times at most [s].
+
+    Args:
+        session: gives the times.
+        counts: (N,) that it reads.
+        expected: (N,) that it should.
+        from_row: the observation.
+        stuck: what it reads then.
+    """
+    first = from_row - int(session.press[from_row - 1] == session.press[from_row])
+    time = times(session)
+    low, high = float(time[max(0, first - 1) : first + 1].mean()), float(time[first : from_row + 1].mean())
+    since = low
+    if first < from_row:
+        part = (counts[first] - stuck) / max(float(expected[first]) - stuck, 1e-9)
+        # Where the observation is missing, any moment within it will do.
+        since += float(np.clip(np.nan_to_num(part, nan=0.5), 0.0, 1.0)) * (high - low)
+    return since, (low, float(time[from_row]))
+
+
 def _after_the_last_answer(
     measured: FloatArray, reading: Reading, session: GapSession, taxel: int
 ) -> IntArray:
     """Rows of presses after the last clear answer of a taxel in which it should answer, at their measured places.
 
-    None where it never answered.
+    All such presses where it never answered.
     """
     rows = np.flatnonzero(reading.seen[:, taxel])
     noise = _SIGMA * np.sqrt(_variance(reading, rows)[:, taxel])
     answers = rows[reading.unlifted[rows, taxel] - noise > _CLEAR_COUNTS]
-    if not len(answers):
-        return answers
-    later = np.unique(session.press[answers[-1] + 1 :])
-    later = later[(later >= 0) & (later != session.press[answers[-1]])]
+    later = np.unique(session.press[answers[-1] + 1 :] if len(answers) else session.press)
+    later = later[later >= 0]
+    later = later[later != session.press[answers[-1]]] if len(answers) else later
     return np.array(
         [p for p in later.tolist() if len(_silence(measured, reading, session, p, taxel))], dtype=np.int64
     )
@@ -295,7 +327,7 @@ def _silent_together(
     costs: FloatArray,
     measured: FloatArray,
 ) -> Silent | None:
-    """A taxel whose silence explains all presses after its last answer better than their places and forces do."""
+    """A taxel whose silence explains presses after its last answer better than their places and forces do."""
     own = np.isin(np.arange(len(here.places)), later)
     deaf = np.ones_like(reading.trust)
     deaf[np.isin(session.press, later), taxel] = 0.0
@@ -319,7 +351,7 @@ def _silent_together(
     silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in later.tolist()}
     better = [row for row, rows in silence.items() if len(rows) and left[row] < costs[row]]
     shown = [row for row in better if _others_lit(expected, reading, silence[row], taxel)]
-    clear = any(float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS for row in shown)
+    clear = any(float(expected[silence[row], taxel].max()) > _SHOULD_COUNTS for row in shown)
     # One alone may be wrong for another reason, and is judged as such.
     if len(shown) < _SEVERAL or not clear:
         return None

@@ -127,8 +127,16 @@ def test_a_press_before_that_is_wrong_hides_no_dead_taxel():
     assert found.presses.tolist() == [press]
 
 
-def test_a_taxel_that_never_answered_did_not_die():
-    assert found_in(silent_in(np.ones(len(one().session), dtype=bool), lately()[0])) == []
+def test_a_taxel_that_never_answered_is_dead_from_the_beginning():
+    (found,) = found_in(silent_in(np.ones(len(one().session), dtype=bool), lately()[0]))
+    assert (found.dead.taxel, found.dead.from_s) == (lately()[0], 0.0) and len(found.presses) > 1
+    assert not without_silent(one().reading, [found], one().session).seen[:, found.dead.taxel].any()
+
+
+def test_one_press_does_not_show_that_a_taxel_never_answered():
+    taxel = 8
+    assert len(np.unique(one().session.press[(values()[:, taxel] > 4.0) & (one().session.press >= 0)])) == 1
+    assert found_in(silent_in(np.ones(len(one().session), dtype=bool), taxel)) == []
 
 
 def test_where_its_last_answer_is_missing_it_died_about_then():
@@ -151,7 +159,12 @@ WIDE = replace(OPTIONS, position_sigma_m=1e-3)
 
 
 def of_wide(seed: int, dies: tuple[int, int] | None, picks_up: float = 0.0) -> list[Silent]:
-    """Silent taxels about a fit with wide places; one may die as one of the last presses that reach it begins.
+    """Silent taxels about a fit with wide places; one may die as one of the last presses that reach it begins, or ever.
+
+    Args:
+        seed: of the session.
+        dies: which taxel, and with how many presses to go; 0: before the first.
+        picks_up: see below.
 
     What it picks up then is a part of what it should read.
     """
@@ -160,7 +173,7 @@ def of_wide(seed: int, dies: tuple[int, int] | None, picks_up: float = 0.0) -> l
     if dies is not None:
         taxel, last = dies
         reached = np.unique(press[(seen[:, taxel] > 8.0) & (press >= 0)])
-        seen[np.flatnonzero(press == reached[-last])[0] :, taxel] *= picks_up
+        seen[np.flatnonzero(press == reached[-last])[0] if last else 0 :, taxel] *= picks_up
     counts = read(one.session, seen, np.random.default_rng(8), READOUT)
     reading = Reading.of(replace(one.session, counts=counts), SIGMA, READOUT)
     fitted = refit(one.start, one.session, reading, WIDE).hypothesis
@@ -194,6 +207,18 @@ def test_presses_that_light_nothing_else_count_where_others_show_it_too(seed: in
 def test_presses_that_moved_far_from_a_dead_taxel_are_looked_for_where_they_were():
     (found,) = of_wide(11, (3, 3))
     assert found.dead.taxel == 3 and len(found.presses) > 1
+
+
+@pytest.mark.parametrize("picks_up", [0.0, 0.05])
+@pytest.mark.parametrize(("seed", "taxel"), [(6, 0), (6, 4), (7, 3), (9, 1), (11, 0)])
+def test_a_taxel_that_never_answers_is_seen_by_the_presses_that_moved_away(
+    seed: int, taxel: int, picks_up: float
+):
+    (found,) = of_wide(seed, (taxel, 0), picks_up)
+    assert (found.dead.taxel, found.dead.from_s) == (taxel, 0.0) and len(found.presses) > 1
+    time = times(made(seed=seed).session)
+    assert found.between_s == (time[0], time[0])
+    assert found.dead.stuck_counts < 2.0
 
 
 @pytest.mark.parametrize("seed", range(6, 12))
