@@ -1,9 +1,11 @@
 """Small values are swallowed.
 
-    y = x - b ((1 - k) min(x / b, 1) + k (x / b) exp(-(x / b)²))    for x > 0
+    y = x - b ((1 - k) m(x / b) + k (x / b) exp(-(x / b)²))    for x > 0
+    m(z) = min(z, 1),    or    r log((1 + exp(1 / r)) / (1 + exp((1 - z) / r)))
 
 b is the width of the band. With k = 0 the first b counts are missing from every value, as from a threshold or a
-preload; with k = 1 only values below about b are swallowed and larger ones come out whole.
+preload; with k = 1 only values below about b are swallowed and larger ones come out whole. Where the parts of a taxel
+do not begin to answer at the same value, the threshold is a soft one, r wide in parts of b; with r = 0 it is sharp.
 """
 
 from __future__ import annotations
@@ -14,7 +16,11 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, as_floats
+
+
+_SHARP = 1e-3
+"""A threshold less wide than this part of its band is a sharp one."""
 
 
 class DeadBand(SignalEffect):
@@ -28,6 +34,9 @@ class DeadBand(SignalEffect):
         EffectParameter(
             "recovery", "-", 0.0, 0.0, 1.0, "k: how far large values come out whole", role="form"
         ),
+        EffectParameter(
+            "softness", "-", 0.0, 0.0, 1.0, "r: width of the threshold, in parts of b", role="form"
+        ),
     )
     source = "Dead zone: Tao, Kokotović, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996."
 
@@ -36,5 +45,14 @@ class DeadBand(SignalEffect):
         del samples, setting
         width, recovery = values.number("width_counts"), values.number("recovery")
         inside = np.maximum(signal, 0.0) / width
-        missing = (1 - recovery) * np.minimum(inside, 1.0) + recovery * inside * np.exp(-(inside**2))
+        missing = (1 - recovery) * _missing(inside, values.number("softness"))
+        missing += recovery * inside * np.exp(-(inside**2))
         return signal - width * missing
+
+
+def _missing(inside: FloatArray, softness: float) -> FloatArray:
+    """m of the module."""
+    if softness < _SHARP:
+        return np.minimum(inside, 1.0)
+    soft = np.logaddexp(0.0, 1.0 / softness) - np.logaddexp(0.0, (1.0 - inside) / softness)
+    return as_floats(softness * soft)

@@ -1,10 +1,11 @@
 """The measured force is off.
 
-    F = g_p F_measured + F_0    wherever something touches, never below zero
+    F = g_p F_measured + F_0 F_measured / (F_measured + h)    wherever something touches, never below zero
 
 with F_0 an offset of the force that the data name, and g_p a scale for the hand pose p, as from joint torques whose
 friction and gravity are compensated differently well in different poses. A scale that all poses share is not told
-apart from the scale of the counts, so only differences between poses show.
+apart from the scale of the counts, so only differences between poses show. A zero that is wrong is wrong from the first
+touch on, and h is zero; what friction takes away is not there before the joint is loaded, and half of it is at h.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ class ForceBias(InputEffect):
             shape="per-pose",
             needs=("pose",),
         ),
+        EffectParameter(
+            "onset_n", "N", 0.0, 0.0, 0.5, "measured force at which half of the offset is there", role="form"
+        ),
     )
     of_rig = True
     source = "Offset and sensitivity errors of transducers: Fraden, Handbook of Modern Sensors, 2016."
@@ -47,7 +51,9 @@ class ForceBias(InputEffect):
         force = samples.contacts.force_n
         if (values["pose_scale"] != 1.0).any():
             force = by_pose(values["pose_scale"], samples.pose, 1.0) * force
-        biased = np.where(
-            samples.touching, np.maximum(force + values["offset_n"], 0.0), samples.contacts.force_n
-        )
+        offset, onset = values.number("offset_n"), values.number("onset_n")
+        if onset > 0:
+            measured = np.maximum(samples.contacts.force_n, 0.0)
+            offset = offset * measured / (measured + onset)
+        biased = np.where(samples.touching, np.maximum(force + offset, 0.0), samples.contacts.force_n)
         return replace(samples, contacts=replace(samples.contacts, force_n=biased))

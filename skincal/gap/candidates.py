@@ -43,11 +43,12 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "baseline_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "gain_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "saturation": ({"sharpness": 2.0}, {"sharpness": 4.0}, {"sharpness": 15.0}),
-    "dead_band": ({"recovery": 0.0}, {"recovery": 1.0}),
+    "dead_band": ({"recovery": 0.0}, {"recovery": 1.0}, {"recovery": 0.0, "softness": 0.3}),
     "response_curve": ({"knee_n": 0.05}, {"knee_n": 0.3}, {"knee_n": 1.5}),
     "cover": ({"share": 0.2}, {"share": 0.9}),
     "spread": ({"tail": 0.0}, {"tail": 1.0}),
     "crosstalk": ({"loss": 0.0}, {"loss": 1.0, "reach": 0.05}),
+    "force_bias": ({"onset_n": 0.0}, {"onset_n": 0.15}),
     "shear": (
         {"load_exponent": 0.0},
         {"stiffening_per_n": 1.5},

@@ -34,6 +34,20 @@ def test_force_bias_leaves_rest_at_rest_and_never_pulls():
     assert not skin_with("force_bias", offset_n=-0.5).values(told).any()
 
 
+@pytest.mark.parametrize(("told_n", "true_n"), [(0.2, 0.35), (0.6, 0.825), (1.8, 2.07)])
+def test_an_offset_of_friction_is_half_there_at_its_onset(told_n: float, true_n: float):
+    biased = skin_with("force_bias", offset_n=0.3, onset_n=0.2)
+    told, true = presses(0.0, 0.0, told_n), presses(0.0, 0.0, true_n)
+    np.testing.assert_allclose(biased.values(told), BASE.values(true), rtol=1e-12)
+
+
+def test_an_offset_with_an_onset_is_not_there_at_no_force():
+    told = presses(0.0, 0.0, [0.0, 1e-6], phase=[2, 2])
+    np.testing.assert_allclose(
+        skin_with("force_bias", offset_n=0.5, onset_n=0.1).values(told), BASE.values(told), atol=1e-3
+    )
+
+
 def test_one_scale_stands_for_all_poses():
     told = presses(0.0, 0.0, [1.0, 1.0], pose=[0, 5])
     true = presses(0.0, 0.0, [1.1, 1.1])
