@@ -54,10 +54,12 @@ class Shear(Effect):
 
 @dataclass(frozen=True)
 class ForceBias(Effect):
-    """Friction and weight of the hand: ``F = F_said (1 + k a_p) + k f_p (1 - exp(-F_said / 0.25 N))`` in pose p."""
+    """Friction and weight of the hand: ``F = F_said (1 + k a_p) + k f_p tanh((F_said / w)^q)`` in pose p."""
 
     scales: tuple[float, float] = (0.0, 0.1)
     offsets_n: tuple[float, float] = (0.1, 0.1)
+    width_n: float = 0.25
+    power: float = 1.0
 
     name = "force_bias"
     typical = 1.0
@@ -69,13 +71,17 @@ class ForceBias(Effect):
         scale, offset = rng.choice([-0.1, 0.1]), rng.uniform(-0.2, 0.2)
         if rng.uniform() < 0.3:
             scale, offset = 0.0, rng.choice([-0.2, 0.2])
-        return cls(cls.typical, (0.0, float(scale)), (float(offset), float(offset)))
+        width, power = rng.uniform(0.05, 0.5), rng.choice([0.7, 1.0, 1.5])
+        return cls(
+            cls.typical, (0.0, float(scale)), (float(offset), float(offset)), float(width), float(power)
+        )
 
     def touches(self, touches: Touches, scene: Scene) -> Touches:
         """See :meth:`Effect.touches`."""
         said, pose = touches.force_n, scene.pose
         scale, offset = np.array(self.scales)[pose], np.array(self.offsets_n)[pose]
-        force = said * (1 + self.strength * scale) + self.strength * offset * -np.expm1(-said / 0.25)
+        there = np.tanh((np.maximum(said, 0.0) / self.width_n) ** self.power)
+        force = said * (1 + self.strength * scale) + self.strength * offset * there
         return replace(touches, force_n=np.maximum(force, 0.0))
 
 

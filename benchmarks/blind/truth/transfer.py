@@ -45,7 +45,7 @@ class Saturation(Effect):
 
 @dataclass(frozen=True)
 class DeadBand(Effect):
-    """A rounded hinge: ``y = (x - b + sqrt((x - b)² + w²)) / 2``, less its value at zero. Strength b in counts."""
+    """A hinge at b that is a parabola from b - w to b + w, with w a part of b. Strength b in counts."""
 
     rounding: float = 0.3
 
@@ -56,7 +56,7 @@ class DeadBand(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Effect:
         """See :meth:`Effect.draw`."""
-        return cls(cls.typical, float(rng.uniform(0.1, 0.8)))
+        return cls(cls.typical, float(rng.uniform(0.05, 1.0)))
 
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
@@ -64,10 +64,8 @@ class DeadBand(Effect):
         band = self.strength
         width = self.rounding * band
 
-        def hinge(value: Floats) -> Floats:
-            return (value - band + np.hypot(value - band, width)) / 2
-
-        return np.where(x > 0, hinge(x) - hinge(np.zeros(1)), x)
+        bent = np.clip(x - band + width, 0.0, 2 * width) ** 2 / max(4 * width, 1e-12)
+        return np.where(x > 0, bent + np.maximum(x - band - width, 0.0), x)
 
 
 @dataclass(frozen=True)
