@@ -42,7 +42,7 @@ _WAYS = (
     ("across_m_per_n", "along_m_per_n"),
 )
 """Numbers of the effect that belong together."""
-SIGNIFICANT, SHARE = 0.002, 0.12
+SIGNIFICANT, SHARE = 0.002, 0.09
 """When a trend is named: its p-value at most, and its share, of the sure presses, at least."""
 _CONFIRMED = 0.02
 """The p-value that a trend of all presses must reach among those that cannot lie elsewhere."""
