@@ -18,7 +18,6 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray, as_floats
 
-
 _SHARP = 1e-3
 """A threshold less wide than this part of its band is a sharp one."""
 
@@ -51,7 +50,7 @@ class DeadBand(SignalEffect):
 
 
 def _missing(inside: FloatArray, softness: float) -> FloatArray:
-    """m of the module."""
+    """The part of the band that a value lacks: m of the module."""
     if softness < _SHARP:
         return np.minimum(inside, 1.0)
     soft = np.logaddexp(0.0, 1.0 / softness) - np.logaddexp(0.0, (1.0 - inside) / softness)
