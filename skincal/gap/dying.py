@@ -67,6 +67,8 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
         material: the session with those values.
         null: sessions in which nothing is missing.
     """
+    if not silent:
+        return choice
     bench = scene_of(choice.after, material).bench
     if "time" in bench.lacking:
         silent = [one for one in silent if one.dead.from_s <= 0]

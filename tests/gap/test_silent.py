@@ -261,9 +261,15 @@ def test_a_silent_taxel_is_not_believed_from_then_on_and_is_heard_again():
     assert not with_silent_values(out, [found], one().session).seen[rows_of(int(found.presses[0]))].any()
 
 
-def named_in(*, clock: bool = True) -> tuple[Choice, Choice]:
+def silence_throughout() -> tuple[Reading, Silent]:
+    reading = silent_in(np.ones(len(one().session), dtype=bool), lately()[0])
+    (found,) = found_in(reading)
+    return reading, found
+
+
+def named_in(*, clock: bool = True, throughout: bool = False) -> tuple[Choice, Choice]:
     """A choice of nothing, and the same with what is silent."""
-    reading, found = silence()
+    reading, found = silence_throughout() if throughout else silence()
     session = one().session if clock else without(one().session, time_s=None)
     less = without_silent(reading, [found], one().session)
     material = replace(one().material, session=session, reading=less)
@@ -305,6 +311,13 @@ def test_where_presses_of_the_end_alone_show_it_it_stays_as_it_was_seen():
 def test_without_a_clock_nothing_can_be_named_that_began_later():
     before, after = named_in(clock=False)
     assert after is before
+
+
+def test_without_a_clock_a_taxel_that_never_answered_is_named():
+    _, after = named_in(clock=False, throughout=True)
+    assert [n.name for n in after.named] == [NAME]
+    effect = after.after.hypothesis.effects[NAME]
+    assert np.flatnonzero(effect["answer"] < 0.5).tolist() == [lately()[0]] and not effect["from_s"].any()
 
 
 def base_of(reading: Reading, **parts: object) -> tuple[Base, Model]:
