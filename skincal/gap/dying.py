@@ -97,13 +97,14 @@ def _as_seen(start: Start, held: set[int]) -> Start:
     hundredths of a count.
     """
     seen = tuple(replace(c, start=c.value(x)) for c, x in zip(start.coords, start.x, strict=True))
-    lasting = {key: np.array(value) for key, value in start.held[NAME].items()}
+    lasting = {key: np.array(value) for key, value in start.held.get(NAME, {}).items()}
     for c in seen:
         if c.index in held:
             own = lasting.setdefault(c.parameter.name, np.full(c.size, c.parameter.neutral))
             own[c.index] = c.start
     free = tuple(c for c in seen if c.index not in held)
-    return replace(start, coords=free, held={NAME: lasting}, x=(0.0,) * len(free))
+    held = {NAME: lasting} if lasting else {}
+    return replace(start, coords=free, held=held, x=(0.0,) * len(free))
 
 
 def _flat(one: Dead, bench: Bench) -> int:
