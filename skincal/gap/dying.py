@@ -103,8 +103,7 @@ def _as_seen(start: Start, held: set[int]) -> Start:
             own = lasting.setdefault(c.parameter.name, np.full(c.size, c.parameter.neutral))
             own[c.index] = c.start
     free = tuple(c for c in seen if c.index not in held)
-    held = {NAME: lasting} if lasting else {}
-    return replace(start, coords=free, held=held, x=(0.0,) * len(free))
+    return replace(start, coords=free, held={NAME: lasting} if lasting else {}, x=(0.0,) * len(free))
 
 
 def _flat(one: Dead, bench: Bench) -> int:
