@@ -1,9 +1,10 @@
 """The indenter is not the size that the dataset says.
 
-    R = s R_said
+    R = R_said + (s - 1) R_said^(1 - w) R_0^w,    R_0 = 5 mm
 
-for a sphere or a flat punch; it still touches at the same place. The radius of a mesh is not a number: there the
-effect is refused.
+for a sphere or a flat punch; it still touches at the same place. With w = 0 every indenter is off by the same part,
+with w = 1 by the same length, as under a coat; only indenters of different sizes tell. No radius is less than a tenth
+of what was said. The radius of a mesh is not a number: there the effect is refused.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from skincal.effects.setting import Setting
 from skincal.errors import InputError, Problem
 from skincal.model import FlatPunch, Indenter, Sphere
 
+_REFERENCE_M, _SMALLEST = 5e-3, 0.1
+
 
 class IndenterRadius(InputEffect):
     """See the module."""
@@ -24,7 +27,19 @@ class IndenterRadius(InputEffect):
     name = "indenter_radius"
     meaning = "the indenter is not the size the dataset says"
     parameters = (
-        EffectParameter("scale", "-", 1.0, 0.3, 3.0, "true over said radius", typical=0.5, scale="log"),
+        EffectParameter(
+            "scale",
+            "-",
+            1.0,
+            0.3,
+            3.0,
+            "s: true over said radius, of an indenter of 5 mm",
+            typical=0.5,
+            scale="log",
+        ),
+        EffectParameter(
+            "coat", "-", 0.0, 0.0, 1.0, "w: how far it is a length that others are off by, too", role="form"
+        ),
     )
     of_rig = True
     source = "Contact area of a sphere on an elastic foundation, a² = 2 R delta: Johnson, Contact Mechanics, 1985, 4.3."
@@ -36,13 +51,12 @@ class IndenterRadius(InputEffect):
             InputError: an indenter that has no radius.
         """
         del setting
-        scale = values.number("scale")
-        return replace(samples, indenters=tuple(_scaled(thing, scale) for thing in samples.indenters))
+        scale, coat = values.number("scale"), values.number("coat")
+        return replace(samples, indenters=tuple(_resized(thing, scale, coat) for thing in samples.indenters))
 
 
-def _scaled(indenter: Indenter, scale: float) -> Indenter:
-    if isinstance(indenter, Sphere):
-        return Sphere(scale * indenter.radius_m)
-    if isinstance(indenter, FlatPunch):
-        return FlatPunch(scale * indenter.radius_m)
+def _resized(indenter: Indenter, scale: float, coat: float) -> Indenter:
+    if isinstance(indenter, Sphere | FlatPunch):
+        own = 1 + (scale - 1) * (_REFERENCE_M / indenter.radius_m) ** coat
+        return type(indenter)(max(own, _SMALLEST) * indenter.radius_m)
     raise InputError([Problem("effect indenter_radius", "a sphere or a flat punch", type(indenter).__name__)])

@@ -49,6 +49,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "spread": ({"tail": 0.0}, {"tail": 1.0}),
     "crosstalk": ({"loss": 0.0}, {"loss": 1.0, "reach": 0.05}),
     "force_bias": ({"onset_n": 0.0}, {"onset_n": 0.15}),
+    "indenter_radius": ({"coat": 0.0}, {"coat": 1.0}),
     "shear": (
         {"load_exponent": 0.0},
         {"stiffening_per_n": 1.5},

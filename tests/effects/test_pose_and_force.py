@@ -102,6 +102,21 @@ def test_indenter_radius_is_another_indenter(kind: type):
     assert np.array_equal(skin_with("indenter_radius", scale=1.5).values(told), BASE.values(true))
 
 
+@pytest.mark.parametrize(("said_m", "coated_m"), [(0.006, 0.0085), (0.004, 0.0065)])
+def test_a_coat_adds_the_same_length_to_every_indenter(said_m: float, coated_m: float):
+    told = Samples.of(contacts_at(0.0, 0.0, 2.0), Sphere(said_m))
+    true = Samples.of(contacts_at(0.0, 0.0, 2.0), Sphere(coated_m))
+    coated = skin_with("indenter_radius", scale=1.5, coat=1.0)
+    np.testing.assert_allclose(coated.values(told), BASE.values(true), rtol=1e-12)
+
+
+def test_no_indenter_has_less_than_a_tenth_of_its_radius():
+    told = Samples.of(contacts_at(0.0, 0.0, 2.0), Sphere(0.002))
+    true = Samples.of(contacts_at(0.0, 0.0, 2.0), Sphere(0.0002))
+    worn = skin_with("indenter_radius", scale=0.3, coat=1.0)
+    np.testing.assert_allclose(worn.values(told), BASE.values(true), rtol=1e-12)
+
+
 def test_indenter_radius_of_a_mesh_is_refused():
     class Odd(Sphere):
         pass

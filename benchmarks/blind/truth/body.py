@@ -66,7 +66,7 @@ class ContactChange:
 
     hardening: Hardening | None = None
     sheet_m: float = 0.0
-    sphere_added_m: float = 0.0
+    sphere_added_m: tuple[float, ...] = (0.0,) * len(SPHERES_M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def values(
     for row, radius in enumerate(SPHERES_M):
         at = np.flatnonzero((touches.sphere == row) & (touches.force_n > 0))
         if len(at):
-            kind = ContactKind(radius + change.sphere_added_m, change.hardening, change.sheet_m)
+            kind = ContactKind(radius + change.sphere_added_m[row], change.hardening, change.sheet_m)
             place = centres[None] if moves_m is None else centres + moves_m[at]
             arc = place[:, :, 0] - touches.arc_m[at, None]
             along = place[:, :, 1] - touches.along_m[at, None]

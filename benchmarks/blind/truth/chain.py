@@ -35,7 +35,7 @@ def _change(effects: Sequence[Effect]) -> ContactChange:
                 whole,
                 hardening=change.hardening or whole.hardening,
                 sheet_m=float(np.hypot(whole.sheet_m, change.sheet_m)),
-                sphere_added_m=whole.sphere_added_m + change.sphere_added_m,
+                sphere_added_m=tuple(np.add(whole.sphere_added_m, change.sphere_added_m).tolist()),
             )
     return whole
 

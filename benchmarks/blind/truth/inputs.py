@@ -126,12 +126,19 @@ class ContactOffset(Effect):
 
 @dataclass(frozen=True)
 class IndenterRadius(Effect):
-    """Both spheres have a coat that nobody told of: their radius is larger by as much. Strength in mm."""
+    """Both spheres have a coat that nobody told of, which is not as thick on one as on the other. Strength in mm."""
+
+    thickness: tuple[float, float] = (1.0, 1.0)
 
     name = "indenter_radius"
     typical = 1.0
     largest = 8.0
 
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Effect:
+        """See :meth:`Effect.draw`."""
+        return cls(cls.typical, (1.0, float(rng.uniform(0.3, 1.3))))
+
     def change(self) -> ContactChange:
         """See :meth:`Effect.change`."""
-        return ContactChange(sphere_added_m=1e-3 * self.strength)
+        return ContactChange(sphere_added_m=tuple(1e-3 * self.strength * t for t in self.thickness))
