@@ -33,6 +33,7 @@ from skincal.gap.models import (
     scene_of,
     without,
 )
+from skincal.gap.rivals import beside_all, rivals
 
 KINDS: tuple[frozenset[str], ...] = (
     frozenset({"spread", "crosstalk", "ghosting"}),
@@ -246,6 +247,10 @@ def choose(
         if read is not None:
             first, told, origin, first_round = left, told + 1, model, len(rounds)
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
+    read_off = [one for one in named if one.name in plain]
+    looked_for = [one for one in named if one.name not in plain]
+    model, looked_for = against_rivals(model, looked_for, rounds, material, options, seen)
+    named = [*read_off, *looked_for]
     model = levelled(model, material)
     if named:
         heard("the last fit")
@@ -321,6 +326,43 @@ def instead(
         model = without(model, name, material)
     model = finished(found_again(model, material), material)
     return model if excess_of(model, material, null_mean) <= most else None
+
+
+def against_rivals(
+    model: Model,
+    named: Sequence[Named],
+    rounds: Sequence[Round],
+    material: Material,
+    options: ChoiceOptions,
+    values: int,
+) -> tuple[Model, list[Named]]:
+    """A model whose effects explain no less than what came near them, now that all the others are in it.
+
+    The last one was chosen beside all the others. Effects with more numbers for single taxels do not take the place of
+    one with fewer.
+
+    Args:
+        model: with all that was named.
+        named: in the order in which they were, without what was read off.
+        rounds: in which they were.
+        material: the session.
+        options: say what cannot be told apart.
+        values: that were read.
+    """
+    kept = list(named)
+    for k, one in enumerate(named[:-1]):
+        its = next(r for r in rounds if r.taken == one.name)
+        most = of_taxels(its.fits[one.name], one.name)
+        near = {
+            n: its.fits[n]
+            for n in rivals(its.falls, one.name, model, options)
+            if of_taxels(its.fits[n], n) <= most
+        }
+        if near:
+            model, names = beside_all(model, one.name, near, material, options, values)
+            before = (n for n in one.consistent_with if n not in names and n not in model.names)
+            kept[k] = replace(one, name=names[0], consistent_with=(*names, *before))
+    return model, kept
 
 
 def dropped(

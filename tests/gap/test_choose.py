@@ -19,6 +19,7 @@ from skincal.gap.choose import (
     Choice,
     Named,
     Round,
+    against_rivals,
     choose,
     dropped,
     likeness,
@@ -32,6 +33,7 @@ from skincal.gap.library import Library
 from skincal.gap.models import Material, Model, begun_again, excess_of, extended, without
 from skincal.gap.null import Null, simulate_null
 from skincal.gap.refit import refit
+from skincal.gap.rivals import beside_all, rivals
 
 NAMES = ("hysteresis", "crosstalk", "saturation", "taxel_gain", "contact_offset", "force_bias", "gain_drift")
 TWO: Effects = {**CASES["hysteresis"], "crosstalk": {"leak": 0.02}}
@@ -251,6 +253,61 @@ def test_an_effect_that_the_others_do_without_is_dropped():
     model, kept = dropped(both, named[::-1], of.made.material, 0.05 * choice.excess[0])
     assert [k.name for k in kept] == ["crosstalk"]
     assert dropped(alone, named[:1], of.made.material, 1e9) == (alone, named[:1])
+
+
+def with_one_more(model: Model, name: str, of: Case) -> Model:
+    """A model with what a search about the base model finds of an effect."""
+    found = best_of(of.scene, name, *(of.scene.part(r) for r in parts(of)))
+    assert found is not None
+    return extended(model, found, of.made.material)
+
+
+def test_beside_all_others_the_right_one_takes_the_place_of_a_rival():
+    of, given = two()
+    material, options = of.made.material, ChoiceOptions()
+    alone = {n: with_one_more(of.model, n, of) for n in ("saturation", "hysteresis")}
+    wrong = with_one_more(alone["saturation"], "crosstalk", of)
+    model, names = beside_all(
+        wrong, "saturation", {"hysteresis": alone["hysteresis"]}, material, options, 10**4
+    )
+    assert names == ("hysteresis",) and set(model.names) == set(TWO)
+    right = chosen(of, given)
+    assert model.refit.objective == pytest.approx(right.after.refit.objective, abs=30)
+    # And stays where it is.
+    again, names = beside_all(
+        model, "hysteresis", {"saturation": alone["saturation"]}, material, options, 10**4
+    )
+    assert names == ("hysteresis",) and again is model
+    # Of what cannot be told apart the one that was named stays, and the other is told.
+    close = ChoiceOptions(alike=0.0, half=0.0, weakest=10.0)
+    stays, names = beside_all(
+        wrong, "saturation", {"hysteresis": alone["hysteresis"]}, material, close, 10**4
+    )
+    assert names == ("saturation", "hysteresis") and stays is wrong
+
+
+def test_what_came_near_when_an_effect_was_named_is_tried_beside_all_others():
+    of, given = two()
+    choice = chosen(of, given)
+    first, second = choice.named
+    values = int(of.made.material.reading.seen.sum())
+    stand_in = next(n for n in ("saturation", "gain_drift") if n not in choice.rounds[0].falls)
+    own = replace(
+        choice.rounds[0],
+        falls={**choice.rounds[0].falls, stand_in: choice.rounds[0].falls[first.name]},
+        fits={**choice.rounds[0].fits, stand_in: with_one_more(of.model, stand_in, of)},
+    )
+    rounds = (own, *choice.rounds[1:])
+    assert stand_in in rivals(own.falls, first.name, choice.after, ChoiceOptions())
+    model, kept = against_rivals(
+        choice.after, choice.named, rounds, of.made.material, ChoiceOptions(), values
+    )
+    assert model is choice.after and [k.name for k in kept] == [first.name, second.name]
+    # The last one was chosen beside all the others already; one alone has nobody beside it.
+    model, kept = against_rivals(
+        choice.after, choice.named[:1], rounds, of.made.material, ChoiceOptions(), values
+    )
+    assert model is choice.after and kept == [first]
 
 
 def parts(of: Case) -> tuple[np.ndarray, np.ndarray]:
