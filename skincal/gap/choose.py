@@ -6,7 +6,7 @@ presses (:mod:`skincal.gap.candidates`). The best few, and others if those expla
 the one that leaves least is named, or a simpler one that leaves about as little; what can be read off goes before all.
 Those that leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect
 explains a fair part of what is left, or at the most effects allowed. At the end each named effect is dropped in turn,
-and stays out if nothing is lost.
+and stays out if nothing is lost, and what came near it is tried in its place (:mod:`skincal.gap.rivals`).
 """
 
 from __future__ import annotations

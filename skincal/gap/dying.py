@@ -58,8 +58,7 @@ def with_silent(choice: Choice, silent: Sequence[Silent], material: Material, nu
     """A choice with taxels that were seen to fall silent named as well.
 
     It is the same where dead ones were named before. Without a clock, which the effect needs to say since when, only
-    those are named that never answered.
-    What is left stays that of the choice, in which the silent have no part.
+    those are named that never answered. What is left stays that of the choice, in which the silent have no part.
 
     Args:
         choice: made without the values of those taxels.
