@@ -45,7 +45,8 @@ class ForceBias(InputEffect):
     of_rig = True
     source = (
         "Offset and sensitivity errors of transducers: Fraden, Handbook of Modern Sensors, 2016; friction of joints "
-        "that builds up with the load: Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky, Eur. J. Control 4 (1998) 176."
+        "that builds up with the load: Olsson, Åström, Canudas de Wit, Gäfvert and Lischinsky, Eur. J. Control 4 "
+        "(1998) 176."
     )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
