@@ -106,13 +106,15 @@ def test_dead_band_swallows_small_values_and_keeps_their_order(recovery: float):
 
 
 @pytest.mark.parametrize("softness", [0.1, 0.5, 1.0])
-def test_a_soft_threshold_lets_some_through_and_ends_where_a_sharp_one_does(softness: float):
+def test_a_soft_threshold_lets_some_through_and_takes_little_more_than_a_sharp_one(softness: float):
     x = np.linspace(0.0, 200.0, 401)[:, None] * np.ones(16)
     soft = through("dead_band", x, width_counts=8.0, softness=softness)[:, 0]
     sharp = through("dead_band", x, width_counts=8.0)[:, 0]
     assert soft[0] == 0.0 and (np.diff(soft) >= 0).all()
     # Of the band itself a soft one keeps no more than half of its width.
-    assert 0.0 < soft[16] < 4.0 and soft[-1] - sharp[-1] < 8.0 * softness
+    assert 0.0 < soft[16] < 4.0
+    # Far beyond it what is missing is a sharp one's b and 0 to 0.31 r b.
+    assert 0.0 <= sharp[-1] - soft[-1] <= 0.32 * softness * 8.0
     near = through("dead_band", x, width_counts=8.0, softness=1e-2)[:, 0]
     np.testing.assert_allclose(near, sharp, atol=0.1)
 
