@@ -1,9 +1,10 @@
 """The level at rest moves over the session.
 
-    y_j = x_j + s_j t + b_j (1 - exp(-t / tau)) + k (T - 25 °C)
+    y_j = x_j + s_j t + b_j (1 - exp(-t / tau)) + k (T - T_0)
 
 with t the time since the session began: a steady drift s_j and a settling b_j of each taxel, and a temperature
-coefficient k that all share.
+coefficient k that all share, with the temperature T_0 at which it lifts nothing. What has settled before the first
+press is an offset; tau is longer.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class BaselineDrift(SignalEffect):
             needs=("time",),
         ),
         EffectParameter(
-            "settling_time_s", "s", 100.0, 5.0, 5000.0, "tau: time of settling", role="form", scale="log"
+            "settling_time_s", "s", 100.0, 20.0, 5000.0, "tau: time of settling", role="form", scale="log"
         ),
         EffectParameter(
             "temperature_counts_per_k",
@@ -58,16 +59,26 @@ class BaselineDrift(SignalEffect):
             "k: change each kelvin",
             needs=("temperature",),
         ),
+        EffectParameter(
+            "reference_c",
+            "°C",
+            REFERENCE_C,
+            -20.0,
+            80.0,
+            "T_0: temperature of no change",
+            role="form",
+            needs=("temperature",),
+        ),
     )
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at the reference."""
+        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at T_0."""
         del setting
         time = samples.elapsed_s[:, None]
         settled = -np.expm1(-time / values.number("settling_time_s"))
         level = values["slope_counts_per_s"] * time + values["settling_counts"] * settled
         if values["temperature_counts_per_k"] != 0 and samples.temperature_c is not None:
-            warmer = known(samples.temperature_c, samples.temperature_c - REFERENCE_C)
+            warmer = known(samples.temperature_c, samples.temperature_c - values.number("reference_c"))
             level = level + (values["temperature_counts_per_k"] * warmer)[:, None]
         return signal + level

@@ -179,32 +179,34 @@ def choose(
         if not found:
             break
         # Where one was passed over, the model is that of the round before.
-        done = rounds[-1].fits if rounds and rounds[-1].passed_over else dict[str, Model]()
+        done: Mapping[str, Model] = rounds[-1].fits if rounds and rounds[-1].passed_over else {}
         contest = Contest(model, material, p_value, null_mean, options, left, done)
         if contest.scores(found[0]):
             heard(f"round {number}: fitting {found[0].effect} and what comes near it")
         beside = len(named) - told
         readable = plain if beside == 0 else ()
-        fits = contest.fits([f for f in found if contest.near(f, found) or f.effect in readable])
+        fits: Mapping[str, Model] = contest.fits(
+            [f for f in found if contest.near(f, found) or f.effect in readable]
+        )
         # What can be read off is there; what takes it up on the way must wait until it is in the model.
         read = next((n for n in readable if n in fits and contest.fall(fits[n]) >= least), None)
         if read is None:
             every = partial(_searched, model, material, library, options, extra or {}, passed, every=True)
             # What is named and all that is added must explain enough together, or the answer is that nobody knows.
             lacking = 1 - (1 - options.explained) * first / left
-            needed = Needed(beside, least, lacking, partial(_told, heard, number))
+            needed = Needed(beside, least, lacking, partial(_told, heard, number), fresh)
             fits, found = further(contest, found, fits, every, needed)
         falls = {name: contest.fall(m) for name, m in fits.items()}
         rounds.append(Round(tuple(found), left, falls, fits))
         if not fits:
             break
-        name = max(falls, key=falls.__getitem__)
-        if falls[name] <= 0:
+        most = max(falls.values())
+        if most <= 0:
             break
-        alike = [n for n in fits if falls[n] >= options.about(falls[name], seen)]
+        alike = [n for n in fits if falls[n] >= options.about(most, seen)]
         # An effect with numbers for each taxel must beat those that need fewer.
-        close = [n for n in fits if falls[n] >= min(falls[name], options.enough_of(falls[name], left, seen))]
-        name = read or simplest(close, falls, fits)
+        close = [n for n in fits if falls[n] >= min(most, options.enough_of(most, left, seen))]
+        name = read or fewest(simplest(close, falls, fits), falls, fits, options, seen)
         best = fits[name]
         share = falls[name] / left
         own = next(f for f in found if f.effect == name)
@@ -245,7 +247,7 @@ def choose(
             model = min(model, begun_again(model, material, fresh), key=lambda m: m.refit.objective)
         left = excess_of(model, material, null_mean)
         if read is not None:
-            first, told, origin, first_round = left, told + 1, model, len(rounds)
+            first, told, origin, first_round = left, told + 1, model, number
     model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
     read_off = [one for one in named if one.name in plain]
     looked_for = [one for one in named if one.name not in plain]
@@ -276,6 +278,28 @@ def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str
         return of_taxels(fits[name], name), -falls[name]
 
     return min(alike, key=order)
+
+
+def fewest(
+    name: str, falls: Mapping[str, float], fits: Mapping[str, Model], options: ChoiceOptions, values: int
+) -> str:
+    """Of effects that explain as much as one does, but for what is too little to be named, that with fewest numbers.
+
+    Args:
+        name: of the one.
+        falls: what each explains.
+        fits: the model with each.
+        options: say what is as much, and what is too little.
+        values: that were read.
+    """
+    level = of_taxels(fits[name], name)
+    least = max(options.broad * falls[name], falls[name] - options.least(values))
+    close = [n for n in fits if falls[n] >= least and of_taxels(fits[n], n) == level]
+
+    def order(other: str) -> tuple[int, float]:
+        return sum(c.effect == other for c in fits[other].coords), -falls[other]
+
+    return min(close, key=order)
 
 
 def of_taxels(model: Model, name: str) -> int:

@@ -9,7 +9,17 @@ import numpy as np
 
 from skincal.gap.candidates import Found
 from skincal.gap.choice_options import ChoiceOptions
-from skincal.gap.models import Material, Model, excess_of, extended, fitted, scene_of
+from skincal.gap.hypothesis import Hypothesis
+from skincal.gap.models import (
+    Material,
+    Model,
+    begun_again,
+    excess_of,
+    extended,
+    fitted,
+    found_again,
+    scene_of,
+)
 
 IN_PLACES = "contact_offset"
 """Is told by the places of presses (:mod:`skincal.gap.places`), and takes long to fit."""
@@ -99,6 +109,26 @@ class Contest:
                 return holding
         return []
 
+    def about_as_much(self, fits: Mapping[str, Model]) -> list[str]:
+        """Names of those that explain enough for a first effect and about as much as the best, as many as contend."""
+        order = sorted(fits, key=lambda n: -self.fall(fits[n]))[: self.options.contenders]
+        most = self.fall(fits[order[0]]) if order else 0.0
+        least = max(self.options.half * most, self.options.share_first * self.left)
+        return [n for n in order if self.fall(fits[n]) >= least]
+
+    def looked_again(self, fits: Mapping[str, Model], fresh: Hypothesis | None) -> dict[str, Model]:
+        """Full fits with presses looked for again.
+
+        As long as an effect is not in the model, places and sensor take up a part of it, and which effect explains most
+        from there need not be the one that does once they are where they belong.
+
+        Args:
+            fits: full fits.
+            fresh: where a fit may begin again; None: only from where it ended.
+        """
+        tasks = [(model, self.material.alone, fresh) for model in fits.values()]
+        return dict(zip(fits, self.material.options.mapper(_looked_again, tasks), strict=True))
+
     def _of_others(self, model: Model) -> float:
         """What a model leaves of the presses that choose."""
         left = scene_of(model, self.material).part(self.material.score, told=True).residual
@@ -122,12 +152,14 @@ class Needed:
         lacking: part of what is left that an effect must explain for what is named to explain enough; nothing lacks
             where it is negative.
         heard: told what is being done.
+        fresh: where a fit may begin again; None: only from where it ended.
     """
 
     beside: int
     least: float
     lacking: float
     heard: Heard
+    fresh: Hypothesis | None = None
 
 
 def further(
@@ -166,12 +198,24 @@ def further(
         others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
         fits |= contest.fits(others)
         found = _with(found, others)
+    near = contest.about_as_much(fits)
+    if needed.beside == 0 and len(near) > 1 and contest.little(fits, options.explained):
+        needed.heard(f"presses again, with each of {', '.join(near)}, which explain about as much")
+        fits |= contest.looked_again({n: fits[n] for n in near}, needed.fresh)
     return fits, found
 
 
 def _with(found: Sequence[Found], more: Sequence[Found]) -> list[Found]:
     """Searches with others, which go before those of the same effect; best score first."""
     return sorted({f.effect: f for f in [*found, *more]}.values(), key=lambda f: -f.scored)
+
+
+def _looked_again(task: tuple[Model, Material, Hypothesis | None]) -> Model:
+    model, material, fresh = task
+    here = found_again(model, material)
+    if fresh is None:
+        return here
+    return min(here, begun_again(here, material, fresh), key=lambda m: m.refit.objective)
 
 
 def _extended(task: tuple[Model, Found, Material]) -> Model:

@@ -40,6 +40,7 @@ SUFFIXES = {
     "1/s": "_per_s",
     "1/N": "_per_n",
     "1/K": "_per_k",
+    "°C": "_c",
     "decades": "",
     "touches": "",
     "-": "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from skincal.gap.choose import (
     against_rivals,
     choose,
     dropped,
+    fewest,
     likeness,
     of_one_kind,
     simplest,
@@ -429,6 +430,58 @@ def test_where_two_effects_do_not_explain_enough_every_other_is_fitted_beside_th
     assert [h.startswith("fitting every other") for h in heard] == [True] * all_tried
 
 
+@pytest.mark.parametrize(
+    ("beside", "falls", "again"),
+    [
+        (0, {"a": 500.0, "b": 480.0, "c": 260.0, "d": 200.0}, ["a", "b", "c"]),
+        (0, {"a": 500.0, "b": 240.0}, []),  # less than half of the best
+        (0, {"a": 300.0, "b": 240.0}, []),  # too little to be named
+        (0, {"a": 760.0, "b": 740.0}, []),  # the best explains enough as it is
+        (0, {"a": 501.0, "b": 502.0, "c": 503.0, "d": 504.0}, ["d", "c", "b"]),
+        (1, {"a": 500.0, "b": 480.0}, []),
+    ],
+)
+def test_which_of_those_that_explain_about_as_much_goes_first_is_seen_once_presses_were_looked_for_again(
+    beside: int, falls: dict[str, float], again: list[str]
+):
+    contest, heard, fresh = Told(ChoiceOptions(), {**falls, "a again": 650.0}), list[str](), object()
+
+    def looked(fits: dict[str, Any], start: Any) -> dict[str, Any]:
+        assert start is fresh
+        return {n: f"{n} again" for n in fits}
+
+    object.__setattr__(contest, "looked_again", looked)
+    needed: Any = Needed(beside, 1000.0, -1.0, heard.append, cast("Any", fresh))
+    fits: Any = {n: n for n in falls}
+    fits, _ = further(contest, [], fits, list, needed)
+    assert fits == {n: f"{n} again" if n in again else n for n in falls}
+    told = f"presses again, with each of {', '.join(again)}, which explain about as much"
+    assert [h for h in heard if h.startswith("presses again")] == [told] * bool(again)
+
+
+@pytest.mark.parametrize(("elsewhere", "best"), [(-5.0, "elsewhere"), (5.0, "here")])
+def test_a_fit_with_presses_looked_for_again_is_the_better_of_two_beginnings(
+    elsewhere: float, best: str, monkeypatch: pytest.MonkeyPatch
+):
+    of, start = case("hysteresis"), cast("Any", object())
+    here = replace(of.model)
+    there = replace(of.model, refit=replace(of.model.refit, objective=of.model.refit.objective + elsewhere))
+
+    def found(model: Model, _: Material) -> Model:
+        assert model is of.model
+        return here
+
+    def begun(model: Model, _: Material, fresh: Any) -> Model:
+        assert model is here and fresh is start
+        return there
+
+    monkeypatch.setattr(contest_module, "found_again", found)
+    monkeypatch.setattr(contest_module, "begun_again", begun)
+    contest = Contest(of.model, of.made.material, lambda *_: 0.5, 1.0, ChoiceOptions(), 9.0)
+    assert contest.looked_again({"a": of.model}, start)["a"] is {"here": here, "elsewhere": there}[best]
+    assert contest.looked_again({"a": of.model}, None)["a"] is here
+
+
 def test_full_fits_of_the_round_before_are_not_made_again(monkeypatch: pytest.MonkeyPatch):
     of = case("hysteresis")
     made_again: list[str] = []
@@ -494,6 +547,25 @@ def test_of_effects_that_explain_as_much_the_one_with_few_numbers_goes_first():
     assert simplest(["hysteresis", "taxel_offset"], falls, fits) == "hysteresis"
     assert simplest(["hysteresis", "saturation", "taxel_offset"], falls, fits) == "saturation"
     assert simplest(["taxel_offset"], falls, fits) == "taxel_offset"
+
+
+def test_of_effects_that_explain_as_much_but_for_nothing_the_one_with_fewest_numbers_is_named():
+    of, options, values = case("hysteresis"), ChoiceOptions(), 20_000
+    starts = {name: of.scene.bench.starts(name)[0] for name in ("cover", "dead_band", "taxel_gain")}
+    fits = {name: replace(of.model, coords=start.coords) for name, start in starts.items()}
+    assert len(fits["cover"].coords) < len(fits["dead_band"].coords)
+    little = options.least(values)
+    for first, second, expected in [
+        (5000.0, 5000.0 - 0.7 * little, "cover"),
+        (5000.0, 5000.0 - 0.9 * little, "dead_band"),  # less than 93 %
+        (50_000.0, 50_000.0 - 0.9 * little, "cover"),
+        (50_000.0, 50_000.0 - 1.1 * little, "dead_band"),
+    ]:
+        falls = {"dead_band": first, "cover": second, "taxel_gain": first + 10.0}
+        assert fewest("dead_band", falls, fits, options, values) == expected
+        assert fewest("cover", {**falls, "cover": first}, fits, options, values) == "cover"
+        # Numbers for each taxel are compared before.
+        assert fewest("taxel_gain", falls, fits, options, values) == "taxel_gain"
 
 
 def test_what_was_read_off_is_named_first_and_alone():
