@@ -44,7 +44,10 @@ class ChoiceOptions:
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
         weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
             tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
-        beside_law: the same where another contact law explains much: what is not quite right in it leaves nearly as
+        of_few: by how much it lowers the squared residual in any case, in units of the noise squared. A static session has
+            a few hundred values with little noise, and what a contact law or the places of presses are not quite right
+            in leaves several tens.
+        beside_law: the same as ``weakest`` where another contact law explains much: what is not quite right in it leaves nearly as
             much.
         share_of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
         clear: root mean square in units of the noise from which on a later effect is looked at however large the first
@@ -75,6 +78,7 @@ class ChoiceOptions:
     near: float = 0.1
     enough: float = 0.03
     weakest: float = 0.15
+    of_few: float = 100.0
     beside_law: float = 0.25
     share_of_law: float = 0.8
     clear: float = 0.4
@@ -88,7 +92,7 @@ class ChoiceOptions:
             values: that were read.
             law: root mean square of what another contact law explains, in units of the noise.
         """
-        return self.weakest_beside(law) ** 2 * values
+        return max(self.weakest_beside(law) ** 2 * values, self.of_few)
 
     def weakest_beside(self, law: float) -> float:
         """Root mean square of the weakest effect that is named, in units of the noise.
