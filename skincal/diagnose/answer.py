@@ -209,7 +209,7 @@ def judged(
     """
     little = choice.left <= options.negligible
     # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave, or a law.
-    least = options.choice.least(choice.values, choice.law)
+    least = options.choice.weakest_beside(choice.law) ** 2 * choice.values
     clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
     strongest = max(clear, default=0.0)
     in_images = [one for one in choice.named if not one.by_places]

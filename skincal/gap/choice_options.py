@@ -44,11 +44,10 @@ class ChoiceOptions:
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.
         weakest: root mean square of the weakest effect that is named, in units of the noise, over all that was read:
             tactile points half a millimetre apart and ramps averaged in bins leave nearly as much.
-        of_few: by how much it lowers the squared residual in any case, in units of the noise squared. A static session has
-            a few hundred values with little noise, and what a contact law or the places of presses are not quite right
-            in leaves several tens.
-        beside_law: the same as ``weakest`` where another contact law explains much: what is not quite right in it leaves nearly as
-            much.
+        of_few: by how much it lowers the squared residual in any case, in squared units of the noise. A static session
+            has few values with little noise, and what places or a contact law are not quite right in leaves tens.
+        beside_law: the same as ``weakest`` where another contact law explains much: what is not quite right in it
+            leaves nearly as much.
         share_of_law: part of what a law explains that the weakest effect has at least, up to ``beside_law``.
         clear: root mean square in units of the noise from which on a later effect is looked at however large the first
             one was.

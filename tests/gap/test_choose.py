@@ -523,6 +523,14 @@ def test_beside_a_law_that_explains_much_an_effect_must_be_stronger():
         assert options.least(10_000, law) == pytest.approx(10_000 * least**2)
 
 
+def test_of_few_values_the_weakest_effect_stands_out_as_of_many():
+    options = ChoiceOptions(weakest=0.1, of_few=100.0)
+    for values, least in ((0, 100.0), (1400, 100.0), (10_000, 100.0), (20_000, 200.0)):
+        assert options.least(values) == pytest.approx(least)
+    # Whatever a law explains.
+    assert options.least(1400, 1.0) == pytest.approx(max(100.0, 1400 * options.beside_law**2))
+
+
 def test_a_difference_too_small_to_be_named_does_not_choose_between_names():
     options = ChoiceOptions(alike=0.9, half=0.5, weakest=0.1)
     # The weakest effect lowers the squared residual of 10 000 values by 100.
