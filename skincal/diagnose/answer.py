@@ -208,7 +208,8 @@ def judged(
     something far more than in any of them, or is simply far larger. It is named if what was named explains most of it.
     """
     little = choice.left <= options.negligible
-    # What is sure, but weaker than the weakest effect that is named, is what ramps averaged in bins leave, or a law.
+    # What is sure, but no more than the weakest effect does to a session of many values, is what ramps averaged in bins
+    # leave, or a law.
     least = options.choice.weakest_beside(choice.law) ** 2 * choice.values
     clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
     strongest = max(clear, default=0.0)

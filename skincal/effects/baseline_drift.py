@@ -73,12 +73,14 @@ class BaselineDrift(SignalEffect):
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at T_0."""
+        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at 25 °C."""
         del setting
         time = samples.elapsed_s[:, None]
         settled = -np.expm1(-time / values.number("settling_time_s"))
         level = values["slope_counts_per_s"] * time + values["settling_counts"] * settled
-        if values["temperature_counts_per_k"] != 0 and samples.temperature_c is not None:
-            warmer = known(samples.temperature_c, samples.temperature_c - values.number("reference_c"))
+        if values["temperature_counts_per_k"] != 0:
+            warmer = np.full(len(time), REFERENCE_C - values.number("reference_c"))
+            if samples.temperature_c is not None:
+                warmer += known(samples.temperature_c, samples.temperature_c - REFERENCE_C)
             level = level + (values["temperature_counts_per_k"] * warmer)[:, None]
         return signal + level

@@ -72,7 +72,8 @@ class Round:
     Attributes:
         found: the search of each effect, best score first.
         excess: squared residual beyond noise before it, over the presses that choose.
-        falls: fall of the squared residual by a full fit, of the contenders; presses were not yet looked for again.
+        falls: fall of the squared residual by a full fit, of the contenders; presses were looked for again only where
+            the best of the first round explained less than enough.
         fits: the full fits.
         taken: the effect that was added; None where none was.
         passed_over: the effect that explained most, but only what one of its own kind leaves over; None where that
@@ -206,14 +207,16 @@ def choose(
         alike = [n for n in fits if falls[n] >= options.about(most, seen)]
         # An effect with numbers for each taxel must beat those that need fewer.
         close = [n for n in fits if falls[n] >= min(most, options.enough_of(most, left, seen))]
-        name = read or fewest(simplest(close, falls, fits), falls, fits, options, seen)
+        asked = options.share_later if beside else options.share_first
+        least_of_all = max(least, options.later(options.of_all, first, seen))
+        enough_for_one = max(asked * left, least_of_all)
+        name = read or fewest(simplest(close, falls, fits), falls, fits, options, seen, enough_for_one)
         best = fits[name]
         share = falls[name] / left
         own = next(f for f in found if f.effect == name)
-        asked = options.share_later if beside else options.share_first
         if beside and of_taxels(best, name) and not contest.scores(own):
             asked = options.share_of_taxels
-        enough = share >= asked and falls[name] >= max(least, options.later(options.of_all, first, seen))
+        enough = share >= asked and falls[name] >= least_of_all
         if read is None and not enough:
             break
         if beside and falls[name] < options.of_related * first:
@@ -281,7 +284,12 @@ def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str
 
 
 def fewest(
-    name: str, falls: Mapping[str, float], fits: Mapping[str, Model], options: ChoiceOptions, values: int
+    name: str,
+    falls: Mapping[str, float],
+    fits: Mapping[str, Model],
+    options: ChoiceOptions,
+    values: int,
+    enough: float = 0.0,
 ) -> str:
     """Of effects that explain as much as one does, but for what is too little to be named, that with fewest numbers.
 
@@ -291,10 +299,11 @@ def fewest(
         fits: the model with each.
         options: say what is as much, and what is too little.
         values: that were read.
+        enough: what another one must explain to be named at all.
     """
     level = of_taxels(fits[name], name)
-    least = max(options.broad * falls[name], falls[name] - options.least(values))
-    close = [n for n in fits if falls[n] >= least and of_taxels(fits[n], n) == level]
+    least = max(options.broad * falls[name], falls[name] - options.least(values), enough)
+    close = [name, *(n for n in fits if falls[n] >= least and of_taxels(fits[n], n) == level)]
 
     def order(other: str) -> tuple[int, float]:
         return sum(c.effect == other for c in fits[other].coords), -falls[other]

@@ -198,10 +198,11 @@ def further(
         others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
         fits |= contest.fits(others)
         found = _with(found, others)
-    near = contest.about_as_much(fits)
-    if needed.beside == 0 and len(near) > 1 and contest.little(fits, options.explained):
+    near = contest.about_as_much(fits) if needed.beside == 0 else []
+    if len(near) > 1 and contest.little(fits, options.explained):
         needed.heard(f"presses again, with each of {', '.join(near)}, which explain about as much")
-        fits |= contest.looked_again({n: fits[n] for n in near}, needed.fresh)
+        again = contest.looked_again({n: fits[n] for n in near}, needed.fresh)
+        fits |= {n: m for n, m in again.items() if contest.fall(m) > contest.fall(fits[n])}
     return fits, found
 
 

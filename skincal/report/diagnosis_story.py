@@ -121,7 +121,8 @@ def _no_score(found: Diagnosis) -> str:
             f"({p_words(p, count)}; {asked:g} is asked for)."
         )
     strongest = max((s.times_null for s in found.signatures), default=0.0)
-    weakest = found.options.choice.weakest_beside(found.choice.law)
+    values = max(found.choice.values, 1)
+    weakest = (found.options.choice.least(values, found.choice.law) / values) ** 0.5
     return (
         f"The effect that does best, {best.effect}, scores better than in sessions with nothing hidden "
         f"({p_words(p, count)}), but no effect explains a fair part of what is left, or more than "

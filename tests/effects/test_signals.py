@@ -187,7 +187,7 @@ def test_drifts_follow_the_temperature():
     level = skin_with("baseline_drift", temperature_counts_per_k=1.5).values(warm) - base
     np.testing.assert_allclose(level, np.tile([[0.0], [3.0], [0.0]], (1, 16)), atol=1e-12)
     zero = skin_with("baseline_drift", temperature_counts_per_k=1.5, reference_c=26.0).values(warm) - base
-    np.testing.assert_allclose(zero, np.tile([[-1.5], [1.5], [0.0]], (1, 16)), atol=1e-12)
+    np.testing.assert_allclose(zero, np.tile([[-1.5], [1.5], [-1.5]], (1, 16)), atol=1e-12)
 
 
 def test_first_cycle_fades_with_touches():

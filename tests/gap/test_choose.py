@@ -528,7 +528,8 @@ def test_of_few_values_the_weakest_effect_stands_out_as_of_many():
     for values, least in ((0, 100.0), (1400, 100.0), (10_000, 100.0), (20_000, 200.0)):
         assert options.least(values) == pytest.approx(least)
     # Whatever a law explains.
-    assert options.least(1400, 1.0) == pytest.approx(max(100.0, 1400 * options.beside_law**2))
+    assert options.least(1400, 1.0) == pytest.approx(100.0)
+    assert options.least(2000, 1.0) == pytest.approx(2000 * options.beside_law**2) == pytest.approx(125.0)
 
 
 def test_a_difference_too_small_to_be_named_does_not_choose_between_names():
@@ -572,6 +573,9 @@ def test_of_effects_that_explain_as_much_but_for_nothing_the_one_with_fewest_num
         falls = {"dead_band": first, "cover": second, "taxel_gain": first + 10.0}
         assert fewest("dead_band", falls, fits, options, values) == expected
         assert fewest("cover", {**falls, "cover": first}, fits, options, values) == "cover"
+        # What is not enough to be named does not take the place of what is.
+        assert fewest("dead_band", falls, fits, options, values, enough=second + 1.0) == "dead_band"
+        assert fewest("dead_band", falls, fits, options, values, enough=second - 1.0) == expected
         # Numbers for each taxel are compared before.
         assert fewest("taxel_gain", falls, fits, options, values) == "taxel_gain"
 
