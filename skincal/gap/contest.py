@@ -116,6 +116,15 @@ class Contest:
         least = max(self.options.half * most, self.options.share_first * self.left)
         return [n for n in order if self.fall(fits[n]) >= least]
 
+    def stays(self, fits: Mapping[str, Model]) -> float:
+        """The excess that the best of these leaves."""
+        return self.left - max((self.fall(m) for m in fits.values()), default=0.0)
+
+    def some(self, fits: Mapping[str, Model]) -> list[str]:
+        """Names of those that explain something, twice as many as contend."""
+        order = sorted(fits, key=lambda n: -self.fall(fits[n]))[: 2 * self.options.contenders]
+        return [n for n in order if self.fall(fits[n]) >= self.options.holds * self.left]
+
     def looked_again(self, fits: Mapping[str, Model], fresh: Hypothesis | None) -> dict[str, Model]:
         """Full fits with presses looked for again.
 
@@ -193,14 +202,22 @@ def further(
         holding = contest.holding([f for f in several if f.effect not in fits], share, every=first_of_all)
         fits |= contest.fits(holding)
         found = _with(found, holding)
-    if needed.beside == 1 and needed.lacking > 0 and contest.little(fits, max(needed.lacking, wanted)):
+    # What the two together would leave is more than an equation that is not quite right does.
+    much = contest.little(fits, options.explained) and contest.stays(fits) > options.sure * needed.least
+    lacking = needed.lacking > 0 and contest.little(fits, max(needed.lacking, wanted))
+    if needed.beside == 1 and (lacking or much):
         needed.heard("fitting every other, as one effect does not explain enough")
         others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
         fits |= contest.fits(others)
         found = _with(found, others)
-    near = contest.about_as_much(fits) if needed.beside == 0 else []
-    if len(near) > 1 and contest.little(fits, options.explained):
-        needed.heard(f"presses again, with each of {', '.join(near)}, which explain about as much")
+    near: list[str] = []
+    if needed.beside == 0:
+        near = contest.about_as_much(fits) if contest.little(fits, options.explained) else []
+        near = near if len(near) > 1 else []
+    elif needed.beside == 1 and (lacking or much):
+        near = contest.some(fits)
+    if near:
+        needed.heard(f"presses again, with each of {', '.join(near)}")
         again = contest.looked_again({n: fits[n] for n in near}, needed.fresh)
         fits |= {n: m for n, m in again.items() if contest.fall(m) > contest.fall(fits[n])}
     return fits, found

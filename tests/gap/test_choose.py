@@ -420,6 +420,7 @@ def test_where_two_effects_do_not_explain_enough_every_other_is_fitted_beside_th
     names = ("crosstalk", "taxel_gain", "contact_offset")
     one, gain, places = (Found(starts(n)[0], np.zeros(1), 0.0, -s) for s, n in enumerate(names))
     contest = Told(ChoiceOptions(), {"crosstalk": first, "taxel_gain": 700.0})
+    object.__setattr__(contest, "looked_again", lambda fits, _: {})
     heard: list[str] = []
     needed = Needed(beside, 1000.0, lacking, heard.append)
     fits: Any = contest.fits([one])
@@ -427,7 +428,7 @@ def test_where_two_effects_do_not_explain_enough_every_other_is_fitted_beside_th
     # Errors of places are told by places.
     assert contest.asked == ["crosstalk", "taxel_gain"][: 1 + all_tried]
     assert list(fits) == contest.asked == [f.effect for f in found]
-    assert [h.startswith("fitting every other") for h in heard] == [True] * all_tried
+    assert [h.split()[0] for h in heard] == ["fitting", "presses"] * all_tried
 
 
 @pytest.mark.parametrize(
@@ -438,25 +439,52 @@ def test_where_two_effects_do_not_explain_enough_every_other_is_fitted_beside_th
         (0, {"a": 300.0, "b": 240.0}, []),  # too little to be named
         (0, {"a": 760.0, "b": 740.0}, []),  # the best explains enough as it is
         (0, {"a": 501.0, "b": 502.0, "c": 503.0, "d": 504.0}, ["d", "c", "b"]),
-        (1, {"a": 500.0, "b": 480.0}, []),
+        # Beside the first effect all that explain a tenth, where much would be left.
+        (1, {"a": 500.0, "b": 480.0, "c": 110.0, "d": 90.0}, ["a", "b", "c"]),
+        (1, {"a": 500.0}, ["a"]),
+        (1, {"a": 760.0, "b": 740.0}, []),
+        (2, {"a": 500.0, "b": 480.0}, []),
     ],
 )
 def test_which_of_those_that_explain_about_as_much_goes_first_is_seen_once_presses_were_looked_for_again(
     beside: int, falls: dict[str, float], again: list[str]
 ):
-    contest, heard, fresh = Told(ChoiceOptions(), {**falls, "a again": 650.0}), list[str](), object()
+    after = {f"{n} again": 650.0 for n in falls}
+    contest, heard, fresh = Told(ChoiceOptions(), {**falls, **after}), list[str](), object()
 
     def looked(fits: dict[str, Any], start: Any) -> dict[str, Any]:
         assert start is fresh
         return {n: f"{n} again" for n in fits}
 
     object.__setattr__(contest, "looked_again", looked)
-    needed: Any = Needed(beside, 1000.0, -1.0, heard.append, cast("Any", fresh))
+    needed: Any = Needed(beside, 100.0, -1.0, heard.append, cast("Any", fresh))
     fits: Any = {n: n for n in falls}
     fits, _ = further(contest, [], fits, list, needed)
     assert fits == {n: f"{n} again" if n in again else n for n in falls}
-    told = f"presses again, with each of {', '.join(again)}, which explain about as much"
+    told = f"presses again, with each of {', '.join(again)}"
     assert [h for h in heard if h.startswith("presses again")] == [told] * bool(again)
+
+
+def test_a_fit_that_explains_less_once_presses_were_looked_for_again_stays_as_it_was():
+    falls = {"a": 500.0, "b": 480.0, "a again": 470.0, "b again": 600.0}
+    contest, heard = Told(ChoiceOptions(), falls), list[str]()
+    object.__setattr__(contest, "looked_again", lambda fits, _: {n: f"{n} again" for n in fits})
+    fits: Any = {"a": "a", "b": "b"}
+    fits, _ = further(contest, [], fits, list, Needed(0, 100.0, -1.0, heard.append))
+    assert fits == {"a": "a", "b": "b again"}
+
+
+@pytest.mark.parametrize(("least", "all_tried"), [(90.0, True), (110.0, False)])
+def test_where_much_would_be_left_beside_two_effects_every_other_is_fitted(least: float, all_tried: bool):
+    starts = case("hysteresis").scene.bench.starts
+    one, other = (Found(starts(n)[0], np.zeros(1), 0.0, 0.0) for n in ("crosstalk", "cover"))
+    contest = Told(ChoiceOptions(), {"crosstalk": 600.0, "cover": 50.0})
+    object.__setattr__(contest, "looked_again", lambda fits, _: {})
+    heard: list[str] = []
+    fits: Any = contest.fits([one])
+    fits, _ = further(contest, [one], fits, lambda: [one, other], Needed(1, least, -1.0, heard.append))
+    # Of 1000, 400 would be left: four times the weakest effect, or less.
+    assert list(fits) == ["crosstalk", "cover"][: 1 + all_tried]
 
 
 @pytest.mark.parametrize(("elsewhere", "best"), [(-5.0, "elsewhere"), (5.0, "here")])
