@@ -27,7 +27,8 @@ class ChoiceOptions:
         broad: an effect with numbers for each taxel gives way to one with a few for all that explains this part of what
             it does,
         no_worse: and leaves no more than so many times what it leaves, or what the weakest effect explains.
-        contenders: so many are fitted in full at first.
+        contenders: so many are fitted in full at first, and of those that explain about as much as the best so many are
+            compared once presses were looked for again; twice as many beside a first effect.
         contend: effects that explain at least this part of the best are fitted in full.
         halfway: while nothing is named, and those explain less than this part of what is left, so are all others with a
             significant score: far from where the sensor belongs the search may rank an effect low that explains nearly
@@ -38,7 +39,8 @@ class ChoiceOptions:
             read off does not count as named here.
         holds: while nothing is named, part of what is left of the presses that choose that such a fit must explain. Far
             from where the sensor belongs, places of presses that were not learned from are off as well, and hide most
-            of it; what is fitted in full then must explain ``share_first`` like any other.
+            of it; what is fitted in full then must explain ``share_first`` like any other. Beside a first effect, part
+            of what is left that one must explain for presses to be looked for again with it.
         searched: so many are searched, those that explain most to first order.
         near: effects that explain less than this part of the best to first order are not.
         enough: no further round where this part of the first round's excess is left, or less, but for ``clear``.

@@ -72,8 +72,8 @@ class Round:
     Attributes:
         found: the search of each effect, best score first.
         excess: squared residual beyond noise before it, over the presses that choose.
-        falls: fall of the squared residual by a full fit, of the contenders; presses were looked for again only where
-            the best of the first round explained less than enough.
+        falls: fall of the squared residual by a full fit, of the contenders; presses were looked for again only with
+            those that :func:`skincal.gap.contest.further` compares so.
         fits: the full fits.
         taken: the effect that was added; None where none was.
         passed_over: the effect that explained most, but only what one of its own kind leaves over; None where that
