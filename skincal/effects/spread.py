@@ -18,8 +18,8 @@ from scipy.special import erf, roots_genlaguerre
 from skincal.effects.base import SpreadEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.errors import InputError, Problem
-from skincal.model import Patch
-from skincal.model.arrays import FloatArray, as_floats
+from skincal.model import Patch, TaxelLayout
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _NODES = 8
 _LEAST_TAIL = 0.02
@@ -50,12 +50,12 @@ class Spread(SpreadEffect):
         """
         if patch.uv_m is None:
             raise InputError([Problem("effect spread", "a patch cut from a surface", "one without uv_m")])
-        low = patch.layout.centres_m - patch.layout.sizes_m / 2
-        high = patch.layout.centres_m + patch.layout.sizes_m / 2
-        found = np.zeros((len(patch.uv_m), len(low)))
-        for variance, share in zip(*_mixture(values.number("tail")), strict=True):
-            width = values.number("width_m") * np.sqrt(2 * variance)
-            found += share * _part(patch.uv_m, low, high, width, 0) * _part(patch.uv_m, low, high, width, 1)
+        variances, shares = _mixture(values.number("tail"))
+        widths = values.number("width_m") * np.sqrt(2 * variances)
+        (across, column), (along, row) = (_parts(patch.uv_m, patch.layout, widths, axis) for axis in (0, 1))
+        found = np.zeros((len(patch.uv_m), across.shape[-1]))
+        for one, other in zip(shares[:, None, None] * across, along, strict=True):
+            found += one[column] * other[row]
         return found
 
 
@@ -71,10 +71,21 @@ def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _part(uv: FloatArray, low: FloatArray, high: FloatArray, width: float, axis: int) -> FloatArray:
-    """How much of a Gaussian about each point (N, 2) lies between each pair of edges (J, 2), along one axis: (N, J)."""
-    place = uv[:, axis, None]
-    upper, lower = (
-        np.asarray(erf((edge[:, axis] - place) / width), dtype=np.float64) for edge in (high, low)
+def _parts(uv: FloatArray, layout: TaxelLayout, widths: FloatArray, axis: int) -> tuple[FloatArray, IntArray]:
+    """How much of Gaussians about points (N, 2) lies on taxels, along one axis.
+
+    Points of a patch lie in rows and columns; error functions are worked out once for each of these.
+
+    Returns:
+        The parts (m, n, J) at n places for m widths, and which place (N,) each point has.
+    """
+    places, which = np.unique(uv[:, axis], return_inverse=True)
+    half = layout.sizes_m[:, axis] / 2
+    lower, upper = (
+        np.asarray(
+            erf((layout.centres_m[:, axis] + side * half - places[:, None]) / widths[:, None, None]),
+            dtype=np.float64,
+        )
+        for side in (-1, 1)
     )
-    return (upper - lower) / 2
+    return (upper - lower) / 2, np.asarray(which, dtype=np.int64)

@@ -26,6 +26,7 @@ from skincal.gap.models import (
     Material,
     Model,
     begun_again,
+    better,
     excess_of,
     finished,
     found_again,
@@ -191,12 +192,13 @@ def choose(
         )
         # What can be read off is there; what takes it up on the way must wait until it is in the model.
         read = next((n for n in readable if n in fits and contest.fall(fits[n]) >= least), None)
+        again: Collection[str] = ()
         if read is None:
             every = partial(_searched, model, material, library, options, extra or {}, passed, every=True)
             # What is named and all that is added must explain enough together, or the answer is that nobody knows.
             lacking = 1 - (1 - options.explained) * first / left
             needed = Needed(beside, least, lacking, partial(_told, heard, number), fresh)
-            fits, found = further(contest, found, fits, every, needed)
+            fits, found, again = further(contest, found, fits, every, needed)
         falls = {name: contest.fall(m) for name, m in fits.items()}
         rounds.append(Round(tuple(found), left, falls, fits))
         if not fits:
@@ -244,10 +246,12 @@ def choose(
         # What a full fit alone has found did not score: its p-value is that of what it explains.
         told_by = own.scored if read is None and contest.scores(own) else falls[name]
         named.append(Named(name, (name, *others), share, p_value(name, told_by)))
-        heard(f"round {number}: presses again, with {name}")
-        model = found_again(best, material)
-        if fresh is not None and excess_of(model, material, null_mean) > least:
-            model = min(model, begun_again(model, material, fresh), key=lambda m: m.refit.objective)
+        model = best
+        if name not in again or best is not fits[name]:
+            heard(f"round {number}: presses again, with {name}")
+            model = found_again(best, material)
+            if fresh is not None and excess_of(model, material, null_mean) > least:
+                model = better(model, found_again(begun_again(model, material, fresh), material))
         left = excess_of(model, material, null_mean)
         if read is not None:
             first, told, origin, first_round = left, told + 1, model, number

@@ -14,6 +14,7 @@ from skincal.gap.models import (
     Material,
     Model,
     begun_again,
+    better,
     excess_of,
     extended,
     fitted,
@@ -126,17 +127,24 @@ class Contest:
         return [n for n in order if self.fall(fits[n]) >= self.options.holds * self.left]
 
     def looked_again(self, fits: Mapping[str, Model], fresh: Hypothesis | None) -> dict[str, Model]:
-        """Full fits with presses looked for again.
+        """Full fits with presses looked for again, of those that explain about as much as the best.
 
         As long as an effect is not in the model, places and sensor take up a part of it, and which effect explains most
-        from there need not be the one that does once they are where they belong.
+        from there need not be the one that does once they are where they belong. A fit that begins again tells most of
+        that, and takes a few seconds less than to look for presses.
 
         Args:
             fits: full fits.
             fresh: where a fit may begin again; None: only from where it ended.
         """
-        tasks = [(model, self.material.alone, fresh) for model in fits.values()]
-        return dict(zip(fits, self.material.options.mapper(_looked_again, tasks), strict=True))
+        mapper, alone = self.material.options.mapper, self.material.alone
+        best = dict(fits)
+        if fresh is not None:
+            begun = mapper(_begun_again, [(model, alone, fresh) for model in fits.values()])
+            best = {n: better(fits[n], model) for n, model in zip(fits, begun, strict=True)}
+        falls = {n: self.fall(model) for n, model in best.items()}
+        some = [n for n in best if falls[n] >= self.options.half * max(falls.values())]
+        return dict(zip(some, mapper(_found_again, [(best[n], alone) for n in some]), strict=True))
 
     def _of_others(self, model: Model) -> float:
         """What a model leaves of the presses that choose."""
@@ -177,8 +185,10 @@ def further(
     fits: Mapping[str, Model],
     every: Callable[[], list[Found]],
     needed: Needed,
-) -> tuple[dict[str, Model], list[Found]]:
-    """More effects fitted in full where those that score best explain little; all full fits, and the search with them.
+) -> tuple[dict[str, Model], list[Found], frozenset[str]]:
+    """More effects fitted in full where those that score best explain little.
+
+    It returns all full fits, the search with them, and the effects with which presses were looked for again.
 
     Args:
         contest: of the round.
@@ -210,7 +220,7 @@ def further(
         others = [f for f in every() if f.effect not in fits and f.effect != IN_PLACES]
         fits |= contest.fits(others)
         found = _with(found, others)
-    near: list[str] = []
+    near, again = list[str](), dict[str, Model]()
     if needed.beside == 0:
         near = contest.about_as_much(fits) if contest.little(fits, options.explained) else []
         near = near if len(near) > 1 else []
@@ -220,7 +230,7 @@ def further(
         needed.heard(f"presses again, with each of {', '.join(near)}")
         again = contest.looked_again({n: fits[n] for n in near}, needed.fresh)
         fits |= {n: m for n, m in again.items() if contest.fall(m) > contest.fall(fits[n])}
-    return fits, found
+    return fits, found, frozenset(again)
 
 
 def _with(found: Sequence[Found], more: Sequence[Found]) -> list[Found]:
@@ -228,12 +238,12 @@ def _with(found: Sequence[Found], more: Sequence[Found]) -> list[Found]:
     return sorted({f.effect: f for f in [*found, *more]}.values(), key=lambda f: -f.scored)
 
 
-def _looked_again(task: tuple[Model, Material, Hypothesis | None]) -> Model:
-    model, material, fresh = task
-    here = found_again(model, material)
-    if fresh is None:
-        return here
-    return min(here, begun_again(here, material, fresh), key=lambda m: m.refit.objective)
+def _begun_again(task: tuple[Model, Material, Hypothesis]) -> Model:
+    return begun_again(*task)
+
+
+def _found_again(task: tuple[Model, Material]) -> Model:
+    return found_again(*task)
 
 
 def _extended(task: tuple[Model, Found, Material]) -> Model:

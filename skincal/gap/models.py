@@ -174,9 +174,13 @@ def found_again(model: Model, material: Material) -> Model:
 
 
 def begun_again(model: Model, material: Material, fresh: Hypothesis) -> Model:
-    """A model fitted from another sensor and other places, its effects starting where they are."""
-    other = fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
-    return found_again(other, material)
+    """A model fitted from another sensor and other places, its effects starting where they are; no better as a rule."""
+    return fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
+
+
+def better(one: Model, other: Model) -> Model:
+    """That which fits better; the first where both fit alike."""
+    return min(one, other, key=lambda m: m.refit.objective)
 
 
 def finished(model: Model, material: Material) -> Model:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, cast
 
@@ -237,6 +237,23 @@ def test_a_fit_begins_anew_where_much_is_left(most: int, again: int, monkeypatch
     assert choice.after.refit.objective < plain.after.refit.objective + 1.0
 
 
+def test_presses_are_not_looked_for_once_more_with_an_effect_with_which_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    of, (library, null) = two()
+    heard: list[str] = []
+
+    def all_looked_again(contest: Contest, found: Any, fits: Any, every: Any, needed: Needed) -> Any:
+        fits, found, _ = further(contest, found, fits, every, needed)
+        return fits, found, frozenset(fits)
+
+    monkeypatch.setattr("skincal.gap.choose.further", all_looked_again)
+    monkeypatch.setattr("skincal.gap.choose.begun_again", lambda *_: pytest.fail("begun again"))
+    args = (of.model, of.made.material, library, null.p_value, null.mean_square, ChoiceOptions(most=1))
+    choice = choose(*args, heard=heard.append, fresh=of.made.start)
+    assert len(choice.named) == 1 and not any("presses again" in h for h in heard)
+
+
 def test_an_effect_that_the_others_do_without_is_dropped():
     of, choice = case("crosstalk"), choice_of("crosstalk")
     first = best_of(of.scene, "force_bias", *(of.scene.part(r) for r in parts(of)))
@@ -424,7 +441,7 @@ def test_where_two_effects_do_not_explain_enough_every_other_is_fitted_beside_th
     heard: list[str] = []
     needed = Needed(beside, 1000.0, lacking, heard.append)
     fits: Any = contest.fits([one])
-    fits, found = further(contest, [one], fits, lambda: [one, gain, places], needed)
+    fits, found, _ = further(contest, [one], fits, lambda: [one, gain, places], needed)
     # Errors of places are told by places.
     assert contest.asked == ["crosstalk", "taxel_gain"][: 1 + all_tried]
     assert list(fits) == contest.asked == [f.effect for f in found]
@@ -459,7 +476,8 @@ def test_which_of_those_that_explain_about_as_much_goes_first_is_seen_once_press
     object.__setattr__(contest, "looked_again", looked)
     needed: Any = Needed(beside, 100.0, -1.0, heard.append, cast("Any", fresh))
     fits: Any = {n: n for n in falls}
-    fits, _ = further(contest, [], fits, list, needed)
+    fits, _, of_them = further(contest, [], fits, list, needed)
+    assert of_them == set(again)
     assert fits == {n: f"{n} again" if n in again else n for n in falls}
     told = f"presses again, with each of {', '.join(again)}"
     assert [h for h in heard if h.startswith("presses again")] == [told] * bool(again)
@@ -470,7 +488,7 @@ def test_a_fit_that_explains_less_once_presses_were_looked_for_again_stays_as_it
     contest, heard = Told(ChoiceOptions(), falls), list[str]()
     object.__setattr__(contest, "looked_again", lambda fits, _: {n: f"{n} again" for n in fits})
     fits: Any = {"a": "a", "b": "b"}
-    fits, _ = further(contest, [], fits, list, Needed(0, 100.0, -1.0, heard.append))
+    fits, *_ = further(contest, [], fits, list, Needed(0, 100.0, -1.0, heard.append))
     assert fits == {"a": "a", "b": "b again"}
 
 
@@ -482,32 +500,50 @@ def test_where_much_would_be_left_beside_two_effects_every_other_is_fitted(least
     object.__setattr__(contest, "looked_again", lambda fits, _: {})
     heard: list[str] = []
     fits: Any = contest.fits([one])
-    fits, _ = further(contest, [one], fits, lambda: [one, other], Needed(1, least, -1.0, heard.append))
+    fits, *_ = further(contest, [one], fits, lambda: [one, other], Needed(1, least, -1.0, heard.append))
     # Of 1000, 400 would be left: four times the weakest effect, or less.
     assert list(fits) == ["crosstalk", "cover"][: 1 + all_tried]
 
 
-@pytest.mark.parametrize(("elsewhere", "best"), [(-5.0, "elsewhere"), (5.0, "here")])
-def test_a_fit_with_presses_looked_for_again_is_the_better_of_two_beginnings(
-    elsewhere: float, best: str, monkeypatch: pytest.MonkeyPatch
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """What stands for a full fit: where it comes from, and its objective."""
+
+    name: str
+    objective: float
+
+    @property
+    def refit(self) -> Beginning:
+        return self
+
+
+@pytest.mark.parametrize(
+    ("begun", "again"),
+    [
+        ({"a": 60.0, "b": 90.0}, {"a": "a begun, found", "b": "b, found"}),  # the better of two beginnings
+        ({"a": 20.0, "b": 90.0}, {"a": "a begun, found"}),  # b explains less than half of what a does then
+        (None, {"a": "a, found", "b": "b, found"}),
+    ],
+)
+def test_presses_are_looked_for_again_with_what_explains_most_from_the_better_of_two_beginnings(
+    begun: dict[str, float] | None, again: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ):
     of, start = case("hysteresis"), cast("Any", object())
-    here = replace(of.model)
-    there = replace(of.model, refit=replace(of.model.refit, objective=of.model.refit.objective + elsewhere))
 
-    def found(model: Model, _: Material) -> Model:
-        assert model is of.model
-        return here
+    def anew(model: Beginning, material: Material, fresh: Any) -> Beginning:
+        assert fresh is start and begun is not None and material.options.mapper is map
+        return Beginning(f"{model.name} begun", begun[model.name])
 
-    def begun(model: Model, _: Material, fresh: Any) -> Model:
-        assert model is here and fresh is start
-        return there
+    def found(model: Beginning, _: Material) -> Beginning:
+        return Beginning(f"{model.name}, found", model.objective - 1)
 
     monkeypatch.setattr(contest_module, "found_again", found)
-    monkeypatch.setattr(contest_module, "begun_again", begun)
-    contest = Contest(of.model, of.made.material, lambda *_: 0.5, 1.0, ChoiceOptions(), 9.0)
-    assert contest.looked_again({"a": of.model}, start)["a"] is {"here": here, "elsewhere": there}[best]
-    assert contest.looked_again({"a": of.model}, None)["a"] is here
+    monkeypatch.setattr(contest_module, "begun_again", anew)
+    contest = Contest(of.model, of.made.material, lambda *_: 0.5, 1.0, ChoiceOptions(), 100.0)
+    object.__setattr__(contest, "fall", lambda model: 100.0 - model.objective)
+    fits: Any = {"a": Beginning("a", 70.0), "b": Beginning("b", 65.0)}
+    looked = contest.looked_again(fits, start if begun else None)
+    assert {n: m.name for n, m in cast("dict[str, Beginning]", looked).items()} == again
 
 
 def test_full_fits_of_the_round_before_are_not_made_again(monkeypatch: pytest.MonkeyPatch):
