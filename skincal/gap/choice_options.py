@@ -20,7 +20,9 @@ class ChoiceOptions:
         explained: part of the excess that the named effects must explain together, else the verdict is ``unknown``.
             Where one is named that does not, every other is fitted in full beside it: the search holds places, forces
             and sensor to first order, and about a fit that has no room for the second effect they are far off.
-        of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for.
+        of_all: part of the first round's excess that a later effect must explain, but no more than ``clear`` asks for,
+        most_of_rest: and no more than the weakest effect does, if it scores and explains this part of what is left. An
+            equation that is not quite right leaves over what no other explains so well, but those that are like it.
         alike: effects stay in the set of names if they explain at least this part of what the best one does, or less
             by no more than the weakest effect that is named; ``half`` of it in any case.
         half: see ``alike``.
@@ -66,6 +68,7 @@ class ChoiceOptions:
     share_of_taxels: float = 0.5
     explained: float = 0.75
     of_all: float = 0.06
+    most_of_rest: float = 0.6
     alike: float = 0.88
     half: float = 0.5
     broad: float = 0.93

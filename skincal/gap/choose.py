@@ -168,6 +168,7 @@ def choose(
     named: list[Named] = []
     rounds: list[Round] = []
     passed: set[str] = set()
+    of_rest: set[str] = set()
     model, told = before, 0
     seen = int((material.reading.seen & material.known[:, None]).sum())
     least = options.least(seen, law)
@@ -218,6 +219,9 @@ def choose(
         own = next(f for f in found if f.effect == name)
         if beside and of_taxels(best, name) and not contest.scores(own):
             asked = options.share_of_taxels
+        if beside and share >= options.most_of_rest and contest.scores(own):
+            of_rest.add(name)
+            least_of_all = least
         enough = share >= asked and falls[name] >= least_of_all
         if read is None and not enough:
             break
@@ -255,7 +259,9 @@ def choose(
         left = excess_of(model, material, null_mean)
         if read is not None:
             first, told, origin, first_round = left, told + 1, model, number
-    model, named = dropped(model, named, material, options.later(options.of_all, first, seen))
+    of_all = options.later(options.of_all, first, seen)
+    lost = {one.name: min(least, of_all) if one.name in of_rest else of_all for one in named}
+    model, named = dropped(model, named, material, lost)
     read_off = [one for one in named if one.name in plain]
     looked_for = [one for one in named if one.name not in plain]
     model, looked_for = against_rivals(model, looked_for, rounds, material, options, seen)
@@ -332,13 +338,14 @@ def likeness(scene: Scene, material: Material, first: Round, name: str, known: S
     Args:
         scene: of the model that the round began with: the base model, beside what was read off.
         material: the session.
-        first: the round, the first that looked for something.
+        first: the round, the first that looked for something; what it did not search is searched.
         name: of the effect.
         known: names of the others.
     """
-    view = scene.part(material.learn)
-    of = {f.effect: f for f in first.found if f.effect == name or f.effect in known}
-    done = {n: view.seen(scene.bench.values(f.parameters) - scene.zero)[:, 0] for n, f in of.items()}
+    views = scene.part(material.learn), scene.part(material.score)
+    searched = {f.effect: f for f in first.found}
+    of = {n: searched.get(n) or best_of(scene, n, *views) for n in (name, *known)}
+    done = {n: views[0].seen(scene.bench.values(f.parameters) - scene.zero)[:, 0] for n, f in of.items() if f}
     if name not in done:
         return 0.0
     unit = {n: own / max(float(np.linalg.norm(own)), 1e-300) for n, own in done.items()}
@@ -403,7 +410,7 @@ def against_rivals(
 
 
 def dropped(
-    model: Model, named: Sequence[Named], material: Material, least: float
+    model: Model, named: Sequence[Named], material: Material, least: Mapping[str, float]
 ) -> tuple[Model, list[Named]]:
     """What is left of a model once every effect is dropped in turn that the others do without.
 
@@ -412,17 +419,17 @@ def dropped(
         named: in the order in which they were. One alone is needed; of several the last one, too, may be no more, as
             presses were looked for again after it was named.
         material: the session.
-        least: by how much the objective must rise for an effect to stay.
+        least: by how much the objective must rise for each effect to stay.
     """
     kept = list(named)
     for one in named:
         if len(kept) == 1:
             break
         other = without(model, one.name, material)
-        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) >= least:
+        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) >= least[one.name]:
             # The model's presses were looked for with the effect; without it they deserve the same.
             other = found_again(other, material)
-        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) < least:
+        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) < least[one.name]:
             model, kept = other, [k for k in kept if k is not one]
     return model, kept
 

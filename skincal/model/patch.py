@@ -32,6 +32,9 @@ the edges of taxels, keeps to the midpoint."""
 _SNAP_M = 1e-9
 """Edges of taxels nearer than this are the same edge [m]."""
 
+_NODES = {many: np.polynomial.legendre.leggauss(many) for many in (1, 2, 3)}
+"""Places in [-1, 1] and weights of Gauss's rule with so many points."""
+
 
 @dataclass(frozen=True, eq=False)
 class Patch:
@@ -227,7 +230,7 @@ def _gauss(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArr
             groups.insert(len(groups) // 2, min(count, 3))
         length, at = (high - low) / count, low
         for many in groups:
-            place, weight = np.polynomial.legendre.leggauss(many)
+            place, weight = _NODES[many]
             half = many * length / 2
             nodes.append(at + half * (1 + place))
             weights.append(half * weight)

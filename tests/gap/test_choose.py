@@ -212,7 +212,7 @@ def test_two_hidden_effects_are_named():
     again = without(choice.after, "crosstalk", one.material)
     assert again.names == ("hysteresis",)
     assert again.refit.objective > choice.after.refit.objective + 100
-    model, kept = dropped(choice.after, choice.named, one.material, 100.0)
+    model, kept = dropped(choice.after, choice.named, one.material, dict.fromkeys(TWO, 100.0))
     assert model is choice.after and kept == list(choice.named)
 
 
@@ -235,6 +235,15 @@ def test_a_fit_begins_anew_where_much_is_left(most: int, again: int, monkeypatch
     plain = choose(of.model, of.made.material, library, null.p_value, null.mean_square, options)
     assert len(begun) == again
     assert choice.after.refit.objective < plain.after.refit.objective + 1.0
+
+
+@pytest.mark.parametrize(("most_of_rest", "count"), [(0.6, 2), (2.0, 1)])
+def test_a_little_second_effect_is_named_if_it_explains_most_of_what_is_left(most_of_rest: float, count: int):
+    options = ChoiceOptions(of_all=0.5, clear=1e6, enough=0.0, most_of_rest=most_of_rest)
+    choice = chosen(*two(), options)
+    share = max(choice.rounds[1].falls.values()) / choice.rounds[1].excess
+    assert 0.6 < share < 1.1 and max(choice.rounds[1].falls.values()) < 0.5 * choice.rounds[0].excess
+    assert len(choice.named) == count
 
 
 def test_presses_are_not_looked_for_once_more_with_an_effect_with_which_they_were(
@@ -264,13 +273,14 @@ def test_an_effect_that_the_others_do_without_is_dropped():
     )
     assert both.names == ("force_bias", "crosstalk")
     named = [Named("force_bias", ("force_bias",), 0.5, 0.01), choice.named[0]]
-    model, kept = dropped(both, named, of.made.material, 0.05 * choice.excess[0])
+    least = dict.fromkeys(both.names, 0.05 * choice.excess[0])
+    model, kept = dropped(both, named, of.made.material, least)
     assert [k.name for k in kept] == ["crosstalk"] and model.names == ("crosstalk",)
     assert model.refit.objective == pytest.approx(choice.after.refit.objective, abs=15)
     # The last one as well, but never the only one.
-    model, kept = dropped(both, named[::-1], of.made.material, 0.05 * choice.excess[0])
+    model, kept = dropped(both, named[::-1], of.made.material, least)
     assert [k.name for k in kept] == ["crosstalk"]
-    assert dropped(alone, named[:1], of.made.material, 1e9) == (alone, named[:1])
+    assert dropped(alone, named[:1], of.made.material, {"force_bias": 1e9}) == (alone, named[:1])
 
 
 def with_one_more(model: Model, name: str, of: Case) -> Model:
@@ -663,8 +673,9 @@ def test_likeness_is_one_for_the_same_and_little_for_what_acts_otherwise():
     first = Round(tuple(f for f in found if f is not None), 1.0, {})
     assert likeness(of.scene, material, first, "hysteresis", ["hysteresis"]) == pytest.approx(1.0)
     assert likeness(of.scene, material, first, "hysteresis", ["taxel_offset"]) < 0.2
-    # What was not searched is like nothing.
-    assert likeness(of.scene, material, first, "spread", ["hysteresis"]) == 0.0
+    # What was not searched is searched; what cannot be is like nothing.
+    assert 0.0 < likeness(of.scene, material, first, "rate", ["hysteresis"]) < 1.0
+    assert likeness(of.scene, material, first, "dead_taxel", ["hysteresis"]) == 0.0
     assert likeness(of.scene, material, first, "hysteresis", []) == 0.0
 
 
