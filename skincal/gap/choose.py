@@ -31,6 +31,7 @@ from skincal.gap.models import (
     finished,
     found_again,
     levelled,
+    pooled,
     scene_of,
     without,
 )
@@ -261,12 +262,13 @@ def choose(
             first, told, origin, first_round = left, told + 1, model, number
     of_all = options.later(options.of_all, first, seen)
     lost = {one.name: min(least, of_all) if one.name in of_rest else of_all for one in named}
-    model, named = dropped(model, named, material, lost)
+    anew = {n: fresh for n in outdone(named, rounds) if n not in plain} if fresh is not None else {}
+    model, named = dropped(model, named, material, lost, anew)
     read_off = [one for one in named if one.name in plain]
     looked_for = [one for one in named if one.name not in plain]
     model, looked_for = against_rivals(model, looked_for, rounds, material, options, seen)
     named = [*read_off, *looked_for]
-    model = levelled(model, material)
+    model = pooled(levelled(model, material), material)
     if named:
         heard("the last fit")
         model = finished(model, material)
@@ -410,7 +412,11 @@ def against_rivals(
 
 
 def dropped(
-    model: Model, named: Sequence[Named], material: Material, least: Mapping[str, float]
+    model: Model,
+    named: Sequence[Named],
+    material: Material,
+    least: Mapping[str, float],
+    anew: Mapping[str, Hypothesis],
 ) -> tuple[Model, list[Named]]:
     """What is left of a model once every effect is dropped in turn that the others do without.
 
@@ -420,18 +426,35 @@ def dropped(
             presses were looked for again after it was named.
         material: the session.
         least: by how much the objective must rise for each effect to stay.
+        anew: where the fit without an effect may also begin, of some.
     """
+
+    def needs(other: Model, one: Named) -> bool:
+        return excess_of(other, material, 0.0) - excess_of(model, material, 0.0) >= least[one.name]
+
     kept = list(named)
     for one in named:
         if len(kept) == 1:
             break
         other = without(model, one.name, material)
-        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) >= least[one.name]:
+        if needs(other, one):
             # The model's presses were looked for with the effect; without it they deserve the same.
             other = found_again(other, material)
-        if excess_of(other, material, 0.0) - excess_of(model, material, 0.0) < least[one.name]:
+        if needs(other, one) and one.name in anew:
+            other = better(other, found_again(begun_again(other, material, anew[one.name]), material))
+        if not needs(other, one):
             model, kept = other, [k for k in kept if k is not one]
     return model, kept
+
+
+def outdone(named: Sequence[Named], rounds: Sequence[Round]) -> list[str]:
+    """Names of effects of which a later one explained more: sensor and places were far off as they were named."""
+    falls = {r.taken: r.falls[r.taken] for r in rounds if r.taken is not None}
+    return [
+        one.name
+        for k, one in enumerate(named)
+        if any(falls[later.name] > falls[one.name] for later in named[k + 1 :])
+    ]
 
 
 def _searched(

@@ -33,6 +33,7 @@ class Coordinate:
         index: taxel or pose; 0 for a parameter that is one number.
         size: how many numbers the parameter has.
         start: value at which the coordinate is zero.
+        scatter: standard deviation of the prior, in units; None: the broad one of its role.
     """
 
     effect: str
@@ -40,6 +41,7 @@ class Coordinate:
     index: int
     size: int
     start: float
+    scatter: float | None = None
 
     @property
     def is_strength(self) -> bool:
@@ -57,7 +59,8 @@ class Coordinate:
     @property
     def prior(self) -> float:
         """Standard deviation of the prior, in units."""
-        return STRENGTH_PRIOR if self.is_strength else FORM_PRIOR
+        broad = STRENGTH_PRIOR if self.is_strength else FORM_PRIOR
+        return broad if self.scatter is None else self.scatter
 
     def value(self, x: float) -> float:
         """The parameter at a coordinate, within its bounds."""

@@ -25,6 +25,7 @@ from skincal.gap.choose import (
     fewest,
     likeness,
     of_one_kind,
+    outdone,
     simplest,
 )
 from skincal.gap.choose import _searched as searched
@@ -212,7 +213,7 @@ def test_two_hidden_effects_are_named():
     again = without(choice.after, "crosstalk", one.material)
     assert again.names == ("hysteresis",)
     assert again.refit.objective > choice.after.refit.objective + 100
-    model, kept = dropped(choice.after, choice.named, one.material, dict.fromkeys(TWO, 100.0))
+    model, kept = dropped(choice.after, choice.named, one.material, dict.fromkeys(TWO, 100.0), {})
     assert model is choice.after and kept == list(choice.named)
 
 
@@ -274,13 +275,41 @@ def test_an_effect_that_the_others_do_without_is_dropped():
     assert both.names == ("force_bias", "crosstalk")
     named = [Named("force_bias", ("force_bias",), 0.5, 0.01), choice.named[0]]
     least = dict.fromkeys(both.names, 0.05 * choice.excess[0])
-    model, kept = dropped(both, named, of.made.material, least)
+    model, kept = dropped(both, named, of.made.material, least, {})
     assert [k.name for k in kept] == ["crosstalk"] and model.names == ("crosstalk",)
     assert model.refit.objective == pytest.approx(choice.after.refit.objective, abs=15)
     # The last one as well, but never the only one.
-    model, kept = dropped(both, named[::-1], of.made.material, least)
+    model, kept = dropped(both, named[::-1], of.made.material, least, {})
     assert [k.name for k in kept] == ["crosstalk"]
-    assert dropped(alone, named[:1], of.made.material, {"force_bias": 1e9}) == (alone, named[:1])
+    assert dropped(alone, named[:1], of.made.material, {"force_bias": 1e9}, {}) == (alone, named[:1])
+
+
+def test_an_effect_that_a_later_one_outdid_is_dropped_where_the_fit_without_it_begins_anew(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    of, choice = case("crosstalk"), choice_of("crosstalk")
+    material, alone = of.made.material, choice.after
+    both = with_one_more(alone, "force_bias", of)
+    lost = replace(alone, refit=replace(alone.refit, objective=alone.refit.objective + 1e4))
+    excess = {id(both): 0.0, id(lost): 1e4, id(alone): 10.0}
+    monkeypatch.setattr("skincal.gap.choose.excess_of", lambda model, *_: excess[id(model)])
+    monkeypatch.setattr("skincal.gap.choose.without", lambda *_: lost)
+    monkeypatch.setattr("skincal.gap.choose.found_again", lambda model, _: model)
+    monkeypatch.setattr("skincal.gap.choose.begun_again", lambda model, _, fresh: fresh)
+    named = [Named("force_bias", ("force_bias",), 0.3, 0.01), Named("crosstalk", ("crosstalk",), 0.9, 0.01)]
+    least = dict.fromkeys(both.names, 100.0)
+    assert dropped(both, named, material, least, {}) == (both, named)
+    anew: Any = {"force_bias": alone}
+    model, kept = dropped(both, named, material, least, anew)
+    assert model is alone and kept == named[1:]
+
+
+def test_what_a_later_effect_outdid_is_told():
+    named = [Named(n, (n,), 0.5, 0.01) for n in ("first", "second", "third")]
+    falls = {"first": 5.0, "second": 9.0, "third": 2.0}
+    rounds = [Round((), 1.0, {n: fall}, taken=n) for n, fall in falls.items()]
+    assert outdone(named, [*rounds, Round((), 1.0, {"fourth": 99.0})]) == ["first"]
+    assert outdone(named[1:], rounds) == []
 
 
 def with_one_more(model: Model, name: str, of: Case) -> Model:

@@ -10,7 +10,7 @@ from gap.made_sessions import OPTIONS, Made, made, pressed
 
 from skincal.gap.candidates import Bench
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.models import Material, Model, begun_again, finished, fitted, found_again, levelled
+from skincal.gap.models import Material, Model, begun_again, finished, fitted, found_again, levelled, pooled
 
 AWAY = np.array([3e-4, -2e-4, 0.03, 0.3, -0.2])
 HIDDEN = {"crosstalk": {"leak": 0.06}}
@@ -65,6 +65,28 @@ def test_gains_that_share_a_factor_are_levelled_and_the_scale_has_it():
     assert levelled(good, one.material) is good
     none = replace(astray, coords=())
     assert levelled(none, one.material) is none
+
+
+def test_numbers_of_single_taxels_have_a_prior_as_wide_as_they_scatter():
+    """A gain that is odd for sure stays; one of which hardly a press tells goes to where those of others are."""
+    one = made({"taxel_gain": {"gain": [1.05, 0.95, 1.0, 1.05, 1.0, 0.95, 1.0, 1.05, 0.4]}}, seed=5)
+    (search,) = Bench(one.start, one.session).starts("taxel_gain")
+    good = fitted(one.start, search.coords, np.zeros(9), {}, one.material)
+    again = pooled(good, one.material)
+    assert [c.scatter for c in again.coords] == [1.0] * 9 and all(c.scatter is None for c in good.coords)
+    odd = [float(m.hypothesis.effects["taxel_gain"]["gain"][8]) for m in (good, again)]
+    assert odd[0] == pytest.approx(0.4, abs=0.04) and odd[1] == pytest.approx(odd[0], abs=0.03)
+    # The counts of the first taxel are worth little, and twice what they should be.
+    reading, first = one.material.reading, np.arange(9) == 0
+    dim = replace(reading, counts=reading.counts * (1 + first), trust=np.where(first, 1e-4, reading.trust))
+    blind = replace(one.material, reading=dim)
+    loose = fitted(one.start, search.coords, np.zeros(9), {}, blind)
+    tight = pooled(loose, blind)
+    assert loose.refit.x[0] > 2.0 and 0.0 < tight.refit.x[0] < 0.4 * loose.refit.x[0]
+    # A few numbers tell of no scatter, and effects without any of single taxels are left alone.
+    few = replace(good, coords=search.coords[:5])
+    assert pooled(few, one.material) is few
+    assert pooled(with_crosstalk(one, one.start), one.material).coords[0].scatter is None
 
 
 def test_a_fit_is_never_worse_for_having_been_looked_over():
