@@ -21,7 +21,9 @@ from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import OFFSET, Prepared
 from skincal.diagnose.second_look import heard_again, silent_beside, taken_back
 from skincal.gap.candidates import Scene, Start
-from skincal.gap.choose import Choice, Heard, choose
+from skincal.gap.choice import Choice
+from skincal.gap.choose import choose
+from skincal.gap.contest import Heard
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.dying import dead_start, with_silent
 from skincal.gap.library import Library

@@ -13,7 +13,7 @@ from skincal.collect import Plan
 from skincal.diagnose.audit import AuditReport
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.effects import EFFECTS, EffectParameter
-from skincal.gap.choose import Choice
+from skincal.gap.choice import Choice
 from skincal.gap.heldout import Gap
 from skincal.gap.models import Material
 from skincal.gap.noise import NoiseFloor

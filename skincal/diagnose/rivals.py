@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skincal.gap.choose import Choice, Round
+from skincal.gap.choice import Choice, Round
 from skincal.gap.models import Model
 
 NEAR = 0.8

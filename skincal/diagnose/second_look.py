@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.diagnose.base_fit import Base
-from skincal.gap.choose import Choice
+from skincal.gap.choice import Choice
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
 from skincal.gap.models import Model, fitted

@@ -28,7 +28,8 @@ from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.own_numbers import numbers_differ
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
 from skincal.fit.tasks import Mapper
-from skincal.gap.choose import Choice, Heard
+from skincal.gap.choice import Choice
+from skincal.gap.contest import Heard
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
 from skincal.gap.free import parameters_at

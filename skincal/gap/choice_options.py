@@ -57,7 +57,7 @@ class ChoiceOptions:
             one was.
         related: cosine, squared, of what two effects do to the values, each alone, from which on the later one is taken
             for what the equation of the first leaves over, unless it explains ``of_related`` of the first excess; so is
-            a later one of the same kind (:data:`skincal.gap.choose.KINDS`).
+            a later one of the same kind (:data:`skincal.gap.related.KINDS`).
         of_related: see ``related``.
     """
 

@@ -12,12 +12,11 @@ and stays out if nothing is lost, and what came near it is tried in its place (:
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
-import numpy as np
-
-from skincal.gap.candidates import Found, Scene, Start, best_of, search
+from skincal.gap.candidates import Found, Start, best_of, search
+from skincal.gap.choice import Choice, Named, Round
 from skincal.gap.choice_options import ChoiceOptions
 from skincal.gap.contest import Contest, Heard, Needed, PValue, further
 from skincal.gap.hypothesis import Hypothesis
@@ -35,105 +34,9 @@ from skincal.gap.models import (
     scene_of,
     without,
 )
+from skincal.gap.related import instead, likeness, of_one_kind
 from skincal.gap.rivals import beside_all, rivals
-
-KINDS: tuple[frozenset[str], ...] = (
-    frozenset({"spread", "crosstalk", "ghosting"}),
-    frozenset({"hysteresis", "creep", "rate"}),
-    frozenset({"saturation", "dead_band", "response_curve", "stiffening", "cover"}),
-)
-"""Effects of which one takes up what another's equation leaves over: signals that go to other taxels, memories that
-fade, curves from load to counts."""
-
-
-@dataclass(frozen=True, eq=False)
-class Named:
-    """An effect that was named.
-
-    Attributes:
-        name: of the effect.
-        consistent_with: names that these data cannot tell apart from it, itself first.
-        share: part of the excess of its round that it explains.
-        p_value: of the best score of a null session's effects reaching its score; of what was read off, or found by a
-            full fit alone, reaching what that explains; of what only a full fit to some presses found, reaching what
-            that explains of the others.
-        by_places: whether the places of presses told it (:mod:`skincal.gap.places`), not the images.
-    """
-
-    name: str
-    consistent_with: tuple[str, ...]
-    share: float
-    p_value: float
-    by_places: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Round:
-    """What was tried in a round.
-
-    Attributes:
-        found: the search of each effect, best score first.
-        excess: squared residual beyond noise before it, over the presses that choose.
-        falls: fall of the squared residual by a full fit, of the contenders; presses were looked for again only with
-            those that :func:`skincal.gap.contest.further` compares so.
-        fits: the full fits.
-        taken: the effect that was added; None where none was.
-        passed_over: the effect that explained most, but only what one of its own kind leaves over; None where that
-            did not happen.
-    """
-
-    found: tuple[Found, ...]
-    excess: float
-    falls: Mapping[str, float]
-    fits: Mapping[str, Model] = field(default_factory=dict[str, Model])
-    taken: str | None = None
-    passed_over: str | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """What is missing.
-
-    Attributes:
-        before: the base model alone.
-        after: with the effects that were named.
-        named: them.
-        rounds: what was tried.
-        excess: squared residual beyond noise, before and after.
-        values: that were read and looked at.
-        law: root mean square of what another contact law explains, in units of the noise.
-    """
-
-    before: Model
-    after: Model
-    named: tuple[Named, ...]
-    rounds: tuple[Round, ...]
-    excess: tuple[float, float]
-    values: int = 1
-    law: float = 0.0
-
-    @property
-    def explained(self) -> float:
-        """The part of the excess that the named effects explain; NaN where there is none."""
-        first, last = self.excess
-        return 1 - max(last, 0.0) / first if first > 0 else float("nan")
-
-    @property
-    def left(self) -> float:
-        """Root mean square of what is left, in units of the noise."""
-        return (max(self.excess[1], 0.0) / self.values) ** 0.5
-
-    @property
-    def closest(self) -> tuple[str, float] | None:
-        """The effect that came closest to being named in the last round, and the part of what was left it explains.
-
-        None where the last round had none that scored better than in null sessions.
-        """
-        last = self.rounds[-1] if self.rounds else None
-        if last is None or last.taken is not None:
-            return None
-        name, fall = max(last.falls.items(), key=lambda item: item[1], default=("", 0.0))
-        return (name, fall / last.excess) if fall > 0 else None
+from skincal.gap.simpler import fewest, of_taxels, simplest
 
 
 def choose(
@@ -166,212 +69,233 @@ def choose(
         fresh: where a fit may begin again once an effect is named; None: only from where the last one ended.
     """
     options = options or ChoiceOptions()
-    named: list[Named] = []
-    rounds: list[Round] = []
-    passed: set[str] = set()
-    of_rest: set[str] = set()
-    model, told = before, 0
-    seen = int((material.reading.seen & material.known[:, None]).sum())
-    least = options.least(seen, law)
-    whole = first = left = excess_of(before, material, null_mean)
-    # Where the first effect that had to be looked for was: beside what was read off.
-    origin, first_round = before, 0
-    while len(named) < options.most and left > options.later(options.enough, first, seen) and first > 0:
-        number = len(rounds) + 1
-        heard(f"round {number}: searching")
-        found = _searched(model, material, library, options, extra or {}, passed)
+    task = _Task(material, library, p_value, null_mean, options, extra or {}, heard, plain, law, fresh)
+    naming = _Naming(task, before)
+    while naming.goes_on and naming.round():
+        pass
+    return naming.ended(before)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Arguments of :func:`choose`."""
+
+    material: Material
+    library: Library
+    p_value: PValue
+    null_mean: float
+    options: ChoiceOptions
+    extra: Mapping[str, Start]
+    heard: Heard
+    plain: Collection[str]
+    law: float
+    fresh: Hypothesis | None
+
+    def excess(self, model: Model) -> float:
+        """What a model leaves beyond what a null session does."""
+        return excess_of(model, self.material, self.null_mean)
+
+    def searched(self, model: Model, passed: Collection[str], *, every: bool = False) -> list[Found]:
+        """What effects explain to first order beside a model."""
+        return _searched(model, self.material, self.library, self.options, self.extra, passed, every=every)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """Effects of a round.
+
+    Attributes:
+        contest: of them.
+        found: their search.
+        fits: full fits.
+        again: those with which presses were looked for again.
+        read: the one that can be read off; None where there is none.
+    """
+
+    contest: Contest
+    found: Sequence[Found]
+    fits: Mapping[str, Model]
+    again: Collection[str]
+    read: str | None
+
+    @cached_property
+    def falls(self) -> dict[str, float]:
+        """By how much each lowers the excess."""
+        return {name: self.contest.fall(model) for name, model in self.fits.items()}
+
+    def scores(self, name: str) -> bool:
+        """Whether the search of an effect scored."""
+        return self.contest.scores(self.search(name))
+
+    def search(self, name: str) -> Found:
+        """That of an effect."""
+        return next(f for f in self.found if f.effect == name)
+
+
+class _Naming:
+    """What was named so far, and the rounds in which it was."""
+
+    def __init__(self, task: _Task, before: Model) -> None:
+        self.task, self.model = task, before
+        self.named: list[Named] = []
+        self.rounds: list[Round] = []
+        self.passed: set[str] = set()
+        self.of_rest: set[str] = set()
+        self.values = int((task.material.reading.seen & task.material.known[:, None]).sum())
+        self.least = task.options.least(self.values, task.law)
+        self.whole = self.first = self.left = task.excess(before)
+        # Where the first effect that had to be looked for was: beside what was read off.
+        self.read_off, self.origin, self.first_round = 0, before, 0
+
+    @property
+    def beside(self) -> int:
+        """Effects that were named, without those that were read off."""
+        return len(self.named) - self.read_off
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether there may be a further effect."""
+        options = self.task.options
+        enough = options.later(options.enough, self.first, self.values)
+        return len(self.named) < options.most and self.left > enough and self.first > 0
+
+    def round(self) -> bool:
+        """Names an effect, or passes one over; whether it did."""
+        options, number = self.task.options, len(self.rounds) + 1
+        self.task.heard(f"round {number}: searching")
+        found = self.task.searched(self.model, self.passed)
         if not found:
-            break
-        # Where one was passed over, the model is that of the round before.
-        done: Mapping[str, Model] = rounds[-1].fits if rounds and rounds[-1].passed_over else {}
-        contest = Contest(model, material, p_value, null_mean, options, left, done)
-        if contest.scores(found[0]):
-            heard(f"round {number}: fitting {found[0].effect} and what comes near it")
-        beside = len(named) - told
-        readable = plain if beside == 0 else ()
-        fits: Mapping[str, Model] = contest.fits(
-            [f for f in found if contest.near(f, found) or f.effect in readable]
-        )
-        # What can be read off is there; what takes it up on the way must wait until it is in the model.
-        read = next((n for n in readable if n in fits and contest.fall(fits[n]) >= least), None)
-        again: Collection[str] = ()
-        if read is None:
-            every = partial(_searched, model, material, library, options, extra or {}, passed, every=True)
-            # What is named and all that is added must explain enough together, or the answer is that nobody knows.
-            lacking = 1 - (1 - options.explained) * first / left
-            needed = Needed(beside, least, lacking, partial(_told, heard, number), fresh)
-            fits, found, again = further(contest, found, fits, every, needed)
-        falls = {name: contest.fall(m) for name, m in fits.items()}
-        rounds.append(Round(tuple(found), left, falls, fits))
-        if not fits:
-            break
-        most = max(falls.values())
-        if most <= 0:
-            break
-        alike = [n for n in fits if falls[n] >= options.about(most, seen)]
-        # An effect with numbers for each taxel must beat those that need fewer.
-        close = [n for n in fits if falls[n] >= min(most, options.enough_of(most, left, seen))]
-        asked = options.share_later if beside else options.share_first
-        least_of_all = max(least, options.later(options.of_all, first, seen))
-        enough_for_one = max(asked * left, least_of_all)
-        name = read or fewest(simplest(close, falls, fits), falls, fits, options, seen, enough_for_one)
-        best = fits[name]
-        share = falls[name] / left
-        own = next(f for f in found if f.effect == name)
-        if beside and of_taxels(best, name) and not contest.scores(own):
-            asked = options.share_of_taxels
-        if beside and share >= options.most_of_rest and contest.scores(own):
-            of_rest.add(name)
-            least_of_all = least
-        enough = share >= asked and falls[name] >= least_of_all
-        if read is None and not enough:
-            break
-        if beside and falls[name] < options.of_related * first:
-            known = [one.name for one in named[told:]]
+            return False
+        tried = self._tried(found, number)
+        self.rounds.append(Round(tuple(tried.found), self.left, tried.falls, tried.fits))
+        name = self._best(tried)
+        if name is None:
+            return False
+        best, kept = tried.fits[name], self.named
+        if self.beside and tried.falls[name] < options.of_related * self.first:
+            known = [one.name for one in self.named[self.read_off :]]
             kin = [one for one in known if of_one_kind(name, [one])]
-            alone = instead(best, kin, material, left - least, null_mean) if kin else best
+            alone = (
+                instead(best, kin, self.task.material, self.left - self.least, self.task.null_mean)
+                if kin
+                else best
+            )
             if alone is None:
                 # What the equation of the first is not quite right in; something else may still be there.
-                passed.add(name)
-                rounds[-1] = replace(rounds[-1], passed_over=name)
-                continue
-            if (
-                not kin
-                and likeness(scene_of(origin, material), material, rounds[first_round], name, known)
-                > options.related
-            ):
-                break
-            best, named = alone, [one for one in named if one.name not in kin]
-        rounds[-1] = replace(rounds[-1], taken=name)
-        if read:
+                self.passed.add(name)
+                self.rounds[-1] = replace(self.rounds[-1], passed_over=name)
+                return True
+            if not kin and self._likeness(name, known) > options.related:
+                return False
+            best, kept = alone, [one for one in self.named if one.name not in kin]
+        self.rounds[-1] = replace(self.rounds[-1], taken=name)
+        self.named = [*kept, self._as_named(name, tried)]
+        done = name in tried.again and best is tried.fits[name]
+        self.model = best if done else self._again(best, name, number)
+        self.left = self.task.excess(self.model)
+        if tried.read is not None:
+            self.first, self.read_off = self.left, self.read_off + 1
+            self.origin, self.first_round = self.model, number
+        return True
+
+    def ended(self, before: Model) -> Choice:
+        """What is missing: what was named, without what the others do without."""
+        task, options = self.task, self.task.options
+        of_all = options.later(options.of_all, self.first, self.values)
+        lost = {n.name: min(self.least, of_all) if n.name in self.of_rest else of_all for n in self.named}
+        outdone_ones = [n for n in outdone(self.named, self.rounds) if n not in task.plain]
+        anew = dict.fromkeys(outdone_ones, task.fresh) if task.fresh is not None else {}
+        model, named = dropped(self.model, self.named, task.material, lost, anew)
+        read_off = [one for one in named if one.name in task.plain]
+        looked_for = [one for one in named if one.name not in task.plain]
+        model, looked_for = against_rivals(
+            model, looked_for, self.rounds, task.material, options, self.values
+        )
+        named = (*read_off, *looked_for)
+        model = pooled(levelled(model, task.material), task.material)
+        if named:
+            task.heard("the last fit")
+            model = finished(model, task.material)
+        excess = self.whole, task.excess(model)
+        return Choice(before, model, named, tuple(self.rounds), excess, self.values, task.law)
+
+    def _tried(self, found: list[Found], number: int) -> _Tried:
+        """Full fits of effects that score, and of others where those explain little."""
+        task, options = self.task, self.task.options
+        # Where one was passed over, the model is that of the round before.
+        last = self.rounds[-1] if self.rounds else None
+        done: Mapping[str, Model] = last.fits if last is not None and last.passed_over else {}
+        contest = Contest(self.model, task.material, task.p_value, task.null_mean, options, self.left, done)
+        if contest.scores(found[0]):
+            task.heard(f"round {number}: fitting {found[0].effect} and what comes near it")
+        readable = task.plain if self.beside == 0 else ()
+        fits = contest.fits([f for f in found if contest.near(f, found) or f.effect in readable])
+        # What can be read off is there; what takes it up on the way must wait until it is in the model.
+        read = next((n for n in readable if n in fits and contest.fall(fits[n]) >= self.least), None)
+        if read is not None:
+            return _Tried(contest, found, fits, (), read)
+        every = partial(task.searched, self.model, self.passed, every=True)
+        # What is named and all that is added must explain enough together, or the answer is that nobody knows.
+        lacking = 1 - (1 - options.explained) * self.first / self.left
+        needed = Needed(self.beside, self.least, lacking, partial(_told, task.heard, number), task.fresh)
+        more, searches, again = further(contest, found, fits, every, needed)
+        return _Tried(contest, searches, more, again, None)
+
+    def _best(self, tried: _Tried) -> str | None:
+        """The effect that explains most, or a simpler one that explains as much; None where it is not enough."""
+        options, falls = self.task.options, tried.falls
+        most = max(falls.values(), default=0.0)
+        if most <= 0:
+            return None
+        if tried.read is not None:
+            return tried.read
+        # An effect with numbers for each taxel must beat those that need fewer.
+        close = [n for n in falls if falls[n] >= min(most, options.enough_of(most, self.left, self.values))]
+        asked = options.share_later if self.beside else options.share_first
+        least = max(self.least, options.later(options.of_all, self.first, self.values))
+        enough = max(asked * self.left, least)
+        name = fewest(simplest(close, falls, tried.fits), falls, tried.fits, options, self.values, enough)
+        share, scores = falls[name] / self.left, tried.scores(name)
+        if self.beside and of_taxels(tried.fits[name], name) and not scores:
+            asked = options.share_of_taxels
+        if self.beside and share >= options.most_of_rest and scores:
+            self.of_rest.add(name)
+            least = self.least
+        return name if share >= asked and falls[name] >= least else None
+
+    def _as_named(self, name: str, tried: _Tried) -> Named:
+        """An effect with the names that cannot be told from it."""
+        options, falls = self.task.options, tried.falls
+        if tried.read is not None:
             # It stands far out of the noise: only what leaves as much, no less, cannot be told from it.
-            alike = [n for n in fits if abs(falls[n] - falls[name]) <= options.least(seen)]
+            alike = [n for n in falls if abs(falls[n] - falls[name]) <= options.least(self.values)]
+        else:
+            alike = [n for n in falls if falls[n] >= options.about(max(falls.values()), self.values)]
         others = sorted((n for n in alike if n != name), key=lambda n: -falls[n])
         # What was read off need not hold for other presses: a taxel may die in the last ones.
         # What a full fit alone has found did not score: its p-value is that of what it explains.
-        told_by = own.scored if read is None and contest.scores(own) else falls[name]
-        named.append(Named(name, (name, *others), share, p_value(name, told_by)))
-        model = best
-        if name not in again or best is not fits[name]:
-            heard(f"round {number}: presses again, with {name}")
-            model = found_again(best, material)
-            if fresh is not None and excess_of(model, material, null_mean) > least:
-                model = better(model, found_again(begun_again(model, material, fresh), material))
-        left = excess_of(model, material, null_mean)
-        if read is not None:
-            first, told, origin, first_round = left, told + 1, model, number
-    of_all = options.later(options.of_all, first, seen)
-    lost = {one.name: min(least, of_all) if one.name in of_rest else of_all for one in named}
-    anew = {n: fresh for n in outdone(named, rounds) if n not in plain} if fresh is not None else {}
-    model, named = dropped(model, named, material, lost, anew)
-    read_off = [one for one in named if one.name in plain]
-    looked_for = [one for one in named if one.name not in plain]
-    model, looked_for = against_rivals(model, looked_for, rounds, material, options, seen)
-    named = [*read_off, *looked_for]
-    model = pooled(levelled(model, material), material)
-    if named:
-        heard("the last fit")
-        model = finished(model, material)
-    left = excess_of(model, material, null_mean)
-    return Choice(before, model, tuple(named), tuple(rounds), (whole, left), seen, law)
+        scored = tried.read is None and tried.scores(name)
+        told_by = tried.search(name).scored if scored else falls[name]
+        p_value = self.task.p_value(name, told_by)
+        return Named(name, (name, *others), falls[name] / self.left, p_value)
+
+    def _likeness(self, name: str, known: Sequence[str]) -> float:
+        """How like others an effect is, each alone."""
+        scene = scene_of(self.origin, self.task.material)
+        return likeness(scene, self.task.material, self.rounds[self.first_round], name, known)
+
+    def _again(self, model: Model, name: str, number: int) -> Model:
+        """The model with presses looked for again, also from another beginning where much is left."""
+        task = self.task
+        task.heard(f"round {number}: presses again, with {name}")
+        here = found_again(model, task.material)
+        if task.fresh is None or task.excess(here) <= self.least:
+            return here
+        return better(here, found_again(begun_again(here, task.material, task.fresh), task.material))
 
 
 def _told(heard: Heard, number: int, what: str) -> None:
     heard(f"round {number}: {what}")
-
-
-def simplest(alike: Sequence[str], falls: Mapping[str, float], fits: Mapping[str, Model]) -> str:
-    """Of effects that explain about as much the one that explains most, those with numbers for each taxel last.
-
-    Args:
-        alike: effects that explain about as much, at least one.
-        falls: what each explains.
-        fits: the model with each.
-    """
-
-    def order(name: str) -> tuple[int, float]:
-        return of_taxels(fits[name], name), -falls[name]
-
-    return min(alike, key=order)
-
-
-def fewest(
-    name: str,
-    falls: Mapping[str, float],
-    fits: Mapping[str, Model],
-    options: ChoiceOptions,
-    values: int,
-    enough: float = 0.0,
-) -> str:
-    """Of effects that explain as much as one does, but for what is too little to be named, that with fewest numbers.
-
-    Args:
-        name: of the one.
-        falls: what each explains.
-        fits: the model with each.
-        options: say what is as much, and what is too little.
-        values: that were read.
-        enough: what another one must explain to be named at all.
-    """
-    level = of_taxels(fits[name], name)
-    least = max(options.broad * falls[name], falls[name] - options.least(values), enough)
-    close = [name, *(n for n in fits if falls[n] >= least and of_taxels(fits[n], n) == level)]
-
-    def order(other: str) -> tuple[int, float]:
-        return sum(c.effect == other for c in fits[other].coords), -falls[other]
-
-    return min(close, key=order)
-
-
-def of_taxels(model: Model, name: str) -> int:
-    """How many numbers of single taxels an effect of a model has."""
-    own = [c for c in model.coords if c.effect == name and c.is_strength]
-    return sum(c.parameter.shape == "per-taxel" for c in own)
-
-
-def of_one_kind(name: str, known: Collection[str]) -> bool:
-    """Whether an effect is of a kind with others: equations for the same thing, each right for some skins."""
-    return any(name in kind and not kind.isdisjoint(known) for kind in KINDS)
-
-
-def likeness(scene: Scene, material: Material, first: Round, name: str, known: Sequence[str]) -> float:
-    """The largest squared cosine of what an effect and others do, each as a round's search ended with it alone.
-
-    Args:
-        scene: of the model that the round began with: the base model, beside what was read off.
-        material: the session.
-        first: the round, the first that looked for something; what it did not search is searched.
-        name: of the effect.
-        known: names of the others.
-    """
-    views = scene.part(material.learn), scene.part(material.score)
-    searched = {f.effect: f for f in first.found}
-    of = {n: searched.get(n) or best_of(scene, n, *views) for n in (name, *known)}
-    done = {n: views[0].seen(scene.bench.values(f.parameters) - scene.zero)[:, 0] for n, f in of.items() if f}
-    if name not in done:
-        return 0.0
-    unit = {n: own / max(float(np.linalg.norm(own)), 1e-300) for n, own in done.items()}
-    return max((float(unit[name] @ unit[n]) ** 2 for n in known if n in unit), default=0.0)
-
-
-def instead(
-    model: Model, kin: Collection[str], material: Material, most: float, null_mean: float
-) -> Model | None:
-    """A model without effects that are of a kind with its last one; None where it leaves too much then.
-
-    One that was named before may have come nearest only as long as sensor and presses were not where they belong.
-
-    Args:
-        model: with all of them.
-        kin: names of those to be dropped.
-        material: the session.
-        most: excess that it may leave.
-        null_mean: mean square of a null session's residual.
-    """
-    for name in kin:
-        model = without(model, name, material)
-    model = finished(found_again(model, material), material)
-    return model if excess_of(model, material, null_mean) <= most else None
 
 
 def against_rivals(

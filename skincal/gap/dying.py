@@ -13,7 +13,7 @@ import numpy as np
 
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import Bench, Found, Start
-from skincal.gap.choose import Choice, Named
+from skincal.gap.choice import Choice, Named
 from skincal.gap.free import Coordinate, coordinates
 from skincal.gap.models import Material, Model, extended, fitted, scene_of
 from skincal.gap.null import Null

@@ -24,7 +24,7 @@ import numpy as np
 
 from skincal.effects.samples import Samples
 from skincal.gap.candidates import Bench, Found
-from skincal.gap.choose import Choice, Named
+from skincal.gap.choice import Choice, Named
 from skincal.gap.contest import IN_PLACES
 from skincal.gap.free import clipped
 from skincal.gap.models import Material, Model, excess_of, extended

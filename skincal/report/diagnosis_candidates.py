@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skincal.gap.choose import Round
+from skincal.gap.choice import Round
 from skincal.gap.null import Null
 from skincal.model.arrays import FloatArray
 from skincal.report.style import (

@@ -34,8 +34,8 @@ from skincal.diagnose.workflow import (  # pyright: ignore[reportPrivateUsage]
     diagnose,
 )
 from skincal.errors import InputError, WorkError
+from skincal.gap.choice import Choice, Named
 from skincal.gap.choice_options import ChoiceOptions
-from skincal.gap.choose import Choice, Named
 from skincal.gap.null import Null
 from skincal.gap.refit import _descended as descended  # pyright: ignore[reportPrivateUsage]
 from skincal.gap.robust import Dead, times

@@ -10,7 +10,7 @@ from gap.made_sessions import CASES, OPTIONS, Made, made
 from skincal.diagnose.base_fit import Base, without_hidden_glitches
 from skincal.diagnose.second_look import taken_back
 from skincal.diagnose.workflow import _deviation as noise_of_fitted
-from skincal.gap.choose import Choice, Named
+from skincal.gap.choice import Choice, Named
 from skincal.gap.models import Model
 from skincal.gap.refit import refit
 from skincal.gap.robust import without_presses

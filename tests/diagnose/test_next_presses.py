@@ -26,7 +26,7 @@ from skincal.diagnose.session import gap_session
 from skincal.effects.samples import HOLD
 from skincal.gap.audit import EffectAudit, Lost
 from skincal.gap.candidates import Bench
-from skincal.gap.choose import Choice, Named, Round
+from skincal.gap.choice import Choice, Named, Round
 from skincal.gap.models import Model
 from skincal.gap.reading import Reading
 from skincal.gap.refit import refit

@@ -13,29 +13,19 @@ from gap.made_sessions import CASES, OPTIONS, Case, Effects, based, case, made, 
 import skincal.gap.contest as contest_module
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import Found, best_of
+from skincal.gap.choice import Choice, Named, Round
 from skincal.gap.choice_options import ChoiceOptions
-from skincal.gap.choose import (
-    KINDS,
-    Choice,
-    Named,
-    Round,
-    against_rivals,
-    choose,
-    dropped,
-    fewest,
-    likeness,
-    of_one_kind,
-    outdone,
-    simplest,
-)
 from skincal.gap.choose import _searched as searched
+from skincal.gap.choose import against_rivals, choose, dropped, outdone
 from skincal.gap.contest import Contest, Needed, further
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material, Model, begun_again, excess_of, extended, without
 from skincal.gap.null import Null, simulate_null
 from skincal.gap.refit import refit
+from skincal.gap.related import KINDS, likeness, of_one_kind
 from skincal.gap.rivals import beside_all, rivals
+from skincal.gap.simpler import fewest, simplest
 
 NAMES = ("hysteresis", "crosstalk", "saturation", "taxel_gain", "contact_offset", "force_bias", "gain_drift")
 TWO: Effects = {**CASES["hysteresis"], "crosstalk": {"leak": 0.02}}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap.made_sessions import OPTIONS, Case, Effects, case, made, pressed
 
-from skincal.gap.choose import Choice
+from skincal.gap.choice import Choice
 from skincal.gap.models import Material, Model, scene_of
 from skincal.gap.place_moves import PlaceMoves, told
 from skincal.gap.places import NAME, SHARE, SIGNIFICANT, place_trend, with_places

@@ -12,7 +12,7 @@ from gap.made_sessions import OPTIONS, SIGMA, Made, made, read
 
 from skincal.diagnose.base_fit import Base
 from skincal.diagnose.second_look import heard_again, silent_beside
-from skincal.gap.choose import Choice
+from skincal.gap.choice import Choice
 from skincal.gap.dying import NAME, with_silent
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.models import Model

@@ -9,7 +9,7 @@ from report.diagnosis_cases import diagnosed
 
 from skincal.diagnose.summary import summary
 from skincal.effects import EFFECTS
-from skincal.gap.choose import Round
+from skincal.gap.choice import Round
 from skincal.report.diagnosis_gap import closed_words
 from skincal.report.diagnosis_story import headline, parameter_rows, verdict_sentences
 from skincal.report.diagnosis_words import verdict_lines
