@@ -26,8 +26,8 @@ _KNOTS = 200
 _FINEST = 2e-4
 """Counts between two knots at least."""
 
-_MANY = 500
-"""So many values, or more, are interpolated."""
+_MANY = 20_000
+"""So many values are interpolated."""
 
 _MAX_CLIPPED_REST = 1.5
 """A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
@@ -120,7 +120,7 @@ def _rounded(above: Floats, sigma: float, steps: Floats) -> Floats:
     return ndtr((-steps - above[..., None]) / sigma).sum(axis=-1)
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=16)
 def _table(sigma: float) -> tuple[Floats, Floats]:
     """Knots (K,), and how much values there are lifted: lines between them are right to 5e-6 (sigma + 1 count)."""
     steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
