@@ -178,7 +178,7 @@ def found_again(model: Model, material: Material) -> Model:
 
 
 def begun_again(model: Model, material: Material, fresh: Hypothesis) -> Model:
-    """A model fitted from another sensor and other places, its effects starting where they are; no better as a rule."""
+    """A model fitted from another sensor and other places, its effects starting where they are; it may fit worse."""
     return fitted(fresh, model.coords, model.refit.x, model.held, material, settle=_SETTLE)
 
 
