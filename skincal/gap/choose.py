@@ -203,15 +203,15 @@ class _Naming:
         task, options = self.task, self.task.options
         of_all = options.later(options.of_all, self.first, self.values)
         lost = {n.name: min(self.least, of_all) if n.name in self.of_rest else of_all for n in self.named}
-        outdone_ones = [n for n in outdone(self.named, self.rounds) if n not in task.plain]
-        anew = dict.fromkeys(outdone_ones, task.fresh) if task.fresh is not None else {}
+        doubtful = [n for n in outdone(self.named, self.rounds) if n not in task.plain]
+        anew = dict.fromkeys(doubtful, task.fresh) if task.fresh is not None else {}
         model, named = dropped(self.model, self.named, task.material, lost, anew)
-        read_off = [one for one in named if one.name in task.plain]
+        plain = [one for one in named if one.name in task.plain]
         looked_for = [one for one in named if one.name not in task.plain]
         model, looked_for = against_rivals(
             model, looked_for, self.rounds, task.material, options, self.values
         )
-        named = (*read_off, *looked_for)
+        named = (*plain, *looked_for)
         model = pooled(levelled(model, task.material), task.material)
         if named:
             task.heard("the last fit")

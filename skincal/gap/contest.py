@@ -130,8 +130,8 @@ class Contest:
         """Full fits with presses looked for again, of those that explain about as much as the best.
 
         As long as an effect is not in the model, places and sensor take up a part of it, and which effect explains most
-        from there need not be the one that does once they are where they belong. A fit that begins again tells most of
-        that, and takes a few seconds less than to look for presses.
+        from there need not be the one that does once they are where they belong. Most of that a fit tells that begins
+        again, before presses are looked for, which costs more.
 
         Args:
             fits: full fits.

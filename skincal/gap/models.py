@@ -15,6 +15,7 @@ import numpy as np
 from skincal.gap.candidates import Found, Scene
 from skincal.gap.free import Coordinate
 from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.noise import NORMAL
 from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, refit
@@ -31,8 +32,6 @@ _MANY, _ROUNDS = 60, 3
 """Steps, and looks for presses, of the fit that counts."""
 _ABOUT_ONE = 0.02
 """Gains whose middle is so near to one are left as they are."""
-_NORMAL = 1.4826
-"""The standard deviation of normal numbers over the median of their distances from the middle."""
 _NARROWEST, _A_CROWD = 1.0, 6
 """The narrowest prior of numbers of single taxels [typical values], and of how many it is told at least."""
 _MUCH = 20.0
@@ -236,7 +235,7 @@ def pooled(model: Model, material: Material) -> Model:
     coords = list(model.coords)
     for rows in own.values():
         x = model.refit.x[rows]
-        scatter = max(_NORMAL * float(np.median(np.abs(x - np.median(x)))), _NARROWEST)
+        scatter = max(NORMAL * float(np.median(np.abs(x - np.median(x)))), _NARROWEST)
         if len(rows) >= _A_CROWD and scatter < coords[rows[0]].prior:
             for k in rows:
                 coords[k] = replace(coords[k], scatter=scatter)
