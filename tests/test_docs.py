@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import gzip
+import json
 import math
 import re
 import shlex
@@ -107,3 +109,20 @@ def test_fit_page_tells_the_defaults():
     assert f"Gaussians of up to {1e3 * options.law_spreads_m[-1]:g} mm" in text
     assert f"steps of {1e3 * steps.across_m:g} mm of arc, {1e3 * steps.y_m:g} mm in $y$" in text
     assert f"{math.degrees(steps.alpha_rad):g}° in $\\alpha$, and {steps.elasticities} values of $E$" in text
+
+
+def test_sessions_of_the_blind_test_are_as_many_as_its_page_says() -> None:
+    text = (ROOT / "docs" / "trust.md").read_text()
+    results = ROOT / "benchmarks" / "results"
+    kept = {}
+    for path in results.glob("blind_sessions_*.jsonl.gz"):
+        with gzip.open(path, "rt") as lines:
+            # The first line says what was run.
+            kept[int(path.name.split("_")[-1].split(".")[0])] = sum(1 for _ in lines) - 1
+    told = {int(seed): int(count) for seed, count in re.findall(r"^\| (\d+) \| (\d+) \| \d+ of", text, re.M)}
+    assert {seed: told[seed] for seed in kept} == kept
+    seeds = [run["seed"] for run in json.loads((results / "blind.json").read_text())["study"]["runs"]]
+    said = text[text.index("each run by the version of its day") : text.index("of them together")]
+    listed = {int(seed): int(count) for count, seed in re.findall(r"(\d+) of seed (\d+),", said)}
+    assert listed == {seed: kept[seed] for seed in seeds}
+    assert f"{sum(listed.values())} of them together" in " ".join(text.split())
