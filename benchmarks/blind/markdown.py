@@ -11,7 +11,9 @@ Record = dict[str, Any]
 
 _ROWS: Sequence[tuple[str, str, str, str]] = (
     ("none", "nothing hidden, elastic layer", "false alarms", "false_alarms"),
+    ("none", "", "an effect scores, p ≤ 0.01", "scores"),
     ("decoy", "decoys", "false alarms", "false_alarms"),
+    ("decoy", "", "an effect scores, p ≤ 0.01", "scores"),
     ("one", "one effect", "right class, g ≥ 0.4", "right_class_strong"),
     ("one", "", "right class, g 0.2 to 0.4", "right_class_weak"),
     ("one", "", "exact name where it can be told", "exact_name_where_it_can_be_told"),

@@ -4,6 +4,8 @@ A *share* is a proportion with its Wilson interval of 95 %, and whether it reach
 of a suite counts, those whose diagnosis failed as well: those count as wrong.
 
 * *false alarm*: a verdict other than ``none`` where nothing is hidden.
+* *scores*: where nothing is hidden, the best effect's p-value is 0.01 or less; it is named only if it explains enough,
+  too.
 * *right class*: the effect that is named first is of the class of the hidden one
   (:data:`benchmarks.blind.suites.CLASSES`).
 * *exact name*: the effect that is named first is the hidden one; among sessions in which an effect is named, the
@@ -35,6 +37,8 @@ STRONG_G, WEAK_G = 0.4, 0.2
 BINS = (0.0, 0.19, 0.29, 0.39, 0.59, 0.89, 1.29, math.inf)
 """Edges of the power curve; strengths are hit to 2 %, so an edge lies a little below those that are asked for."""
 _EDGE = 0.97
+SIGNIFICANT = 0.01
+"""A score's p-value, as the diagnosis has it, from which on there is something."""
 
 
 def summary(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
@@ -67,7 +71,8 @@ def _quiet(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
         kind: share(o.verdict != "none" for o in outcomes if o.label["decoy"] == kind) for kind in kinds
     }
     named = Counter(name for o in outcomes for name in (o.names or ([o.verdict] * (o.verdict != "none"))))
-    found: Record = {"false_alarms": alarms, "named": dict(named.most_common())}
+    scores = share(o.best_p <= SIGNIFICANT for o in outcomes)
+    found: Record = {"false_alarms": alarms, "scores": scores, "named": dict(named.most_common())}
     return found | ({"by_kind": by_kind} if by_kind else {})
 
 

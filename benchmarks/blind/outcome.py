@@ -40,6 +40,7 @@ class Outcome:
         cannot_see: names that these presses cannot show.
         gap: of the held-out presses, as the diagnosis told it.
         wall_s, cpu_s: that the diagnosis took.
+        best_p: the smallest p-value of a score in the first round; 1 where no effect was searched.
     """
 
     label: Record
@@ -50,6 +51,7 @@ class Outcome:
     gap: Record
     wall_s: float = 0.0
     cpu_s: float = 0.0
+    best_p: float = 1.0
 
     @classmethod
     def of(cls, label: Record, said: Record, wall_s: float = 0.0, cpu_s: float = 0.0) -> Outcome:
@@ -69,7 +71,11 @@ class Outcome:
         named = [Named(e["name"], frozenset([e["name"], *e.get("consistent_with", [])])) for e in effects]
         gap = said.get("gap") or {}
         seen = frozenset(said.get("cannot_see", []))
-        return cls(label, str(verdict), named, bool(said.get("unexplained")), seen, gap, wall_s, cpu_s)
+        first = next(iter(said.get("candidates") or [[]]))
+        best_p = min((float(tried["p_value"]) for tried in first), default=1.0)
+        return cls(
+            label, str(verdict), named, bool(said.get("unexplained")), seen, gap, wall_s, cpu_s, best_p
+        )
 
     @property
     def hidden(self) -> list[str]:

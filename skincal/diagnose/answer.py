@@ -35,8 +35,6 @@ from skincal.gap.silent import Silent, without_silent
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray
 
-_LEAST_FALL = 20.0
-
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -156,7 +154,7 @@ class Question:
         )
         heard("places")
         choice = with_places(choice, base.material, list(errors.values()), null.mean_square, swapped)
-        told = _signatures(scene, base, null, signs)
+        told = _signatures(scene, base, null, signs, self.options.choice.least(choice.values, choice.law))
         verdict, unexplained = judged(choice, null, told, self.options)
         return Answer(base, null, choice, told, verdict, unexplained)
 
@@ -213,7 +211,7 @@ def judged(
     # What is sure, but no more than the weakest effect does to a session of many values, is what ramps averaged in bins
     # leave, or a law.
     least = options.choice.weakest_beside(choice.law) ** 2 * choice.values
-    clear = [s.times_null for s in signatures if s.share * max(choice.excess[0], 0.0) >= least]
+    clear = [s.times_null for s in signatures if s.fall >= least and choice.excess[0] >= 1]
     strongest = max(clear, default=0.0)
     in_images = [one for one in choice.named if not one.by_places]
     no_more = choice.left <= options.background
@@ -230,16 +228,13 @@ def judged(
 
 
 def _signatures(
-    scene: Scene, base: Base, null: Null, signs: Mapping[str, tuple[str, FloatArray]]
+    scene: Scene, base: Base, null: Null, signs: Mapping[str, tuple[str, FloatArray]], unknown: float
 ) -> tuple[Signature, ...]:
     whole = scene.part(base.material.known)
     read = int(base.material.reading.seen[whole.rows].sum())
-    excess = max(1.0, float((whole.residual**2).sum()) - null.mean_square * read)
+    excess = float((whole.residual**2).sum()) - null.mean_square * read
     found: list[Signature] = []
     for name, (meaning, columns) in signs.items():
         fall = float(signature_falls(whole, columns, whole.residual)[0])
-        own = null.signatures[name]
-        chance = (1 + int((own >= fall).sum())) / (1 + len(null.laws))
-        most = max(_LEAST_FALL, float(own.max(initial=0.0)))
-        found.append(Signature(name, meaning, fall / excess, chance, fall / most))
-    return tuple(sorted(found, key=lambda s: -s.share))
+        found.append(Signature.of(name, meaning, fall, excess, null.signatures[name], unknown))
+    return tuple(sorted(found, key=lambda s: -s.fall))

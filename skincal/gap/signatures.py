@@ -24,6 +24,10 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 PHASE_WORDS: Mapping[int, str] = {LOAD: "loading", HOLD: "the hold", UNLOAD: "unloading", IDLE: "rest"}
 
 
+_LEAST_FALL = 20.0
+"""Squared units of the noise: less than this is nothing, even where no null session has any."""
+
+
 @dataclass(frozen=True)
 class Signature:
     """What a residual has to do with something.
@@ -31,9 +35,10 @@ class Signature:
     Attributes:
         name: of the signature.
         meaning: in a few words.
-        share: part of the excess that it explains.
-        p_value: of explaining as much in a null session.
+        share: part of the excess that it explains; at most 1.
+        p_value: of explaining as much in a null session, beside what an unknown contact law may leave there.
         times_null: what it explains over the most that it explains in any null session.
+        fall: by how much it lowers the squared residual, in squared units of the noise.
     """
 
     name: str
@@ -41,6 +46,30 @@ class Signature:
     share: float
     p_value: float
     times_null: float = 0.0
+    fall: float = 0.0
+
+    @classmethod
+    def of(
+        cls, name: str, meaning: str, fall: float, excess: float, of_null: FloatArray, unknown: float
+    ) -> Signature:
+        """What a signature says of a session.
+
+        Null sessions have the contact laws that were simulated. A skin has another, and what that leaves, a few tens of
+        squared units, is more than noise does in any of them. Two residuals together are no longer than both lengths:
+        as much as an unknown law may leave is granted to every null session on top.
+
+        Args:
+            name: of the signature.
+            meaning: in a few words.
+            fall: by how much it lowers the squared residual.
+            excess: squared residual beyond that of the mean null session.
+            of_null: (D,) what it explains of null sessions.
+            unknown: squared residual that a contact law may leave that is none of the simulated ones.
+        """
+        granted = (np.sqrt(of_null) + np.sqrt(unknown)) ** 2
+        chance = (1 + int((granted >= fall).sum())) / (1 + len(of_null))
+        most = max(_LEAST_FALL, float(of_null.max(initial=0.0)))
+        return cls(name, meaning, fall / max(excess, fall, 1.0), chance, fall / most, fall)
 
 
 @dataclass(frozen=True, eq=False)

@@ -201,3 +201,19 @@ def test_a_jump_may_be_called_more_than_one_thing():
 def test_what_is_not_as_the_contract_has_it_is_told(said):
     with pytest.raises(OutcomeError, match="none-000"):
         Outcome.of(_label(specs("none", 0)[0]), said)
+
+
+def test_sessions_with_nothing_hidden_in_which_an_effect_scores_are_counted():
+    by_number = [
+        [],
+        [[]],
+        [[{"p_value": 0.01}, {"p_value": 0.5}]],
+        [[{"p_value": 0.02}], [{"p_value": 0.001}]],
+    ]
+
+    def answer(label):
+        number = int(label["session"].rsplit("-", 1)[1])
+        return {**_said("none"), "candidates": by_number[number % 4]}
+
+    quiet = summary([o for o in _all(answer) if o.label["suite"] == "none"], [])["none"]
+    assert quiet["scores"]["hits"] == 25 and quiet["scores"]["of"] == 100

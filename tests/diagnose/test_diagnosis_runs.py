@@ -165,12 +165,12 @@ def test_a_calibration_of_another_sensor_is_refused():
 def test_verdicts(named: bool, left: float, times: float, said: tuple[str, bool]):
     names = (Named("creep", ("creep",), 0.9, 0.01),) if named else ()
     choice = Choice(cast("Any", None), cast("Any", None), names, (), (100.0, left), 200)
-    sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, times)
+    sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, times, 50.0)
     assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
 
 
 def test_what_is_sure_but_weaker_than_any_effect_that_is_named_is_nothing():
-    sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, 50.0)
+    sign = Signature("hold", "the value against time in the hold", 0.5, 0.01, 50.0, 50.0)
     for values, said in ((200, ("unknown", True)), (4000, ("none", False))):
         choice = Choice(cast("Any", None), cast("Any", None), (), (), (100.0, 100.0), values)
         assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
@@ -187,7 +187,7 @@ def test_a_residual_far_above_that_of_any_null_session_is_unknown_whatever_it_de
 
 
 def test_beside_a_named_effect_as_much_may_be_left_as_another_contact_law_leaves():
-    sign = Signature("neighbours", "the mean of the neighbours", 0.5, 0.01, 50.0)
+    sign = Signature("neighbours", "the mean of the neighbours", 0.5, 0.01, 50.0, 50.0)
     names = (Named("spread", ("spread",), 0.5, 0.01),)
     for named, left, said in (
         (names, 11.0, ("effects", False)),

@@ -15,7 +15,13 @@ from skincal.gap.candidates import View
 from skincal.gap.problem import Slopes
 from skincal.gap.projection import Projection
 from skincal.gap.session import GapSession
-from skincal.gap.signatures import covariates_of, signature_columns, signature_falls, where_text
+from skincal.gap.signatures import (
+    Signature,
+    covariates_of,
+    signature_columns,
+    signature_falls,
+    where_text,
+)
 
 ALWAYS = {"rest level", "large values", "small values", "neighbours", "diagonal", "row and column"} | {
     "taxel gain",
@@ -179,3 +185,26 @@ def test_hold_means_lie_in_the_holds_and_taxels_keep_their_names():
     strong = np.ones((len(few), 6))
     strong[few.phase == UNLOAD, 0] = 9.0
     assert told(strong, few).endswith("on taxel (0, 2)")
+
+
+def test_what_an_unknown_law_may_leave_is_no_more_than_chance():
+    rng = np.random.default_rng(5)
+    unknown, law = 60.0, np.array([60.0**0.5, 0.0, 0.0])
+    of_null = (rng.standard_normal((400, 3)) ** 2).sum(axis=1)
+    falls = ((law + rng.standard_normal((400, 3))) ** 2).sum(axis=1).tolist()
+    granted, plain = (
+        np.array([Signature.of("force", "", fall, 500.0, of_null, least).p_value for fall in falls])
+        for least in (unknown, 0.0)
+    )
+    assert (granted <= 0.05).mean() <= 0.05
+    assert (plain <= 0.05).mean() > 0.95
+    # Four times as long a residual is no law's.
+    large = Signature.of("force", "", 4 * unknown, 500.0, of_null, unknown)
+    assert large.p_value == pytest.approx(1 / 401)
+    assert large.share == pytest.approx(0.48)
+    assert large.times_null == pytest.approx(240.0 / max(20.0, of_null.max()))
+
+
+@pytest.mark.parametrize(("excess", "share"), [(-30.0, 1.0), (0.0, 1.0), (15.0, 1.0), (60.0, 0.5)])
+def test_a_share_is_at_most_all(excess: float, share: float):
+    assert Signature.of("force", "", 30.0, excess, np.zeros(3), 0.0).share == pytest.approx(share)
