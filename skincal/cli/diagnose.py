@@ -108,15 +108,21 @@ def diagnose(
 
 @contextmanager
 def _stages() -> Generator[Callable[[str], None]]:
-    """Which stage is at work, on standard error; a line each where it is no terminal."""
+    """Which stage is at work and for how long it all has been, on standard error; a line each without a terminal."""
     from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.table import Column
 
     console = Console(stderr=True)
     if not console.is_terminal:
         yield say
         return
-    with console.status("reading") as status:
-        yield status.update
+    # A long stage is cut, not the time.
+    stage = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
+    columns = SpinnerColumn(), TimeElapsedColumn(table_column=Column(min_width=7)), stage
+    with Progress(*columns, console=console, transient=True, expand=True) as shown:
+        task = shown.add_task("reading", total=None)
+        yield lambda name: shown.update(task, description=name)
 
 
 def _tell(found: Diagnosis, out: Path, report: bool) -> None:

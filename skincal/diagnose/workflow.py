@@ -47,8 +47,6 @@ from skincal.gap.silent import Silent, with_silent_values, without_silent
 from skincal.model.arrays import IntArray
 
 _WIDTH = 1.96
-_MUCH_WORSE = 0.5
-"""Presses of the end refute what was named that adds so much, in units of their noise, to what they are off."""
 _FITS = 1000
 """Ends of fits that are kept: those of a few diagnoses, so that one that was interrupted goes on."""
 _PULLED = 16.0
@@ -115,9 +113,9 @@ def _diagnosed(
     if answer.seen_only and not _known_before_the_end(ready, base, choice):
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
-    refuted = answer.verdict == "effects" and gap.refutes(_MUCH_WORSE) and not _only_places(choice)
+    refuted = answer.verdict == "effects" and gap.refutes(options.choice.weakest) and not _only_places(choice)
     if refuted:
-        # What is named makes presses that nobody has fitted far worse: it is not what is missing.
+        # It adds as much to presses that nobody has fitted as the weakest effect does: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)
     # What effects do may look like another law as long as they are not in the model.
     law = min(choice.law, of_law(replace(base, model=choice.after)))

@@ -34,6 +34,7 @@ class Gap:
         floor: noise alone [counts].
         closed: (before² - after²) / (before² - floor²); NaN where there is no gap.
         interval: where ``closed`` lies, 95 %.
+        added: where after² - before² lies, 95 % [counts²].
         presses: number of presses looked at.
         frames: number of frames, or of hold means.
         slack_before_m: root mean square of what presses had to move [m].
@@ -46,6 +47,7 @@ class Gap:
     floor: float
     closed: float
     interval: tuple[float, float]
+    added: tuple[float, float]
     presses: int
     frames: int
     slack_before_m: float
@@ -59,7 +61,7 @@ class Gap:
             least: root mean square of what is added, in units of the noise.
         """
         added = self.after**2 - self.before**2
-        sure = self.presses >= _FEWEST and self.interval[1] < 0
+        sure = self.presses >= _FEWEST and self.added[0] > 0
         return bool(sure and added > (least * self.floor) ** 2)
 
     def stays_open(self, law: float = 0.0) -> bool:
@@ -113,7 +115,7 @@ def gap_closed(
     ).reshape(-1, 4)
     total = sums.sum(axis=0)
     drawn = rng.integers(0, len(presses), (_DRAWS, len(presses)))
-    again = _closed(sums[drawn].sum(axis=1))
+    again = sums[drawn].sum(axis=1)
     slack = [np.sqrt((h.places[presses, :2] ** 2).sum(axis=1).mean()) for h in (before, after)]
     rms = np.sqrt(total[:3] / total[3]).tolist()
     return Gap(
@@ -121,7 +123,8 @@ def gap_closed(
         rms[1],
         rms[2],
         float(_closed(total[None])[0]),
-        _interval(again),
+        _interval(_closed(again)),
+        _interval((again[:, 1] - again[:, 0]) / again[:, 3]),
         len(presses),
         int(rows.sum()),
         float(slack[0]),
@@ -134,9 +137,9 @@ def _owned(session: GapSession, rows: BoolArray, presses: IntArray) -> list[IntA
     return [np.flatnonzero(rows & (session.press == press)) for press in presses]
 
 
-def _interval(closed: FloatArray) -> tuple[float, float]:
-    """Where 95 % of what was drawn lies; NaN where there was a gap in none."""
-    some = closed[np.isfinite(closed)]
+def _interval(drawn: FloatArray) -> tuple[float, float]:
+    """Where 95 % of what was drawn (D,) lies; NaN where that is a number in none."""
+    some = drawn[np.isfinite(drawn)]
     if not len(some):
         return float("nan"), float("nan")
     return float(np.quantile(some, 0.025)), float(np.quantile(some, 0.975))

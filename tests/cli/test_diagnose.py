@@ -6,14 +6,17 @@ import hashlib
 import json
 import subprocess
 import sys
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from chambers import Chamber
 from report.diagnosis_cases import LOOP, calibration, session, without_frames
+from rich.console import Console
 
 from skincal.calibration import read_calibration, write_calibration
+from skincal.cli.diagnose import _stages
 from skincal.cli.main import main
 from skincal.dataset import dataset_hash, read_dataset, write_dataset
 
@@ -223,3 +226,14 @@ def test_a_chamber_without_frames_has_no_more_noise_than_its_plateaus_show(
     # Of means of ten frames with a noise of one count, rounded.
     assert found["gap"]["noise_floor_rmse"] == pytest.approx(0.33, rel=0.35)
     assert [effect["name"] for effect in found["effects"]] == ["taxel_offset"]
+
+
+def test_a_terminal_shows_the_stage_and_how_long_it_all_has_been(monkeypatch: pytest.MonkeyPatch):
+    shown = StringIO()
+    terminal = Console(file=shown, force_terminal=True, color_system=None, width=40)
+    monkeypatch.setattr("rich.console.Console", lambda **_: terminal)
+    with _stages() as heard:
+        heard("null sessions: layer 1 mm, layer 1.8 mm, layer 3 mm, [layer] 5 mm")
+    lines = shown.getvalue()
+    assert "0:00:00 null sessions: layer 1 mm" in lines
+    assert "[layer] 5 mm" not in lines

@@ -120,20 +120,21 @@ def test_same_seed_same_interval():
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "interval", "refuted"),
+    ("before", "after", "added", "refuted"),
     [
-        (1.0, 2.0, (-9.0, -3.0), True),  # surely, and by far
-        (1.0, 2.0, (-9.0, 0.1), False),  # not surely
-        (1.004, 1.02, (-4.6, -3.8), False),  # next to nothing, however large the share
-        (2.0, 1.0, (0.9, 1.0), False),
-        (1.0, 2.0, (float("nan"), float("nan")), False),
+        (1.0, 2.0, (1.0, 5.0), True),  # surely, and by far
+        (1.0, 2.0, (-0.1, 6.0), False),  # not surely
+        (1.004, 1.012, (0.015, 0.017), False),  # next to nothing, however sure
+        (0.98, 1.1, (0.2, 0.3), True),  # no gap was there at all
+        (2.0, 1.0, (-4.0, -2.0), False),
     ],
 )
 def test_presses_that_are_surely_further_off_refute(
-    before: float, after: float, interval: tuple[float, float], refuted: bool
+    before: float, after: float, added: tuple[float, float], refuted: bool
 ):
-    gap = Gap(before, after, 0.99, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
-    assert gap.refutes(0.5) is refuted
+    none = (float("nan"), float("nan"))
+    gap = Gap(before, after, 0.99, 0.0, none, added, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    assert gap.refutes(0.15) is refuted
 
 
 @pytest.mark.parametrize(
@@ -148,7 +149,7 @@ def test_presses_that_are_surely_further_off_refute(
 def test_a_gap_that_surely_is_not_closed_stays_open(
     before: float, interval: tuple[float, float], stays: bool
 ):
-    gap = Gap(before, before, 1.0, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    gap = Gap(before, before, 1.0, 0.0, interval, (0.0, 0.0), 9, 100, 0.0, 0.0, np.zeros((9, 4)))
     assert gap.leaves_open(0.1, 0.3) is stays
 
 
@@ -166,7 +167,7 @@ def test_a_gap_that_surely_is_not_closed_stays_open(
     ],
 )
 def test_of_a_large_gap_more_must_be_closed(before: float, interval: tuple[float, float], stays: bool):
-    gap = Gap(before, before, 1.0, 0.0, interval, 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    gap = Gap(before, before, 1.0, 0.0, interval, (0.0, 0.0), 9, 100, 0.0, 0.0, np.zeros((9, 4)))
     assert gap.stays_open() is stays
     # What the contact law leaves is no gap that an effect could close.
     assert not gap.stays_open(law=before)
@@ -174,7 +175,7 @@ def test_of_a_large_gap_more_must_be_closed(before: float, interval: tuple[float
 
 def test_what_the_contact_law_leaves_open_no_effect_can_close():
     before = float(np.sqrt(1 + 1.0**2 + 0.4**2))
-    gap = Gap(before, before, 1.0, 0.08, (0.05, 0.09), 9, 100, 0.0, 0.0, np.zeros((9, 4)))
+    gap = Gap(before, before, 1.0, 0.08, (0.05, 0.09), (0.0, 0.0), 9, 100, 0.0, 0.0, np.zeros((9, 4)))
     assert gap.leaves_open(0.1, 0.3)
     # Of what the law does not make, a half is closed, or there is nothing.
     assert not gap.leaves_open(0.1, 0.3, law=1.0)
@@ -183,5 +184,5 @@ def test_what_the_contact_law_leaves_open_no_effect_can_close():
 
 @pytest.mark.parametrize("presses", [3, 4])
 def test_fewer_than_four_presses_refute_nothing_and_leave_nothing_open(presses: int):
-    gap = Gap(1.2, 2.0, 1.0, 0.0, (-9.0, -3.0), presses, 100, 0.0, 0.0, np.zeros((presses, 4)))
+    gap = Gap(1.2, 2.0, 1.0, 0.0, (-9.0, -3.0), (1.0, 4.0), presses, 100, 0.0, 0.0, np.zeros((presses, 4)))
     assert gap.refutes(0.5) is gap.leaves_open(0.1, 0.3) is (presses == 4)
