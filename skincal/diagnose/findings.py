@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.calibration import Finding
 from skincal.gap.faults import Stuck
+from skincal.gap.heldout import FEWEST, Gap
 from skincal.gap.robust import Dead, Jump
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
@@ -18,6 +19,19 @@ LAW = 0.15
 _MOST_PULLED = 6
 """So many presses, or taxels, of a kind are listed."""
 _LOOK = "Look at its frames; press there again."
+
+
+def few_of_the_end(gap: Gap) -> tuple[Finding, ...]:
+    """Whether so few presses were kept for the end that they cannot speak against what is named."""
+    if gap.presses >= FEWEST:
+        return ()
+    text = (
+        f"{gap.presses} press{'es' if gap.presses != 1 else ''} kept for the end: too few to be sure of the gap, "
+        "or to take back what is named"
+    )
+    return (
+        Finding("few_of_the_end", "warning", text, "Press more often: about a quarter is kept for the end."),
+    )
 
 
 def taxel_name(layout: TaxelLayout, taxel: int) -> str:

@@ -20,7 +20,7 @@ from skincal.diagnose.audit import audit_dataset
 from skincal.diagnose.base_fit import Base, of_law, without_hidden_glitches
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
-from skincal.diagnose.findings import findings_of
+from skincal.diagnose.findings import few_of_the_end, findings_of
 from skincal.diagnose.fitted_presses import with_fitted_presses
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
@@ -150,6 +150,7 @@ def _diagnosed(
         choice,
         answer.signatures,
         other
+        + few_of_the_end(gap)
         + findings_of(
             dataset.layout(),
             dataset.presses.press,

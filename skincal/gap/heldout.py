@@ -17,7 +17,7 @@ from skincal.gap.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _DRAWS = 400
-_FEWEST = 4
+FEWEST = 4
 """Presses without which nothing is sure: an interval that draws from fewer is too narrow."""
 OPEN = ((0.1, 0.3), (0.6, 2.0))
 """What was named does not explain a gap of which surely less than this part is closed, if the gap is at least so many
@@ -61,7 +61,7 @@ class Gap:
             least: root mean square of what is added, in units of the noise.
         """
         added = self.after**2 - self.before**2
-        sure = self.presses >= _FEWEST and self.added[0] > 0
+        sure = self.presses >= FEWEST and self.added[0] > 0
         return bool(sure and added > (least * self.floor) ** 2)
 
     def stays_open(self, law: float = 0.0) -> bool:
@@ -82,7 +82,7 @@ class Gap:
         """
         gap = self.before**2 - self.floor**2
         there = gap - (law * self.floor) ** 2
-        sure = self.presses >= _FEWEST and self.interval[1] * gap < most * there
+        sure = self.presses >= FEWEST and self.interval[1] * gap < most * there
         return bool(sure and there > (least * self.floor) ** 2)
 
 

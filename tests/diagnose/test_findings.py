@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from skincal.calibration import Finding
-from skincal.diagnose.findings import findings_of, taxel_name
+from skincal.diagnose.findings import few_of_the_end, findings_of, taxel_name
+from skincal.gap.heldout import Gap
 from skincal.gap.robust import Dead, Jump
 from skincal.model import TaxelLayout
 from skincal.model.arrays import IntArray
@@ -109,3 +111,11 @@ def test_a_press_that_fits_best_with_another_force_is_told():
         LAYOUT, np.arange(9), [], [], [], seen, pulled={k: 0.1 + 0.01 * k for k in range(9)}
     )
     assert many.text.startswith("press 3 (+13 %), 4") and "8 (+18 %) and 3 more: fits" in many.text
+
+
+@pytest.mark.parametrize(("presses", "words"), [(1, "1 press kept"), (3, "3 presses kept"), (4, None)])
+def test_so_few_presses_of_the_end_that_they_say_nothing_are_told(presses: int, words: str | None):
+    gap = Gap(2.0, 1.0, 0.9, 0.9, (0.8, 1.0), (-4.0, -2.0), presses, 50, 0.0, 0.0, np.zeros((presses, 4)))
+    said = few_of_the_end(gap)
+    assert [one.code for one in said] == ([] if words is None else ["few_of_the_end"])
+    assert all(one.text.startswith(words or "") for one in said)
