@@ -13,12 +13,14 @@ from skincal.dataset import Dataset
 from skincal.diagnose.fitted_presses import with_fitted_presses
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.prepare import prepare
+from skincal.diagnose.prepare import Prepared, prepare
 from skincal.effects import EFFECTS
 from skincal.gap.candidates import Bench
 from skincal.gap.free import Coordinate, coordinates, coordinates_at
 from skincal.gap.hypothesis import Parameters
-from skincal.gap.refit import refit
+from skincal.gap.models import Material, finished, fitted
+from skincal.gap.reading import Reading
+from skincal.gap.robust import glitches, without_presses
 
 
 def refitted_effects(
@@ -27,7 +29,8 @@ def refitted_effects(
     """A calibration of the base model, with the effects of another one fitted beside it.
 
     Sensor, places of presses and all numbers of the effects are found together, from those that ``known`` has. An
-    effect that the dataset cannot speak of, for it lacks a covariate, stays as it was.
+    effect that the dataset cannot speak of, for it lacks a covariate, stays as it was. Presses whose images are out of
+    all proportion are left out, and presses are looked for again where others of their images' valleys fit better.
 
     Args:
         dataset: the session that ``calibration`` was fitted to.
@@ -51,11 +54,24 @@ def refitted_effects(
         held[name] = {key: value for key, value in parameters.items() if not own or key not in free}
     x = coordinates_at(coords, ready.known_effects)
     fixed = {name: own for name, own in held.items() if own}
-    found = refit(ready.start, ready.session, ready.reading, ready.options, coords, x, fixed=fixed)
-    mean_square = float((found.slopes.residual[ready.reading.seen] ** 2).mean())
+    whole = _of_all(ready, ready.reading)
+    first = fitted(ready.start, tuple(coords), x, fixed, whole, ready.options.settle)
+    wild = glitches(first.refit.slopes.residual, ready.reading.seen, ready.session.press)
+    material = _of_all(ready, without_presses(ready.reading, ready.session.press, wild))
+    if len(wild):
+        # They have drawn sensor, places and effects after them: from the beginning, without them.
+        first = fitted(ready.start, tuple(coords), x, fixed, material, ready.options.settle)
+    found, reading = finished(first, material).refit, material.reading
+    mean_square = float((found.slopes.residual[reading.seen] ** 2).mean())
     made = new_calibration(both, found, coords, fixed, mean_square, dataset, ready.poses)
     made = replace(made, provenance=calibration.provenance, grid=calibration.grid)
-    return with_fitted_presses(made, found.hypothesis, ready.session, ready.reading, dataset)
+    return with_fitted_presses(made, found.hypothesis, ready.session, reading, dataset, wild)
+
+
+def _of_all(ready: Prepared, reading: Reading) -> Material:
+    """A session of which everything is fitted, and nothing kept to choose by."""
+    every = np.ones(len(ready.session), dtype=np.bool_)
+    return Material(ready.session, reading, every, ~every, ready.options)
 
 
 def _forms(name: str, parameters: Parameters) -> Mapping[str, float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from report.diagnosis_cases import LOOP, calibration, session, without_frames
 
+from skincal.dataset import HOLD
 from skincal.diagnose.refitting import refitted_effects
 from skincal.errors import InputError
 
@@ -48,3 +49,23 @@ def test_effects_of_another_sensor_are_refused():
     other = replace(other, sensor=replace(other.sensor, rows=other.sensor.rows + 1))
     with pytest.raises(InputError, match="5 x 4 taxels"):
         refitted_effects(session(LOOP), calibration(), other)
+
+
+def test_a_press_that_shows_something_else_has_no_say():
+    data = session(LOOP)
+    assert data.frames is not None
+    frames = data.frames
+    counts, own = frames.counts.copy(), frames.press == 105
+    counts[own] = np.clip(counts[own][:, ::-1] + 60.0, 0, 255)
+    images = data.presses.counts.copy()
+    images[data.presses.press == 105] = counts[own & (frames.phase == HOLD)].mean(axis=0)
+    spoilt = replace(
+        data, frames=replace(frames, counts=counts), presses=replace(data.presses, counts=images)
+    )
+    start = calibration({"hysteresis": {"height": 0.25, "width": 0.8}})
+    clean, found = (refitted_effects(some, calibration(), start) for some in (data, spoilt))
+    assert found.slack is not None
+    assert found.slack["press"][~found.slack["used"]].tolist() == [105]
+    for name, value in clean.effects[0].parameters.items():
+        low, high = clean.effects[0].intervals[name]
+        assert abs(float(found.effects[0].parameters[name]) - float(value)) < float(high) - float(low)
