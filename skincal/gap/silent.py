@@ -52,6 +52,10 @@ _CLEAR_COUNTS = 15.0
 """What a taxel reads is an answer, whatever the model, if it is more than that."""
 _SHOULD_COUNTS = 10.0
 """One of the presses that show together that a taxel is silent should light it so much."""
+_IN_THE_DARK = 3
+"""So many presses at least that show nothing at all have not missed the sensor, and so many times those that have."""
+_MIDDLE = 2 * np.log(2.0)
+"""The median of the squared distance of places that scatter by one in both directions."""
 _MOST = 3
 """No more taxels than one in so many fall silent; where they do, it is something else."""
 
@@ -351,14 +355,18 @@ def _silent_together(
     silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in later.tolist()}
     better = [row for row, rows in silence.items() if len(rows) and left[row] < costs[row]]
     shown = [row for row in better if _others_lit(expected, reading, silence[row], taxel)]
+    falls = np.minimum(costs, _with_any_force(here, session, reading, options, later)) - left
+    dark = [row for row in better if row not in shown]
+    bright = [row for row in dark if float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS]
+    if _none_missed(bright, falls, here, session, reading, options, measured):
+        shown, dark = sorted([*shown, *bright]), [row for row in dark if row not in bright]
     clear = any(float(expected[silence[row], taxel].max()) > _SHOULD_COUNTS for row in shown)
     # One alone may be wrong for another reason, and is judged as such.
     if len(shown) < _SEVERAL or not clear:
         return None
-    falls = np.minimum(costs, _with_any_force(here, session, reading, options, later)) - left
-    told, dark = falls[shown].sum(), falls[[row for row in better if row not in shown]].sum()
+    told, untold = falls[shown].sum(), falls[dark].sum()
     # Presses that show nothing at all may have missed: what they say counts by as much as what the others do at most.
-    if told + min(told, dark) < _TOGETHER:
+    if told + min(told, untold) < _TOGETHER:
         return None
     # Once it is sure, it was silent in the others, too.
     silence = {
@@ -366,6 +374,48 @@ def _silent_together(
         for row, rows in silence.items()
     }
     return _seen(session, reading, taxel, shown, values, expected, silence, costs, left)
+
+
+def _none_missed(
+    dark: list[int],
+    falls: FloatArray,
+    here: Hypothesis,
+    session: GapSession,
+    reading: Reading,
+    options: RefitOptions,
+    measured: FloatArray,
+) -> bool:
+    """Whether presses over a taxel that show nothing at all have not just missed the sensor.
+
+    They are several, no press over a taxel that answers later has missed in that way, or far fewer, and they would have
+    to lie further off than places in this session are.
+
+    Args:
+        dark: rows of these presses.
+        falls: (P,) by how much less presses cost with the taxel silent.
+        here: the fit.
+        session: what was pressed.
+        reading: of all presses.
+        options: priors of places.
+        measured: (N, J) values of presses where they were measured.
+    """
+    if len(dark) < _IN_THE_DARK:
+        return False
+    touching = np.unique(session.press[session.press >= 0])
+    lit = np.where(
+        reading.seen, reading.unlifted - _SIGMA * np.sqrt(_variance(reading, np.arange(len(session)))), 0.0
+    )
+    last = [int(rows[-1]) if len(rows := np.flatnonzero(one > _CLEAR_COUNTS)) else -1 for one in lit.T]
+    missed = 0
+    for row in np.setdiff1d(touching, dark).tolist():
+        own = np.flatnonzero(session.press == row)
+        brightest = int(measured[own].max(axis=0).argmax())
+        should = float(measured[own, brightest].max()) > _CLEAR_COUNTS
+        missed += should and last[brightest] > own[-1] and not (lit[own] > 0).any()
+    others = np.setdiff1d(touching, dark)
+    moves = (here.places[others, :2] ** 2).sum(axis=1) / options.position_sigma_m**2
+    scatter = max(1.0, float(np.median(moves)) / _MIDDLE) if len(others) else 1.0
+    return bool(_IN_THE_DARK * missed <= len(dark) and falls[dark].sum() / scatter > _TOGETHER)
 
 
 def _of_what_it_picks_up(

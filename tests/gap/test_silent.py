@@ -21,7 +21,7 @@ from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
 from skincal.gap.relocate import relocated
 from skincal.gap.robust import times
-from skincal.gap.silent import Silent, silent_taxels, with_silent_values, without_silent
+from skincal.gap.silent import Silent, _none_missed, silent_taxels, with_silent_values, without_silent
 from skincal.model.arrays import BoolArray, FloatArray
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -235,6 +235,43 @@ def test_a_taxel_that_answers_at_the_end_is_not_silent_though_presses_moved_away
     reading = Reading.of(replace(one.session, counts=counts), SIGMA, READOUT)
     fitted = refit(one.start, one.session, reading, WIDE).hypothesis
     assert silent_taxels(fitted, one.session, reading, WIDE, NONE) == []
+
+
+def brightest() -> tuple[int, list[int]]:
+    """The taxel that most presses light before any other, and these presses."""
+    press, most = one().session.press, dict[int, list[int]]()
+    for row in range(one().session.presses):
+        image = values()[press == row].max(axis=0)
+        if image.max() > 20.0:
+            most.setdefault(int(image.argmax()), []).append(row)
+    return max(most.items(), key=lambda item: len(item[1]))
+
+
+@pytest.mark.parametrize(
+    ("missed", "fall", "scatter", "said"),
+    [
+        (0, 30.0, 1.0, True),
+        (1, 30.0, 1.0, True),  # one of them may well have missed
+        (2, 30.0, 1.0, False),  # so do presses over taxels that answer later
+        (0, 10.0, 1.0, False),  # it need not lie far off
+        (0, 30.0, 2.5, False),  # places are that far off in this session
+    ],
+)
+def test_presses_that_show_nothing_have_not_all_missed(missed: int, fall: float, scatter: float, said: bool):
+    session, (taxel, over) = one().session, brightest()
+    dark, changed = over[-3:], values().copy()
+    others = [
+        row for row in range(session.presses) if row not in over and values()[session.press == row].max() > 20
+    ]
+    alive = [row for row in others if int(values()[session.press == row].max(axis=0).argmax()) != taxel]
+    changed[np.isin(session.press, [*dark, *alive[:missed]])] = 0.0
+    places = np.tile(
+        [scatter * OPTIONS.position_sigma_m, scatter * OPTIONS.position_sigma_m, 0.0], (session.presses, 1)
+    )
+    here, falls = one().start.with_places(places / np.sqrt(2 / np.log(4))), np.full(session.presses, fall)
+    given = (here, session, seen_as(changed), OPTIONS, values())
+    assert _none_missed(dark, falls, *given) is said
+    assert not _none_missed(dark[:2], falls + 50.0, *given)
 
 
 def silence() -> tuple[Reading, Silent]:
