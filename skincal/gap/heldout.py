@@ -19,6 +19,8 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 _DRAWS = 400
 FEWEST = 4
 """Presses without which nothing is sure: an interval that draws from fewer is too narrow."""
+FAR_WORSE = 1.5
+"""What makes the error so many times as large is refuted, whichever presses it is that show it."""
 OPEN = ((0.1, 0.3), (0.6, 2.0))
 """What was named does not explain a gap of which surely less than this part is closed, if the gap is at least so many
 times the noise: next to nothing of any gap, or too little of a large one, as gains of taxels do where gains drift."""
@@ -55,13 +57,16 @@ class Gap:
     errors: FloatArray
 
     def refutes(self, least: float) -> bool:
-        """Whether presses are surely further off after than before.
+        """Whether presses are surely further off after than before, or some of them by far.
+
+        Drawing presses again does not make sure of what a single one shows, as one draw in three lacks it; but noise
+        makes none that much worse.
 
         Args:
             least: root mean square of what is added, in units of the noise.
         """
         added = self.after**2 - self.before**2
-        sure = self.presses >= FEWEST and self.added[0] > 0
+        sure = self.presses >= FEWEST and (self.added[0] > 0 or self.after > FAR_WORSE * self.before)
         return bool(sure and added > (least * self.floor) ** 2)
 
     def stays_open(self, law: float = 0.0) -> bool:

@@ -123,7 +123,8 @@ def test_same_seed_same_interval():
     ("before", "after", "added", "refuted"),
     [
         (1.0, 2.0, (1.0, 5.0), True),  # surely, and by far
-        (1.0, 2.0, (-0.1, 6.0), False),  # not surely
+        (1.0, 1.4, (-0.1, 3.0), False),  # not surely
+        (1.0, 2.0, (-0.1, 6.0), True),  # one press, but by far
         (1.004, 1.012, (0.015, 0.017), False),  # next to nothing, however sure
         (0.98, 1.1, (0.2, 0.3), True),  # no gap was there at all
         (2.0, 1.0, (-4.0, -2.0), False),
