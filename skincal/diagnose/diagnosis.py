@@ -99,7 +99,7 @@ class Diagnosis:
         options: settings.
         seed: of the randomness.
         next_presses: in words, the presses that would tell what is still open.
-        refuted: whether what was found is not named, because presses that nobody has fitted are far worse with it.
+        refuted: whether what was found is not named, because presses that nobody has fitted are surely further off.
         wide_open: whether it is not named because surely too little of the gap on those presses is closed with it.
         next_plan: these presses, where there are such; it is written beside the report.
     """

@@ -110,10 +110,12 @@ def _diagnosed(
     heard("gap on presses nobody has fitted")
     before, after = _ends(ready, base, choice)
     gap = _gap(ready, base, choice, (before, after), again)
-    if answer.seen_only and not _known_before_the_end(ready, base, choice):
+    by_the_fault = answer.seen_only and not _known_before_the_end(ready, base, choice)
+    if by_the_fault:
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
-    refuted = answer.verdict == "effects" and gap.refutes(options.choice.weakest) and not _only_places(choice)
+    refuted = answer.verdict == "effects" and gap.refutes(options.choice.weakest)
+    refuted = refuted and not (by_the_fault or _only_places(choice))
     if refuted:
         # It adds as much to presses that nobody has fitted as the weakest effect does: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)

@@ -121,6 +121,7 @@ def gap_closed(
     total = sums.sum(axis=0)
     drawn = rng.integers(0, len(presses), (_DRAWS, len(presses)))
     again = sums[drawn].sum(axis=1)
+    none = np.full(len(again), np.nan)
     slack = [np.sqrt((h.places[presses, :2] ** 2).sum(axis=1).mean()) for h in (before, after)]
     rms = np.sqrt(total[:3] / total[3]).tolist()
     return Gap(
@@ -129,7 +130,7 @@ def gap_closed(
         rms[2],
         float(_closed(total[None])[0]),
         _interval(_closed(again)),
-        _interval((again[:, 1] - again[:, 0]) / again[:, 3]),
+        _interval(np.divide(again[:, 1] - again[:, 0], again[:, 3], out=none, where=again[:, 3] > 0)),
         len(presses),
         int(rows.sum()),
         float(slack[0]),

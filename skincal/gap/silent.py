@@ -411,7 +411,7 @@ def _none_missed(
         own = np.flatnonzero(session.press == row)
         brightest = int(measured[own].max(axis=0).argmax())
         should = float(measured[own, brightest].max()) > _CLEAR_COUNTS
-        missed += should and last[brightest] > own[-1] and not (lit[own] > 0).any()
+        missed += should and last[brightest] > own[-1] and not (lit[own] > _FAINT_COUNTS).any()
     others = np.setdiff1d(touching, dark)
     moves = (here.places[others, :2] ** 2).sum(axis=1) / options.position_sigma_m**2
     scatter = max(1.0, float(np.median(moves)) / _MIDDLE) if len(others) else 1.0

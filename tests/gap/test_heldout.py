@@ -105,6 +105,18 @@ def test_what_was_not_read_is_not_counted():
     assert gap.errors[:, 3].sum() == 8 * everything(one).sum()
 
 
+def test_a_press_of_which_nothing_was_read_says_nothing_however_often_it_is_drawn():
+    one = made(CROSSTALK)
+    counts = one.reading.counts.copy()
+    counts[one.session.press == 4] = np.nan
+    reading = Reading.of(replace(one.session, counts=counts), one.reading.sigma_counts, one.reading.readout)
+    both, alone = (
+        gap_of(one, rows=np.isin(one.session.press, some), reading=reading) for some in ([1, 4], [1])
+    )
+    assert np.isfinite(both.added).all()
+    assert (both.before, both.after, both.closed) == (alone.before, alone.after, alone.closed)
+
+
 def test_slack_is_what_presses_moved():
     one = made(CROSSTALK)
     moved = one.truth.with_places(one.truth.places + np.array([3e-4, 0.0, 0.0]))
