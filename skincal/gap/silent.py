@@ -355,9 +355,11 @@ def _silent_together(
     silence = {row: _silence(expected[:, taxel], reading, session, row, taxel) for row in later.tolist()}
     better = [row for row, rows in silence.items() if len(rows) and left[row] < costs[row]]
     shown = [row for row in better if _others_lit(expected, reading, silence[row], taxel)]
-    falls = np.minimum(costs, _with_any_force(here, session, reading, options, later)) - left
     dark = [row for row in better if row not in shown]
     bright = [row for row in dark if float(expected[silence[row], taxel].max()) > _CLEAR_COUNTS]
+    if len(shown) < _SEVERAL and len(bright) < _IN_THE_DARK:
+        return None
+    falls = np.minimum(costs, _with_any_force(here, session, reading, options, later)) - left
     if _none_missed(bright, falls, here, session, reading, options, measured):
         shown, dark = sorted([*shown, *bright]), [row for row in dark if row not in bright]
     clear = any(float(expected[silence[row], taxel].max()) > _SHOULD_COUNTS for row in shown)
