@@ -36,11 +36,12 @@ def as_markdown(suites: Record) -> str:
 
 
 def sections(suites: Record) -> dict[str, str]:
-    """The tables of what was run, by name: overview, power, effects, confusion, kinds, seconds."""
+    """The tables of what was run, by name: overview, power, gap, effects, confusion, kinds, seconds."""
     found = {"overview": _overview(suites)}
     if "one" in suites:
         one = suites["one"]
         found["power"] = _power(one["power"])
+        found["gap"] = _gap(one["gap_by_strength"])
         found["effects"] = _effects(one["by_effect"])
         found["confusion"] = _confusion(one["confusion"])
     if "outside" in suites:
@@ -60,15 +61,13 @@ def _overview(suites: Record) -> str:
         if suite in suites:
             rows.append([name, measure, *_cells(suites[suite][key], whole=_whole(suites, suite))])
     if "one" in suites and suites["one"]["gap_closed"]["of"]:
-        gap = suites["one"]["gap_closed"]
-        for key, text in (("median", "median"), ("percentile_10", "10th percentile")):
-            rows.append(
-                [
-                    "gap closed, held-out presses" if key == "median" else "",
-                    text,
-                    *_cells(gap[key], whole=_whole(suites, "one")),
-                ]
-            )
+        gap, strong = suites["one"]["gap_closed"], suites["one"]["gap_closed_strong"]
+        whole = _whole(suites, "one")
+        rows.append(["gap closed, held-out presses", "median", *_cells(gap["median"], whole=whole)])
+        rows.append(["", "10th percentile", *_cells(gap["percentile_10"], whole=whole)])
+        if strong["of"]:
+            value = f"{strong['percentile_10']['value']:.2f}"
+            rows.append(["", "the same at g ≥ 0.4, without `contact_offset`", value, "", "", ""])
     return _table(["suite", "measure", "found", "95 %", "asked", "reached"], rows)
 
 
@@ -101,12 +100,31 @@ def _interval(share: Record) -> str:
 
 def _power(bins: Sequence[Record]) -> str:
     keys = ("detected", "right_class", "truth_in_set", "exact_name")
+    rows = [
+        [_bin(entry), *(f"{_share(entry[key])}, {_interval(entry[key])}" for key in keys)] for entry in bins
+    ]
+    return _table(["g", "detected", "right class", "truth in set", "exact name"], rows)
+
+
+def _gap(bins: Sequence[Record]) -> str:
+    laws = sorted({law for entry in bins for law in entry["by_law"]})
     rows: list[list[str]] = []
     for entry in bins:
-        low, high = entry["g"]
-        name = f"{low:g} to {high:g}" if high is not None else f"above {low:g}"
-        rows.append([name, *(f"{_share(entry[key])}, {_interval(entry[key])}" for key in keys)])
-    return _table(["g", "detected", "right class", "truth in set", "exact name"], rows)
+        own = [entry["all"], *(entry["by_law"].get(law, {"of": 0}) for law in laws)]
+        rows.append([_bin(entry), *map(_closed, own)])
+    head = ["gap closed where named, without `contact_offset`: median, 10th percentile; g", "all", *laws]
+    return _table(head, rows)
+
+
+def _closed(gap: Record) -> str:
+    if not gap["of"]:
+        return ""
+    return f"{gap['median']['value']:.2f}, {gap['percentile_10']['value']:.2f} ({gap['of']} sessions)"
+
+
+def _bin(entry: Record) -> str:
+    low, high = entry["g"]
+    return f"{low:g} to {high:g}" if high is not None else f"above {low:g}"
 
 
 def _effects(effects: Record) -> str:

@@ -14,7 +14,7 @@ of a suite counts, those whose diagnosis failed as well: those count as wrong.
 * *spurious third*: of two hidden effects, more than two were named.
 * *abstains or names the class*: verdict ``none`` or ``unknown``, or every named effect's set holds a hidden effect.
 * *gap closed*: what the diagnosis told of it, where the hidden effect is in the reported set; where it lives in the
-  positions, the shrink of the slack.
+  positions, the shrink of the slack; by strength and contact law only where it lives in the images.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ STRONG_G, WEAK_G = 0.4, 0.2
 BINS = (0.0, 0.19, 0.29, 0.39, 0.59, 0.89, 1.29, math.inf)
 """Edges of the power curve; strengths are hit to 2 %, so an edge lies a little below those that are asked for."""
 _EDGE = 0.97
+OF_PLACES = "contact_offset"
+"""The effect that lives in the positions."""
 SIGNIFICANT = 0.01
 """A score's p-value, as the diagnosis has it, from which on there is something."""
 
@@ -85,6 +87,9 @@ def _one(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     lost_strong = sum(g >= _EDGE * STRONG_G for g in lost)
     lost_weak = sum(_EDGE * WEAK_G <= g < _EDGE * STRONG_G for g in lost)
     naming = [o for o in outcomes if o.named]
+    right = [o for o in naming if o.found(o.hidden[0])]
+    # How much of the slack is noise of the positions, which nothing closes, is not known.
+    in_images = [o for o in right if o.hidden != [OF_PLACES]]
     can_tell = [o for o in naming if o.hidden[0] not in o.cannot_see and len(o.named[0].consistent_with) == 1]
     return {
         "right_class_strong": share((o.right_class() for o in strong), at_least=0.95, also_wrong=lost_strong),
@@ -99,7 +104,9 @@ def _one(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
         "verdicts": dict(Counter(o.verdict for o in outcomes)),
         "more_than_one_named": share(len(o.named) > 1 for o in outcomes),
         "cannot_see_though_hidden": share(o.hidden[0] in o.cannot_see for o in outcomes),
-        "gap_closed": gap_closed([o for o in naming if o.found(o.hidden[0])]),
+        "gap_closed": gap_closed(right),
+        "gap_closed_strong": gap_closed([o for o in in_images if o.g >= _EDGE * STRONG_G]),
+        "gap_by_strength": gap_by_strength(in_images),
         "power": power(outcomes),
         "by_effect": _by_effect(outcomes),
         "by_law": by(outcomes, lambda o: o.label["contact_law"]),
@@ -220,9 +227,29 @@ def gap_closed(outcomes: Sequence[Outcome]) -> Record:
     }
 
 
+def gap_by_strength(outcomes: Sequence[Outcome]) -> list[Record]:
+    """:func:`gap_closed` by strength, of all contact laws and of each."""
+    found: list[Record] = []
+    for low, high in pairwise(BINS):
+        some = [o for o in outcomes if low <= o.g < high]
+        if not some:
+            continue
+        laws = sorted({str(o.label["contact_law"]) for o in some})
+        found.append(
+            {
+                "g": [low, high if math.isfinite(high) else None],
+                "all": gap_closed(some),
+                "by_law": {
+                    law: gap_closed([o for o in some if o.label["contact_law"] == law]) for law in laws
+                },
+            }
+        )
+    return found
+
+
 def _closed(outcome: Outcome) -> float | None:
     gap = outcome.gap
-    if outcome.hidden == ["contact_offset"] and gap.get("slack_rms_before_m"):
+    if outcome.hidden == [OF_PLACES] and gap.get("slack_rms_before_m"):
         # What the noise of the positions leaves of the slack is not told: the plain shrink.
         return 1 - (gap["slack_rms_after_m"] / gap["slack_rms_before_m"]) ** 2
     return gap.get("closed")

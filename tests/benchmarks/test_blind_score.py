@@ -164,6 +164,27 @@ def test_gap_of_positions_is_the_shrink_of_the_slack():
     assert gap["median"]["value"] == pytest.approx(0.75)
 
 
+def test_the_gap_is_told_by_strength_and_law_where_it_lives_in_the_images():
+    """Weak effects close half, strong ones all; on layers a fifth less. What positions leave is not among them."""
+
+    def answer(label):
+        g = label["effects"][0]["strength_g"] if label["suite"] == "one" else 0.0
+        closed = (1.0 if g >= 0.4 else 0.5) - (0.2 if label["contact_law"] == "layer" else 0.0)
+        return _perfect(label) | {"gap": {"closed": closed}}
+
+    one = summary(_all(answer), [])["one"]
+    assert one["gap_closed"]["of"] == 22 * 12 and one["gap_closed_strong"]["of"] == 21 * 8
+    assert sum(entry["all"]["of"] for entry in one["gap_by_strength"]) == 21 * 12
+    for entry in one["gap_by_strength"]:
+        weak = entry["g"][0] < 0.39
+        for law, gap in entry["by_law"].items():
+            expected = (0.5 if weak else 1.0) - (0.2 if law == "layer" else 0.0)
+            assert gap["median"]["value"] == gap["percentile_10"]["value"] == pytest.approx(expected)
+    assert one["gap_closed_strong"]["percentile_10"]["value"] == pytest.approx(0.8)
+    text = as_markdown(summary(_all(answer), []))
+    assert "| the same at g ≥ 0.4, without `contact_offset` | 0.80 |" in text
+
+
 def test_pictures_show_every_session_once():
     """The numbers in the squares are the counts of sessions; bins of the power curve without a session are left out."""
     suites = summary(_all(lambda label: _said("effects", ["creep"])), [])
