@@ -68,13 +68,16 @@ class LeaningBound(Bound):
         values = (part.axis_m, part.frame, part.nearest_m, part.bend_per_m, part.reach_m)
         return LeaningBound(*values, self.shape, slope, short)
 
-    def distance(self, place_m: FloatArray, slack_m: FloatArray | None = None) -> FloatArray:
+    def distance(
+        self, place_m: FloatArray, slack_m: FloatArray | None = None, along_m: FloatArray | None = None
+    ) -> FloatArray:
         """See :meth:`Bound.distance`."""
         along, aside, ahead = place_m[:, 0], np.abs(place_m[:, 1]), place_m[:, 2]
         slack = 0.0 if slack_m is None else slack_m
+        ahead = ahead + (slack if along_m is None else along_m)
         shape, slope, short = self.shape, self.slope[:, None], self.foreshortened[:, None]
         # A ball of points may lie higher on the slope by its radius; it may reach nearer to the middle as well.
-        level = along * slope - ahead - slack * (1 + np.abs(slope))
+        level = along * slope - ahead - slack * np.abs(slope)
         beside = np.maximum(aside - slack, 0.0)
         room_2 = shape.radius_m**2 - beside**2
         distance = level - np.sqrt(np.maximum(room_2, 0.0)) / short

@@ -10,6 +10,7 @@ from skincal.model.tiles import Tiles
 
 _MARGIN_M = 8e-3
 _WIDER = 1 + 1e-9
+_THIN_M = 1e-12
 """Rounding must not leave out a point at the very rim."""
 
 
@@ -46,6 +47,9 @@ class PatchMould:
         # On the unrolled surface; as the crow flies it is nearer.
         away = np.linalg.norm(places - self._middles_m[:, None], axis=2).max(axis=1)
         self._radii_m = frozen(away * _WIDER)
+        # Wherever the cylinder's axis runs, nothing is bent more than what lies across it.
+        bent = surface.radius_m * (1 - np.cos(away / surface.radius_m))
+        self._thickness_m = frozen(bent * _WIDER + _THIN_M)
 
     def at(self, pose: SensorPose) -> Patch:
         """The patch at a pose."""
@@ -71,4 +75,6 @@ class PatchMould:
             radii_m=self._radii_m,
             # They only serve to guess.
             facing_m2=frozen(facing * self._areas_m2.sum(axis=1)),
+            normals=frozen(facing.T.copy()),
+            thickness_m=self._thickness_m,
         )

@@ -17,7 +17,10 @@ from skincal.model.contact import Contacts
 from skincal.model.indenters import Indenter, Sphere
 from skincal.model.patch import Patch
 from skincal.model.tiles import Tiles
-from skincal.model.touch import AHEAD, COARSE, FAR_M
+from skincal.model.touch import AHEAD, FAR_M
+
+COARSE = 64
+"""Tiles from which the level is guessed: those of one press are not sorted out by their slabs, which takes as long."""
 
 
 class OnePress(Protocol):

@@ -1,4 +1,8 @@
-"""Which points of a patch can be touched at all: only those are cast."""
+"""Which points of a patch can be touched at all: only those are cast.
+
+Points are taken in compact groups. Each lies within a ball, and within a slab across its normal that is thinner by far:
+along the direction of a press it reaches no further than sin(angle) of the one and cos(angle) of the other.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +14,13 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _POINTS = 16
 """Points in a tile, at most."""
+_ROUNDING = 1e-15
+"""Squares of sines that differ by less may be the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """N points of a patch in B compact groups of M, each within a ball.
+    """N points of a patch in B compact groups of M, each within a ball and a slab.
 
     B * M may be more than N: the rest are copies of points, without an area.
 
@@ -26,6 +32,8 @@ class Tiles:
         centres_m: (3, B) centres of the balls [m].
         radii_m: (B,) radii of the balls [m].
         facing_m2: (B, 3) sum of the points' normals times areas [m²].
+        normals: (3, B) of the slabs, unit vectors; zero where a group has no area.
+        thickness_m: (B,) how far points lie from the middle of their ball along this normal, at most [m].
     """
 
     points: FloatArray
@@ -34,6 +42,8 @@ class Tiles:
     centres_m: FloatArray
     radii_m: FloatArray
     facing_m2: FloatArray
+    normals: FloatArray
+    thickness_m: FloatArray
 
     @classmethod
     def of(
@@ -54,18 +64,44 @@ class Tiles:
         points[slot >= len(points_m), 5:] = 0.0
         place = points[..., :3]
         centres = (place.min(axis=1) + place.max(axis=1)) / 2
-        radii = np.linalg.norm(place - centres[:, None], axis=2).max(axis=1)
+        away = place - centres[:, None]
+        facing = points[..., 5:].sum(axis=1)
+        slabs = _unit(facing)
         values = (
             points,
             taxel[index],
             index,
             centres.T.copy(),
-            radii,
-            points[..., 5:].sum(axis=1),
+            np.linalg.norm(away, axis=2).max(axis=1),
+            facing,
+            slabs.T.copy(),
+            np.abs((away @ slabs[:, :, None])[..., 0]).max(axis=1),
         )
         for value in values:
             value.setflags(write=False)
         return cls(*values)
+
+    def reach_m(self, directions: FloatArray) -> FloatArray:
+        """How far (K, B) points of each group lie from the middle of its ball along unit directions (K, 3), at most.
+
+        None lies further than the ball's radius, whatever the slab.
+        """
+        across = np.abs(directions @ self.normals)
+        beside = np.sqrt(np.maximum(1.0 - across * across, _ROUNDING))
+        across *= self.thickness_m
+        beside *= self.radii_m
+        beside += across
+        return np.minimum(beside, self.radii_m, out=beside)
+
+
+def _unit(facing_m2: FloatArray) -> FloatArray:
+    """Directions (B, 3) that groups face as a whole; zero where they have no area.
+
+    Args:
+        facing_m2: (B, 3) sums of their points' normals times areas [m²].
+    """
+    length = np.linalg.norm(facing_m2, axis=1, keepdims=True)
+    return np.where(length > 0, facing_m2 / np.where(length > 0, length, 1.0), 0.0)
 
 
 def _grouped(points: FloatArray) -> IntArray:

@@ -13,6 +13,7 @@ from skincal.model import (
     Skin,
     SkinParameters,
     Sphere,
+    Surface,
     TaxelLayout,
     patch_cells,
 )
@@ -195,3 +196,20 @@ def test_points_can_be_given_as_they_are():
 def test_points_that_do_not_fit_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         _points(**changes)
+
+
+@pytest.mark.parametrize(
+    "surface", [FINGER, Plane(), surface_of(cylinder_mesh(24))], ids=["cylinder", "plane", "mesh"]
+)
+def test_groups_reach_as_far_as_they_say_and_hardly_further(surface: Surface):
+    """Along any direction no point lies beyond its group's reach; seen face on, the reach is no ball's radius."""
+    tiles = Patch.build(surface, paper_layout(), POSE, 0.5e-3).tiles
+    rng = np.random.default_rng(0)
+    directions = np.concatenate([rng.normal(size=(200, 3)), tiles.normals.T])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    away = tiles.points[..., :3] - tiles.centres_m.T[:, None]
+    furthest = np.abs(np.einsum("kd,bmd->kbm", directions, away)).max(axis=2)
+    reach = tiles.reach_m(directions)
+    assert np.all(furthest <= reach + 1e-15) and np.all(reach <= tiles.radii_m)
+    face_on = np.diag(reach[200:])
+    assert np.median(face_on) < 0.2 * np.median(tiles.radii_m)

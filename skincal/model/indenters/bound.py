@@ -58,12 +58,15 @@ class Bound:
         place -= self.frame @ self.axis_m[:, :, None]
         return place
 
-    def distance(self, place_m: FloatArray, slack_m: FloatArray | None = None) -> FloatArray:
+    def distance(
+        self, place_m: FloatArray, slack_m: FloatArray | None = None, along_m: FloatArray | None = None
+    ) -> FloatArray:
         """Distances along the direction below which the indenter is not met.
 
         Args:
             place_m: (K, 3, N) what :meth:`place` says of points.
             slack_m: (N,) radii of balls round the points [m], if the whole balls are meant.
+            along_m: (K, N) how far of the balls is meant along the direction [m]; all of them where it is left out.
 
         Returns:
             (K, N) [m]; inf where it cannot be met at all.
@@ -74,7 +77,7 @@ class Bound:
             aside_2 = np.concatenate([aside_2, sides_2], axis=1)
         distance = self.nearest_m[:, None] - place_m[:, 2]
         if slack_m is not None:
-            distance -= slack_m
+            distance -= slack_m if along_m is None else along_m
             aside_2 = np.maximum(np.sqrt(aside_2) - slack_m, 0.0) ** 2
         outside = aside_2 > self.reach_m[:, :, None] ** 2
         aside_2 *= self.bend_per_m[:, :, None]
