@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -187,19 +187,17 @@ _SUITES: dict[str, Callable[[Sequence[Outcome], Sequence[Record]], Record]] = {
 def power(outcomes: Sequence[Outcome]) -> list[Record]:
     """By strength: how often anything, the class, and the name was found."""
     found: list[Record] = []
-    for low, high in pairwise(BINS):
-        some = [o for o in outcomes if low <= o.g < high]
-        if some:
-            found.append(
-                {
-                    "g": [low, high if math.isfinite(high) else None],
-                    "mean_g": mean(o.g for o in some),
-                    "detected": share(o.verdict != "none" for o in some),
-                    "right_class": share(o.right_class() for o in some),
-                    "truth_in_set": share(o.found(o.hidden[0]) for o in some if o.hidden),
-                    "exact_name": share(o.names[:1] == o.hidden for o in some),
-                }
-            )
+    for ends, some in _binned(outcomes):
+        found.append(
+            {
+                "g": ends,
+                "mean_g": mean(o.g for o in some),
+                "detected": share(o.verdict != "none" for o in some),
+                "right_class": share(o.right_class() for o in some),
+                "truth_in_set": share(o.found(o.hidden[0]) for o in some if o.hidden),
+                "exact_name": share(o.names[:1] == o.hidden for o in some),
+            }
+        )
     return found
 
 
@@ -230,21 +228,18 @@ def gap_closed(outcomes: Sequence[Outcome]) -> Record:
 def gap_by_strength(outcomes: Sequence[Outcome]) -> list[Record]:
     """:func:`gap_closed` by strength, of all contact laws and of each."""
     found: list[Record] = []
-    for low, high in pairwise(BINS):
-        some = [o for o in outcomes if low <= o.g < high]
-        if not some:
-            continue
+    for ends, some in _binned(outcomes):
         laws = sorted({str(o.label["contact_law"]) for o in some})
-        found.append(
-            {
-                "g": [low, high if math.isfinite(high) else None],
-                "all": gap_closed(some),
-                "by_law": {
-                    law: gap_closed([o for o in some if o.label["contact_law"] == law]) for law in laws
-                },
-            }
-        )
+        by_law = {law: gap_closed([o for o in some if o.label["contact_law"] == law]) for law in laws}
+        found.append({"g": ends, "all": gap_closed(some), "by_law": by_law})
     return found
+
+
+def _binned(outcomes: Sequence[Outcome]) -> Iterator[tuple[list[float | None], list[Outcome]]]:
+    """Bins of strength with a session in them: their ends, the last without an upper one, and the sessions."""
+    for low, high in pairwise(BINS):
+        if some := [o for o in outcomes if low <= o.g < high]:
+            yield [low, high if math.isfinite(high) else None], some
 
 
 def _closed(outcome: Outcome) -> float | None:

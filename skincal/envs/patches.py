@@ -10,8 +10,9 @@ from skincal.model.tiles import Tiles
 
 _MARGIN_M = 8e-3
 _WIDER = 1 + 1e-9
-_THIN_M = 1e-12
 """Rounding must not leave out a point at the very rim."""
+_THIN_M = 1e-12
+"""Nor one of a group that is flat [m]."""
 
 
 class PatchMould:
@@ -73,8 +74,6 @@ class PatchMould:
             index=first.index,
             centres_m=frozen(centres.T.copy()),
             radii_m=self._radii_m,
-            # They only serve to guess.
             facing_m2=frozen(facing * self._areas_m2.sum(axis=1)),
-            normals=frozen(facing.T.copy()),
             thickness_m=self._thickness_m,
         )

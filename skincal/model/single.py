@@ -20,7 +20,7 @@ from skincal.model.tiles import Tiles
 from skincal.model.touch import AHEAD, FAR_M
 
 COARSE = 64
-"""Tiles from which the level is guessed: those of one press are not sorted out by their slabs, which takes as long."""
+"""Tiles from which the level is guessed. More than in a batch: their balls alone bound them, which is less to do."""
 
 
 class OnePress(Protocol):

@@ -7,6 +7,7 @@ along the direction of a press it reaches no further than sin(angle) of the one 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,8 +33,7 @@ class Tiles:
         centres_m: (3, B) centres of the balls [m].
         radii_m: (B,) radii of the balls [m].
         facing_m2: (B, 3) sum of the points' normals times areas [m²].
-        normals: (3, B) of the slabs, unit vectors; zero where a group has no area.
-        thickness_m: (B,) how far points lie from the middle of their ball along this normal, at most [m].
+        thickness_m: (B,) how far points lie from the middle of their ball along :attr:`normals`, at most [m].
     """
 
     points: FloatArray
@@ -42,7 +42,6 @@ class Tiles:
     centres_m: FloatArray
     radii_m: FloatArray
     facing_m2: FloatArray
-    normals: FloatArray
     thickness_m: FloatArray
 
     @classmethod
@@ -66,7 +65,6 @@ class Tiles:
         centres = (place.min(axis=1) + place.max(axis=1)) / 2
         away = place - centres[:, None]
         facing = points[..., 5:].sum(axis=1)
-        slabs = _unit(facing)
         values = (
             points,
             taxel[index],
@@ -74,12 +72,16 @@ class Tiles:
             centres.T.copy(),
             np.linalg.norm(away, axis=2).max(axis=1),
             facing,
-            slabs.T.copy(),
-            np.abs((away @ slabs[:, :, None])[..., 0]).max(axis=1),
+            np.abs((away @ _unit(facing)[:, :, None])[..., 0]).max(axis=1),
         )
         for value in values:
             value.setflags(write=False)
         return cls(*values)
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """(3, B) of the slabs, unit vectors; zero where a group has no area."""
+        return _unit(self.facing_m2).T.copy()
 
     def reach_m(self, directions: FloatArray) -> FloatArray:
         """How far (K, B) points of each group lie from the middle of its ball along unit directions (K, 3), at most.

@@ -19,9 +19,9 @@ COARSE = 32
 """Tiles from which the penetration is guessed; mostly all that are needed, so that the others need no order."""
 AHEAD = 1.2
 """How much deeper than that guess is looked at once. A guess that was too low costs a second look, no more."""
-Kind = TypeVar("Kind", FloatArray, IntArray)
 FAR_M = 1e3
 """Stands for infinity where it would spoil a sum [m]."""
+Kind = TypeVar("Kind", FloatArray, IntArray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +120,7 @@ def touch(tiles: Tiles, indenter: Indenter, pressing: Pressing, law: StressLaw |
     while True:
         width = max(1, int((begin <= limit[:, None]).sum(axis=1).max()))
         if width == tile.shape[1] < begins.shape[1]:
+            # There may be more of them than were put in order.
             tile, begin = _soonest(begins, begins.shape[1])
             continue
         found = _look(tiles, indenter, pressing, tile[:, :width], limit, near, law)
@@ -143,7 +144,7 @@ def _soonest(begins_m: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
 
 
 def _picked(values: Kind, which: IntArray) -> Kind:
-    """Some of each row (K, N), by their numbers (K, T); as :func:`numpy.take_along_axis`, in half the time."""
+    """Some of each row (K, N), by their numbers (K, T); as :func:`numpy.take_along_axis`, with less to set up."""
     begin: IntArray = values.shape[1] * np.arange(len(values), dtype=np.int64)
     return values.ravel().take(which + begin[:, None])
 

@@ -18,10 +18,17 @@ from skincal.model import (
     Surface,
     TaxelLayout,
 )
+from skincal.model.tiles import Tiles
 
 RADIUS_M = 0.0115
 FINGER = Cylinder(RADIUS_M)
 POSE = SensorPose(y_m=0.0235, alpha_rad=0.3, beta_rad=0.1)
+
+
+def furthest_m(tiles: Tiles, directions: np.ndarray) -> np.ndarray:
+    """How far points of each group (K, B) lie from its middle along directions (K, 3): one by one [m]."""
+    away = tiles.points[..., :3] - tiles.centres_m.T[:, None]
+    return np.abs(np.einsum("kd,bmd->kbm", directions, away)).max(axis=2)
 
 
 def paper_layout() -> TaxelLayout:
