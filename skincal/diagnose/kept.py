@@ -83,7 +83,7 @@ class Kept:
                 getattr(samples, name)
                 for name in ("indenter", "touching", "time_s", "phase", "speed_m_per_s")
             ),
-            *(getattr(samples, name) for name in ("cycle", "pose", "temperature_c", "shear_n")),
+            *(getattr(samples, name) for name in ("cycle", "met_n", "pose", "temperature_c", "shear_n")),
             m.session.row,
             m.session.observation,
             m.session.taxels,

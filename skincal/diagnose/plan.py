@@ -13,7 +13,7 @@ from skincal.collect.posture import Fingers
 from skincal.collect.press import FAST
 from skincal.collect.travel import PEAK
 from skincal.dataset.model_objects import indenter_of
-from skincal.effects import Samples, Steps, hold_session
+from skincal.effects import Samples, Steps, hold_session, met_before
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.gap.session import GapSession
 from skincal.model import Contacts, Indenter
@@ -77,12 +77,14 @@ def played_plan(
         frame_rate_hz: frames in a second [Hz].
     """
     points, normals = mount.place(plan.sites_m())
+    force, cycle = np.array([p.force_n for p in plan.presses]), np.array(plan.cycles())
     holds = Samples.of(
-        Contacts(points, normals, np.array([p.force_n for p in plan.presses])),
+        Contacts(points, normals, force),
         (indenters[0], indenters[1].reshape(-1)),
         press=np.arange(len(plan)),
         speed_m_per_s=np.array([p.speed_m_per_s for p in plan.presses]),
-        cycle=np.array(plan.cycles()),
+        cycle=cycle,
+        met_n=met_before(cycle, force, points),
         pose=poses,
     )
     played = hold_session(holds, course.times_s, STEPS)

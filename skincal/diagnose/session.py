@@ -18,7 +18,7 @@ from skincal.fit.observe import Readout
 from skincal.gap.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
-from skincal.predict.samples import frame_column, last_press, pose_names, pose_numbers
+from skincal.predict.samples import frame_column, last_press, met_forces, pose_names, pose_numbers
 from skincal.predict.touches import frame_normals
 
 Floats = NDArray[np.float64]
@@ -82,6 +82,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         press=np.where(row >= 0, presses.press[of_press], -1),
         time_s=frames.time_s[use],
         phase=frames.phase[use],
+        met_n=met_forces(dataset, of_press),
         **_covariates(column, pose_names(dataset)),
     )
     return binned(samples, row, frames.counts[use], dataset.surface(), binning)
@@ -106,6 +107,7 @@ def _of_presses(dataset: Dataset) -> GapSession:
         (indenters, kinds[use]),
         touching=True,
         press=presses.press[use],
+        met_n=met_forces(dataset, use),
         **_covariates(column, pose_names(dataset)),
     )
     branch = column("branch")

@@ -16,6 +16,7 @@ from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import COVARIATES, Samples
 from skincal.effects.session import Contacted, EffectSkin
 from skincal.effects.setting import Setting
+from skincal.effects.sites import met_before
 from skincal.effects.stream import SkinStream
 
 __all__ = [
@@ -41,4 +42,5 @@ __all__ = [
     "effect",
     "hold_session",
     "hold_times",
+    "met_before",
 ]

@@ -1,9 +1,10 @@
 """The first touch of a site answers otherwise than later ones.
 
-    y = x (1 + a exp(-c / N))
+    y = x (1 + a exp(-c / N - k M))
 
-with c the number of earlier touches of the same site: an elastomer softens under its first loads (Mullins effect), and
-a fresh site of a piezoresistive layer needs to be worked in.
+with c the number of earlier touches of the same site and M the largest force of them: an elastomer softens under its
+first loads, and the more the larger they are (Mullins effect); a fresh site of a piezoresistive layer needs to be
+worked in.
 """
 
 from __future__ import annotations
@@ -26,15 +27,28 @@ class FirstCycle(SignalEffect):
     parameters = (
         EffectParameter("amplitude", "-", 0.0, -0.8, 2.0, "a: change at the first touch", typical=0.2),
         EffectParameter(
-            "cycles", "touches", 0.5, 0.1, 20.0, "N: touches in which it fades", role="form", scale="log"
+            "cycles", "touches", 0.5, 0.1, 100.0, "N: touches in which it fades", role="form", scale="log"
+        ),
+        EffectParameter(
+            "fading_per_n",
+            "1/N",
+            0.0,
+            0.0,
+            4.0,
+            "k: how fast it fades with the largest force that the site has met",
+            role="form",
+            needs=("met",),
         ),
     )
     covariates = ("cycle",)
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. A sample whose cycle is not known is left as it is."""
+        """See :meth:`SignalEffect.apply`. A sample is left as it is whose cycle, or what it met, is not known."""
         del setting
         assert samples.cycle is not None
-        fading = np.exp(-np.maximum(samples.cycle, 0.0) / values.number("cycles"))
-        return signal * (1.0 + values["amplitude"] * known(samples.cycle, fading))[:, None]
+        faded, told = np.maximum(samples.cycle, 0.0) / values.number("cycles"), samples.cycle
+        if slope := values.number("fading_per_n"):
+            assert samples.met_n is not None
+            faded, told = faded + slope * np.maximum(samples.met_n, 0.0), samples.cycle + samples.met_n
+        return signal * (1.0 + values["amplitude"] * known(told, np.exp(-faded)))[:, None]

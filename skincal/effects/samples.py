@@ -16,11 +16,15 @@ COVARIATES: Final[dict[str, str]] = {
     "phase": "phase",
     "speed": "speed_m_per_s",
     "cycle": "cycle",
+    "met": "met_n",
     "pose": "pose",
     "temperature": "temperature_c",
     "shear": "shear_n",
 }
 """Names of covariates, each with the attribute of :class:`Samples` that holds it."""
+
+DERIVED: Final[dict[str, str]] = {"met": "cycle"}
+"""Covariates that no table has a column for, each with the one that it is worked out with."""
 
 UNKNOWN, IDLE, LOAD, HOLD, UNLOAD = range(-1, 4)
 """Phases of a sample; from idle on as in the table of frames of a dataset."""
@@ -42,6 +46,7 @@ class Samples:
         phase: (K,) ``IDLE``, ``LOAD``, ``HOLD``, ``UNLOAD``, or ``UNKNOWN``: 0 to 3 and -1.
         speed_m_per_s: (K,) speed of loading of the press [m/s].
         cycle: (K,) number of earlier touches of the same site.
+        met_n: (K,) largest force of earlier touches of the same site [N]; 0 at the first.
         pose: (K,) number of the hand's pose, -1 where not known.
         temperature_c: (K,) temperature at the skin [°C].
         shear_n: (K, 2) tangential force along growing beta and along +y [N].
@@ -59,6 +64,7 @@ class Samples:
     phase: IntArray | None = None
     speed_m_per_s: FloatArray | None = None
     cycle: FloatArray | None = None
+    met_n: FloatArray | None = None
     pose: IntArray | None = None
     temperature_c: FloatArray | None = None
     shear_n: FloatArray | None = None
@@ -103,6 +109,7 @@ class Samples:
         phase: ArrayLike | None = None,
         speed_m_per_s: ArrayLike | None = None,
         cycle: ArrayLike | None = None,
+        met_n: ArrayLike | None = None,
         pose: ArrayLike | None = None,
         temperature_c: ArrayLike | None = None,
         shear_u_n: ArrayLike | None = None,
@@ -120,6 +127,7 @@ class Samples:
             phase: (K,) as in the attribute.
             speed_m_per_s: (K,) [m/s].
             cycle: (K,).
+            met_n: (K,) [N].
             pose: (K,) whole numbers.
             temperature_c: (K,) [°C].
             shear_u_n: (K,) along growing beta [N]; both components or none.
@@ -153,6 +161,7 @@ class Samples:
             phases,
             column(speed_m_per_s),
             column(cycle),
+            column(met_n),
             whole(pose),
             column(temperature_c),
             shear,

@@ -133,6 +133,7 @@ class TactileSkin:
             phase=[self._phase(felt, time_s)],
             speed_m_per_s=[_LOADING_M_PER_S],
             cycle=[np.nan],
+            met_n=[np.nan],
             pose=[-1],
             temperature_c=[np.nan],
             shear_u_n=[felt.shear_u_n if touching else 0.0],

@@ -39,7 +39,12 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     ),
     "rate": ({"fade_s": 0.2}, {"fade_s": 2.0}, {"fade_s": 2.0, "slow_m_per_s": 1e-4}, {"fade_s": 100.0}),
     "latency": ({"filtered": 0.0}, {"filtered": 0.7}),
-    "first_cycle": ({"cycles": 0.3}, {"cycles": 1.5}, {"cycles": 6.0}),
+    "first_cycle": (
+        {"cycles": 0.3},
+        {"cycles": 1.5},
+        {"cycles": 6.0},
+        {"cycles": 30.0, "fading_per_n": 1.0},
+    ),
     "baseline_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "gain_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "saturation": ({"sharpness": 2.0}, {"sharpness": 4.0}, {"sharpness": 15.0}),

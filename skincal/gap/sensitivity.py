@@ -23,6 +23,7 @@ from skincal.effects import (
     Stage,
 )
 from skincal.effects.base import MemoryEffect
+from skincal.effects.samples import DERIVED
 from skincal.gap.base import BaseModel
 from skincal.gap.session import GapSession
 from skincal.model import FlatPunch, Sphere
@@ -146,7 +147,7 @@ def effect_columns(
         np.array([c.most for c in columns]),
         full,
         half,
-        missing,
+        tuple(dict.fromkeys(DERIVED.get(name, name) for name in missing)),
     )
 
 

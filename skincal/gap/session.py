@@ -154,7 +154,7 @@ def binned(
     part = frames[first]
     averaged = {
         name: None if (column := getattr(frames, name)) is None else mean(column)
-        for name in ("time_s", "speed_m_per_s", "cycle", "temperature_c", "shear_n")
+        for name in ("time_s", "speed_m_per_s", "cycle", "met_n", "temperature_c", "shear_n")
     }
     contacts = _mean_contacts(frames, part, mean, surface)
     samples = replace(part, contacts=contacts, start_s=frames.start_s, **averaged)

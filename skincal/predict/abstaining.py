@@ -13,7 +13,12 @@ from skincal.errors import Problem
 from skincal.predict.samples import TIMES, pose_names, session_samples
 from skincal.predict.touches import CalibratedSkin, Touches
 
-_COLUMNS = {**COVARIATES, "time": f"{', '.join(TIMES)} of every press", "shear": "shear_u_n and shear_v_n"}
+_COLUMNS = {
+    **COVARIATES,
+    "met": "cycle",
+    "time": f"{', '.join(TIMES)} of every press",
+    "shear": "shear_u_n and shear_v_n",
+}
 _PARTLY = {
     "speed": ("speed_m_per_s",),
     "temperature": ("temperature_c",),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import IDLE, Dataset
-from skincal.effects import HoldSession, Samples, hold_session, hold_times
+from skincal.effects import HoldSession, Samples, hold_session, hold_times, met_before
 from skincal.effects.samples import UNKNOWN
 from skincal.predict.touches import Touches, frame_presses, touching
 
@@ -66,6 +66,7 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
     return _samples(
         touches,
         lambda name: frame_column(dataset, owner, name),
+        met_forces(dataset, owner),
         poses,
         touching=touch,
         press=np.where(touch, frames.press, -1),
@@ -124,6 +125,7 @@ def hold_samples(
     return _samples(
         touches,
         column,
+        met_forces(dataset, rows),
         poses,
         touching=(touches.force_n > 0) | known,
         press=dataset.presses.press[rows],
@@ -177,14 +179,37 @@ def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) ->
     return played_presses(touches.taken(rows), dataset, rows, poses).samples
 
 
-def _samples(touches: Touches, column: Column, poses: Sequence[str], **more: Any) -> Samples:
+def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
+    """Largest force of earlier presses of the same site (M,) [N]; None where touches of sites are not counted.
+
+    Sites are where presses were meant to be, or where they were measured where that is not recorded.
+
+    Args:
+        dataset: all presses of the session.
+        rows: (M,) of the table of presses.
+    """
+    presses, order = dataset.presses, press_order(dataset)
+    cycle = presses.column("cycle")
+    if cycle is None:
+        return None
+    meant = [presses.column(name) for name in ("target_x_m", "target_y_m", "target_z_m")]
+    targets = [axis for axis in meant if axis is not None]
+    places = np.stack(targets, axis=1) if len(targets) == len(meant) else presses.position_m
+    met = np.empty(len(presses))
+    met[order] = met_before(cycle[order], presses.force_n[order], places[order])
+    return met[rows]
+
+
+def _samples(
+    touches: Touches, column: Column, met_n: Floats | None, poses: Sequence[str], **more: Any
+) -> Samples:
     known = {name: values for name in _NUMBERS if (values := column(name)) is not None and _any(values)}
     if not {"shear_u_n", "shear_v_n"} <= set(known):
         known = {name: values for name, values in known.items() if not name.startswith("shear")}
     pose = column("pose")
     if pose is not None and poses:
         known["pose"] = pose_numbers(pose, poses)
-    return Samples.of(touches.contacts(), touches.indenters(), **known, **more)
+    return Samples.of(touches.contacts(), touches.indenters(), met_n=met_n, **known, **more)
 
 
 def _any(values: NDArray[Any]) -> bool:

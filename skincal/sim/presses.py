@@ -31,6 +31,7 @@ class Covariates:
     phase: int
     speed_m_per_s: float
     cycle: float
+    met_n: float
     pose: int
 
 
@@ -44,9 +45,10 @@ class PressTracker:
     def __init__(self, kinematics: Kinematics) -> None:
         self._skin_joints = kinematics.skin.columns
         self._sites: list[FloatArray] = []
+        self._peaks_n: list[float] = []
         self._poses: list[FloatArray] = []
         self._press = -1
-        self._pose, self._cycle, self._speed = -1, 0, float("nan")
+        self._pose, self._cycle, self._met_n, self._speed = -1, 0, 0.0, float("nan")
         self._last: TrueContact | None = None
         self._closing_m_per_s = 0.0
         self._touched_s = -np.inf
@@ -59,16 +61,19 @@ class PressTracker:
         self._closing_m_per_s = self._change(contact, "gap_m", sign=-1.0)
         self._last = contact
         if not contact.touching:
-            return Covariates(-1, IDLE, float("nan"), float("nan"), self._pose)
+            return Covariates(-1, IDLE, float("nan"), float("nan"), float("nan"), self._pose)
         self._touched_s = contact.time_s
-        return Covariates(self._press, phase, self._speed, float(self._cycle), self._pose)
+        self._peaks_n[-1] = max(self._peaks_n[-1], contact.force_n)
+        return Covariates(self._press, phase, self._speed, float(self._cycle), self._met_n, self._pose)
 
     def _begin(self, contact: TrueContact) -> None:
         """A press begins: where, how often there before, in which pose, and how fast."""
         self._press += 1
         near = [np.linalg.norm(site - contact.point_m) < SITE_M for site in self._sites]
         self._cycle = int(np.sum(near))
+        self._met_n = max((peak for peak, same in zip(self._peaks_n, near, strict=True) if same), default=0.0)
         self._sites.append(contact.point_m)
+        self._peaks_n.append(0.0)
         angles = contact.q_rad[self._skin_joints]
         same = [i for i, pose in enumerate(self._poses) if np.abs(pose - angles).max() < POSE_RAD]
         if not same:

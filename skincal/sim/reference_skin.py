@@ -89,6 +89,7 @@ class ReferenceSkin:
             phase=[covariates.phase for covariates in known],
             speed_m_per_s=[covariates.speed_m_per_s for covariates in known],
             cycle=[covariates.cycle for covariates in known],
+            met_n=[covariates.met_n for covariates in known],
             pose=[covariates.pose for covariates in known],
             temperature_c=np.nan,
             shear_u_n=[contact.shear_u_n for contact in contacts],

@@ -47,6 +47,7 @@ def session(presses: int = 24, steps: Steps | None = None, seed: int = 3) -> Hol
         press=np.arange(presses),
         speed_m_per_s=rng.choice([2.5e-4, 2e-3], presses),
         cycle=rng.integers(0, 3, presses),
+        met_n=rng.uniform(0.0, 4.0, presses),
         pose=rng.integers(0, 2, presses),
         temperature_c=25 + np.cumsum(rng.normal(0.0, 0.3, presses)),
         shear_u_n=shear[0],

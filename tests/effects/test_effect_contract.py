@@ -270,6 +270,7 @@ def test_strong_effects_give_numbers_at_all_forces(name: str):
         phase=1,
         speed_m_per_s=0.0,
         cycle=100,
+        met_n=30.0,
         pose=7,
         temperature_c=90.0,
         shear_u_n=5.0,

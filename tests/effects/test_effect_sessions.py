@@ -40,7 +40,7 @@ BALL = Sphere(0.006)
 PUBLIC = {
     "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",
     "InputEffect", "LawEffect", "MemoryEffect", "Samples", "Setting", "SignalEffect", "SkinStream", "SpreadEffect",
-    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times",
+    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before",
 }  # fmt: skip
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_sessions import BASE, LAYOUT, SESSION, SKIN, VALUES, contacts_at, skin_with
 
 from skincal.effects import EFFECTS, EffectSkin, Samples, SignalEffect
+from skincal.errors import InputError
 from skincal.model import Plane, Sphere
 
 BALL = Sphere(0.006)
@@ -195,6 +198,25 @@ def test_first_cycle_fades_with_touches():
     shown = skin_with("first_cycle", amplitude=0.3, cycles=2.0).values(touches).sum(axis=1)
     base = BASE.values(touches).sum(axis=1)
     np.testing.assert_allclose(shown / base, 1 + 0.3 * np.exp(-np.array([0, 1, 2, 50]) / 2), rtol=1e-12)
+
+
+def test_first_cycle_fades_with_what_its_site_has_met():
+    touches = Samples.of(
+        contacts_at(np.zeros(5), 1e-3, 2.0),
+        BALL,
+        cycle=[0, 1, 1, 2, np.nan],
+        met_n=[0.0, 0.5, 3.0, np.nan, 1.0],
+    )
+    given = {"amplitude": 0.3, "cycles": 2.0, "fading_per_n": 0.8}
+    shown = skin_with("first_cycle", **given).values(touches).sum(axis=1)
+    base = BASE.values(touches).sum(axis=1)
+    faded = np.exp([0.0, -0.5 - 0.4, -0.5 - 2.4, -np.inf, -np.inf])
+    np.testing.assert_allclose(shown / base, 1 + 0.3 * faded, rtol=1e-12)
+    blind = replace(touches, met_n=None)
+    with pytest.raises(InputError, match=r"(?s)first_cycle.*met_n"):
+        skin_with("first_cycle", **given).values(blind)
+    # Without it, what was met need not be known.
+    skin_with("first_cycle", amplitude=0.3).values(blind)
 
 
 def test_dead_taxels_read_what_they_are_stuck_at():

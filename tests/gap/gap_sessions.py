@@ -45,6 +45,7 @@ def full(presses: int = 30, seed: int = 3, *, raster: bool = False) -> GapSessio
         press=np.arange(count),
         speed_m_per_s=np.where(fast, 2e-3, 2.5e-4),
         cycle=np.array(cycle),
+        met_n=np.array([force[:k][which[:k] == which[k]].max(initial=0.0) for k in range(count)]),
         pose=np.zeros(count, dtype=int) if raster else rng.integers(0, 2, count),
         temperature_c=25 + np.cumsum(rng.normal(0.0, 0.3, count)),
         shear_u_n=shear[0],

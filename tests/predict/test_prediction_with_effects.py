@@ -162,6 +162,37 @@ def test_a_covariate_that_is_empty_in_some_presses_is_said(session: Session) -> 
     assert predict_dataset(calibrated(warm), dataset).warnings == ()
 
 
+@pytest.mark.parametrize("targets", [True, False])
+@pytest.mark.parametrize("frames", [8, 0])
+def test_what_a_site_has_met_is_read_off_its_earlier_presses(
+    session: Session, targets: bool, frames: int
+) -> None:
+    dataset = session(4, frames_per_press=frames)
+    presses, site = dataset.presses, np.array([0, 1, 0, 0])
+    force, cycle = np.array([1.5, 4.0, 0.8, 2.0]), np.array([0.0, 0.0, 1.0, 2.0])
+    places, columns = presses.position_m[site], {**presses.columns, "cycle": cycle}
+    if targets:
+        # Where presses were meant to be counts, not where they are.
+        columns |= dict(zip(("target_x_m", "target_y_m", "target_z_m"), places.T, strict=True))
+        places = presses.position_m[[1, 0, 1, 1]]
+    dataset = replace(dataset, presses=replace(presses, columns=columns, force_n=force, position_m=places))
+    given = {"amplitude": 0.5, "cycles": 100.0, "fading_per_n": 0.7}
+    skin = make_calibration()
+    # An effect next to nothing, so that presses of both are those of their frames.
+    fading, plain = (
+        predict_dataset(replace(skin, effects=(Effect("first_cycle", one),)), dataset).dataset.presses.counts
+        for one in (given, given | {"amplitude": 1e-12})
+    )
+    met = np.array([0.0, 0.0, 1.5, 1.5])
+    expected = 1 + 0.5 * np.exp(-cycle / 100 - 0.7 * met)
+    lit = plain.argmax(axis=1)
+    rows = np.arange(4)
+    np.testing.assert_allclose(fading[rows, lit] / plain[rows, lit], expected, rtol=1e-9)
+    uncounted = replace(dataset, presses=replace(dataset.presses, columns=presses.columns))
+    (warning,) = predict_dataset(replace(skin, effects=(Effect("first_cycle", given),)), uncounted).warnings
+    assert "first_cycle: expected cycle; got none" in str(warning)
+
+
 def test_what_lacks_a_covariate_is_left_out_and_said(session: Session) -> None:
     dataset = session(3)
     base = predict_dataset(make_calibration(), dataset)

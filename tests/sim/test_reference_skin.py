@@ -101,6 +101,7 @@ def test_presses_sites_and_poses_are_counted() -> None:
     holds = [found[80 * i + 40] for i in range(4)]
     assert [c.press for c in holds] == [0, 1, 2, 3]
     assert [c.cycle for c in holds] == [0, 1, 0, 2]
+    assert [c.met_n for c in holds] == [0.0, 4.0, 0.0, 4.0]
     assert [c.pose for c in holds] == [0, 0, 1, 1]
     assert {c.phase for c in holds} == {HOLD}
     assert found[25].phase == LOAD

@@ -130,9 +130,9 @@ class Latency(Effect):
 
 @dataclass(frozen=True)
 class FirstCycle(Effect):
-    """Mullins: what a site answers falls with the largest force it has met: ``y = x (1 + a exp(-F_max / F0))``."""
+    """A site is worked in by the impulse D of its earlier presses, their force times time: ``y = x (1 + a / (1 + D / D0))``."""
 
-    force_n: float = 1.0
+    impulse_n_s: float = 5.0
 
     name = "first_cycle"
     typical = 0.1
@@ -142,19 +142,23 @@ class FirstCycle(Effect):
     def draw(cls, rng: np.random.Generator) -> Effect:
         """See :meth:`Effect.draw`."""
         sign = 1.0 if rng.uniform() < 0.8 else -1.0
-        return cls(cls.typical * sign, float(rng.uniform(0.5, 2.0)))
+        return cls(cls.typical * sign, float(rng.uniform(2.0, 10.0)))
 
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
-        met = _largest_before(scene.plan.column("site").astype(np.int64), scene.plan.column("force_n"))
-        return x * scene.of_press(1 + self.strength * np.exp(-met / self.force_n))[:, None]
+        plan = scene.plan
+        start, hold, release, end = plan.times_s.T
+        # Ramps count half.
+        lasts = (hold - start) / 2 + release - hold + (end - release) / 2
+        met = _impulse_before(plan.column("site").astype(np.int64), plan.column("force_n") * lasts)
+        return x * scene.of_press(1 + self.strength / (1 + met / self.impulse_n_s))[:, None]
 
 
-def _largest_before(site: Ints, force_n: Floats) -> Floats:
-    """The largest force of earlier presses of the same site (K,) [N]."""
-    largest = dict[int, float]()
+def _impulse_before(site: Ints, impulse_n_s: Floats) -> Floats:
+    """The sum over earlier presses of the same site (K,) [N s]."""
+    met = dict[int, float]()
     before = np.zeros(len(site))
-    for row, (place, force) in enumerate(zip(site.tolist(), force_n.tolist(), strict=True)):
-        before[row] = largest.get(place, 0.0)
-        largest[place] = max(before[row], force)
+    for row, (place, impulse) in enumerate(zip(site.tolist(), impulse_n_s.tolist(), strict=True)):
+        before[row] = met.get(place, 0.0)
+        met[place] = before[row] + impulse
     return before
