@@ -208,11 +208,7 @@ def judged(
     something far more than in any of them, or is simply far larger. It is named if what was named explains most of it.
     """
     little = choice.left <= options.negligible
-    # What is sure, but no more than the weakest effect does to a session of many values, is what ramps averaged in bins
-    # leave, or a law.
-    least = options.choice.weakest_beside(choice.law) ** 2 * choice.values
-    clear = [s.times_null for s in signatures if s.fall >= least and choice.excess[0] >= 1]
-    strongest = max(clear, default=0.0)
+    strongest = options.strongest(choice, signatures)
     in_images = [one for one in choice.named if not one.by_places]
     no_more = choice.left <= options.background
     if in_images and (no_more or choice.explained >= options.choice.explained):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from skincal.gap.choice import Choice
 from skincal.gap.choice_options import ChoiceOptions
+from skincal.gap.signatures import Signature
 
 
 @dataclass(frozen=True)
@@ -14,8 +17,8 @@ class DiagnoseOptions:
     Attributes:
         null_draws: null sessions of each contact law.
         choice: when an effect is named.
-        structure: something is missing where a residual depends on something by so many times the most of any null
-            session, whether an effect explains it or not.
+        structure: something is missing where a residual surely depends on something by so many times the most of any
+            null session, whether an effect explains it or not.
         misfit: root mean square in units of the noise of a residual that is more than chance can leave, if it is also
             ``structure`` times the most of any null session: something is missing, though it depends on nothing known.
         unexplained: part of the excess that may be left before a diagnosis says that something is.
@@ -44,6 +47,22 @@ class DiagnoseOptions:
             times: its excess, in units of the most of any null session.
         """
         return left > self.misfit and times >= self.structure
+
+    def strongest(self, choice: Choice, signatures: Sequence[Signature]) -> float:
+        """What a residual surely depends on most: by how many times more than in any null session.
+
+        What is sure, but no more than the weakest effect does to a session of many values, is what ramps averaged in
+        bins leave, or a law; nor does that count which a contact law that no null session has may leave.
+
+        Args:
+            choice: of effects.
+            signatures: on what the residual depends.
+        """
+        if choice.excess[0] < 1:
+            return 0.0
+        least = self.choice.weakest_beside(choice.law) ** 2 * choice.values
+        sure = [s for s in signatures if s.fall >= least and s.p_value <= self.choice.significant]
+        return max((s.times_null for s in sure), default=0.0)
 
 
 def thoroughly() -> DiagnoseOptions:

@@ -114,15 +114,16 @@ def _diagnosed(
     if by_the_fault:
         # What would show the gap has shown the fault.
         gap = replace(gap, closed=float("nan"), interval=(float("nan"), float("nan")))
-    refuted = answer.verdict == "effects" and gap.refutes(options.choice.weakest)
+    # The weakest effect is one of what was fitted; the gap is that of frames.
+    of_frames = _deviation(choice.after, base) / gap.floor
+    refuted = answer.verdict == "effects" and gap.refutes(options.choice.weakest * of_frames)
     refuted = refuted and not (by_the_fault or _only_places(choice))
     if refuted:
         # It adds as much to presses that nobody has fitted as the weakest effect does: it is not what is missing.
         answer = replace(answer, verdict="unknown", unexplained=True)
     # What effects do may look like another law as long as they are not in the model.
     law = min(choice.law, of_law(replace(base, model=choice.after)))
-    of_gap = law * _deviation(choice.after, base) / gap.floor
-    wide_open = answer.verdict == "effects" and gap.stays_open(of_gap) and not _beside_images(choice)
+    wide_open = answer.verdict == "effects" and gap.stays_open(law * of_frames) and not _beside_images(choice)
     if wide_open:
         # It is there, but it is not the gap: levels at rest of a few hundredths of a count, for one.
         answer = replace(answer, verdict="unknown", unexplained=True)

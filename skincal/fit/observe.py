@@ -26,8 +26,8 @@ _KNOTS = 200
 _FINEST = 2e-4
 """Counts between two knots at least."""
 
-_MANY = 20_000
-"""So many values are interpolated."""
+_FEW = 64
+"""So many values are worked out one by one: for fewer, a table is not worth its making."""
 
 _MAX_CLIPPED_REST = 1.5
 """A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
@@ -106,13 +106,15 @@ def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
     if not integer:
         z = above / sigma
         return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
-    steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
-    if above.size > _MANY:
-        knots, lifted = _table(sigma)
-        lifted = np.interp(above, knots, lifted)
-    else:
-        lifted = _rounded(above, sigma, steps)
+    steps = _steps(sigma)
+    # Many are those of a session and those of one of its presses: a value reads the same in both.
+    lifted = _rounded(above, sigma, steps) if above.size <= _FEW else np.interp(above, *_table(sigma))
     return np.where(above < -steps[-1], -above, lifted)
+
+
+def _steps(sigma: float) -> Floats:
+    """Halves of counts below zero that noise may reach."""
+    return np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
 
 
 def _rounded(above: Floats, sigma: float, steps: Floats) -> Floats:
@@ -120,10 +122,10 @@ def _rounded(above: Floats, sigma: float, steps: Floats) -> Floats:
     return ndtr((-steps - above[..., None]) / sigma).sum(axis=-1)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)
 def _table(sigma: float) -> tuple[Floats, Floats]:
     """Knots (K,), and how much values there are lifted: lines between them are right to 5e-6 (sigma + 1 count)."""
-    steps = np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
+    steps = _steps(sigma)
     knots = np.arange(-steps[-1], _SPREAD * sigma, max(sigma / _KNOTS, _FINEST))
     return knots, _rounded(knots, sigma, steps)
 

@@ -37,11 +37,11 @@ class Gap:
         closed: (before² - after²) / (before² - floor²); NaN where there is no gap.
         interval: where ``closed`` lies, 95 %.
         added: where after² - before² lies, 95 % [counts²].
-        presses: number of presses looked at.
+        presses: number of presses looked at of which something was read.
         frames: number of frames, or of hold means.
         slack_before_m: root mean square of what presses had to move [m].
         slack_after_m: with the named effects [m].
-        errors: (presses, 3) sums of squares before, after and of the floor, and their number, press by press.
+        errors: (presses, 4) sums of squares before, after and of the floor, and their number, press by press.
     """
 
     before: float
@@ -118,6 +118,9 @@ def gap_closed(
     sums = np.array(
         [[part[own].sum() for part in (first, second, noise, seen)] for own in _owned(session, rows, presses)]
     ).reshape(-1, 4)
+    # A press of which nothing was read says nothing: drawn in place of one that was, it would only look sure.
+    read = sums[:, 3] > 0
+    presses, sums = (presses[read], sums[read]) if read.any() else (presses, sums)
     total = sums.sum(axis=0)
     drawn = rng.integers(0, len(presses), (_DRAWS, len(presses)))
     again = sums[drawn].sum(axis=1)

@@ -412,8 +412,9 @@ def _none_missed(
     for row in np.setdiff1d(touching, dark).tolist():
         own = np.flatnonzero(session.press == row)
         brightest = int(measured[own].max(axis=0).argmax())
-        should = float(measured[own, brightest].max()) > _CLEAR_COUNTS
-        missed += should and last[brightest] > own[-1] and not (lit[own] > _FAINT_COUNTS).any()
+        should = own[(measured[own, brightest] > _CLEAR_COUNTS) & reading.seen[own, brightest]]
+        answers = last[brightest] > own[-1]
+        missed += len(should) > 0 and answers and not (lit[own] > _FAINT_COUNTS).any()
     others = np.setdiff1d(touching, dark)
     moves = (here.places[others, :2] ** 2).sum(axis=1) / options.position_sigma_m**2
     scatter = max(1.0, float(np.median(moves)) / _MIDDLE) if len(others) else 1.0

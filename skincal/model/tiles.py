@@ -86,14 +86,16 @@ class Tiles:
     def reach_m(self, directions: FloatArray) -> FloatArray:
         """How far (K, B) points of each group lie from the middle of its ball along unit directions (K, 3), at most.
 
-        None lies further than the ball's radius, whatever the slab.
+        None lies further than the ball's radius, whatever the slab. Directions may be a little longer or shorter than
+        one, as rotations that were measured or rounded make them.
         """
         across = np.abs(directions @ self.normals)
-        beside = np.sqrt(np.maximum(1.0 - across * across, _ROUNDING))
+        length_2 = np.einsum("ki,ki->k", directions, directions)[:, None]
+        beside = np.sqrt(np.maximum(length_2 - across * across, _ROUNDING))
         across *= self.thickness_m
         beside *= self.radii_m
         beside += across
-        return np.minimum(beside, self.radii_m, out=beside)
+        return np.minimum(beside, np.sqrt(length_2) * self.radii_m, out=beside)
 
 
 def _unit(facing_m2: FloatArray) -> FloatArray:

@@ -120,14 +120,19 @@ def _no_score(found: Diagnosis) -> str:
             f"The effect that does best, {best.effect}, scores no better than one does in sessions with nothing hidden "
             f"({p_words(p, count)}; {asked:g} is asked for)."
         )
-    strongest = max((s.times_null for s in found.signatures), default=0.0)
+    strongest = found.options.strongest(found.choice, found.signatures)
+    depends = (
+        f"nothing much more than in those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked "
+        "for)"
+        if strongest
+        else "nothing more than an unknown contact law may bring about"
+    )
     values = max(found.choice.values, 1)
     weakest = (found.options.choice.least(values, found.choice.law) / values) ** 0.5
     return (
         f"The effect that does best, {best.effect}, scores better than in sessions with nothing hidden "
         f"({p_words(p, count)}), but no effect explains a fair part of what is left, or more than "
-        f"{weakest:.2g} times the noise, and what is left depends on nothing much more than in "
-        f"those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked for)."
+        f"{weakest:.2g} times the noise, and what is left depends on {depends}."
     )
 
 

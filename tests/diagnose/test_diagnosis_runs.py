@@ -176,6 +176,19 @@ def test_what_is_sure_but_weaker_than_any_effect_that_is_named_is_nothing():
         assert judged(choice, NO_NULL, [sign], DiagnoseOptions()) == said
 
 
+def test_what_a_law_that_was_not_simulated_may_leave_is_nothing():
+    options = DiagnoseOptions()
+    choice = Choice(cast("Any", None), cast("Any", None), (), (), (150.0, 150.0), 3000)
+    of_null = np.linspace(1.0, 20.0, 200)
+    for fall, said in ((104.0, ("none", False)), (400.0, ("unknown", True))):
+        sign = Signature.of(
+            "hold", "the value in the hold", fall, 500.0, of_null, options.choice.least(3000, 0.0)
+        )
+        assert sign.times_null > options.structure
+        assert judged(choice, NO_NULL, [sign], options) == said
+        assert (options.strongest(choice, [sign]) > 0) == (said[0] == "unknown")
+
+
 def test_a_residual_far_above_that_of_any_null_session_is_unknown_whatever_it_depends_on():
     null = Null(("fitted",) * 3, {}, 1.0, {}, np.array([-30.0, 5.0, 40.0]))
     for excess, said in ((500.0, ("unknown", True)), (210.0, ("unknown", True)), (190.0, ("none", False))):

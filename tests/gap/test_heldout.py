@@ -115,6 +115,9 @@ def test_a_press_of_which_nothing_was_read_says_nothing_however_often_it_is_draw
     )
     assert np.isfinite(both.added).all()
     assert (both.before, both.after, both.closed) == (alone.before, alone.after, alone.closed)
+    # Nor does it make four of one, of which something is sure.
+    assert both.presses == alone.presses == len(both.errors) == 1
+    assert both.added == alone.added
 
 
 def test_slack_is_what_presses_moved():

@@ -275,6 +275,10 @@ def test_presses_that_show_nothing_have_not_all_missed(missed: int, fall: float,
     # Means of many frames have less noise than what clipping lifts them by; that is no answer.
     still = replace(given[2], frames=400.0 * given[2].frames)
     assert _none_missed(dark, falls, here, session, still, OPTIONS, values()) is said
+    # What was not read has not missed.
+    unread = np.isin(session.press, alive[missed : missed + 2])[:, None]
+    gone = replace(given[2], trust=np.where(unread, 0.0, given[2].trust))
+    assert _none_missed(dark, falls, here, session, gone, OPTIONS, values()) is said
 
 
 def silence() -> tuple[Reading, Silent]:

@@ -208,6 +208,10 @@ def test_groups_reach_as_far_as_they_say_and_hardly_further(surface: Surface):
     directions = np.concatenate([rng.normal(size=(200, 3)), tiles.normals.T])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     reach = tiles.reach_m(directions)
-    assert np.all(furthest_m(tiles, directions) <= reach + 1e-15) and np.all(reach <= tiles.radii_m)
+    assert np.all(furthest_m(tiles, directions) <= reach + 1e-15)
+    assert np.all(reach <= (1 + 1e-15) * tiles.radii_m)
+    # Rotations that were rounded make directions of another length.
+    for length in (1 - 1e-6, 1 + 1e-6):
+        assert np.all(furthest_m(tiles, length * directions) <= tiles.reach_m(length * directions) + 1e-15)
     face_on = np.diag(reach[200:])
     assert np.median(face_on) < 0.2 * np.median(tiles.radii_m)

@@ -130,7 +130,7 @@ class Latency(Effect):
 
 @dataclass(frozen=True)
 class FirstCycle(Effect):
-    """A site is worked in by the impulse D of its earlier presses, their force times time: ``y = x (1 + a / (1 + D / D0))``."""
+    """A site is worked in by the impulse D of its presses, force times time: ``y = x (1 + a / (1 + D / D0))``."""
 
     impulse_n_s: float = 5.0
 
