@@ -1,10 +1,10 @@
 """The first touch of a site answers otherwise than later ones.
 
-    y = x (1 + a exp(-c / N - k M))
+    y = x (1 + a / (1 + t s)^(1 / t)),    s = c / N + k M,    exp(-s) for t = 0
 
 with c the number of earlier touches of the same site and M the largest force of them: an elastomer softens under its
 first loads, and the more the larger they are (Mullins effect); a fresh site of a piezoresistive layer needs to be
-worked in.
+worked in. With a tail t the first touches do much and later ones ever less, instead of each the same part.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ class FirstCycle(SignalEffect):
             role="form",
             needs=("met",),
         ),
+        EffectParameter("tail", "-", 0.0, 0.0, 1.0, "t: how slowly the last of it fades", role="form"),
     )
     covariates = ("cycle",)
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
@@ -51,4 +52,7 @@ class FirstCycle(SignalEffect):
         if slope := values.number("fading_per_n"):
             assert samples.met_n is not None
             faded, told = faded + slope * np.maximum(samples.met_n, 0.0), samples.cycle + samples.met_n
+        if tail := values.number("tail"):
+            # The logarithm of what is above: with next to no tail it is the exponential, without dividing by nothing.
+            faded = np.log1p(tail * faded) / tail
         return signal * (1.0 + values["amplitude"] * known(told, np.exp(-faded)))[:, None]

@@ -44,6 +44,7 @@ FORMS: Mapping[str, tuple[Mapping[str, float], ...]] = {
         {"cycles": 1.5},
         {"cycles": 6.0},
         {"cycles": 30.0, "fading_per_n": 1.0},
+        {"cycles": 1.0, "tail": 1.0},
     ),
     "baseline_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),
     "gain_drift": ({"settling_time_s": 60.0}, {"settling_time_s": 400.0}),

@@ -122,8 +122,8 @@ def _no_score(found: Diagnosis) -> str:
         )
     strongest = found.options.strongest(found.choice, found.signatures)
     depends = (
-        f"nothing much more than in those sessions ({strongest:.1f} times the most; {found.options.structure:g} is asked "
-        "for)"
+        f"nothing much more than in those sessions ({strongest:.1f} times the most; "
+        f"{found.options.structure:g} is asked for)"
         if strongest
         else "nothing more than an unknown contact law may bring about"
     )

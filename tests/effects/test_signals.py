@@ -212,6 +212,9 @@ def test_first_cycle_fades_with_what_its_site_has_met():
     base = BASE.values(touches).sum(axis=1)
     faded = np.exp([0.0, -0.5 - 0.4, -0.5 - 2.4, -np.inf, -np.inf])
     np.testing.assert_allclose(shown / base, 1 + 0.3 * faded, rtol=1e-12)
+    tailed = skin_with("first_cycle", **given, tail=0.5).values(touches).sum(axis=1) / base
+    slowly = [1.0, (1 + 0.5 * 0.9) ** -2, (1 + 0.5 * 2.9) ** -2, 0.0, 0.0]
+    np.testing.assert_allclose(tailed, 1 + 0.3 * np.array(slowly), rtol=1e-12)
     blind = replace(touches, met_n=None)
     with pytest.raises(InputError, match=r"(?s)first_cycle.*met_n"):
         skin_with("first_cycle", **given).values(blind)
