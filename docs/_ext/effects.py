@@ -19,6 +19,7 @@ from sphinx.environment import BuildEnvironment
 from sphinx.util.docutils import SphinxDirective
 
 from skincal.effects import COVARIATES, EFFECTS, Effect, EffectParameter
+from skincal.effects.samples import DERIVED
 
 MADE = Path("_build", "made", "effects")
 
@@ -49,6 +50,11 @@ def _row(p: EffectParameter) -> str:
     return f"| `{p.name}` | {unit} | {neutral} | {p.low:g} … {p.high:g} | {p.description}{shape} |"
 
 
+def _recorded(effect: Effect) -> list[str]:
+    """Covariates of an effect that a dataset records, not those that are worked out of others."""
+    return [name for name in effect.all_covariates if name not in DERIVED]
+
+
 class OneEffect(SphinxDirective):
     """One effect: meaning, equation, parameters, what it needs, source."""
 
@@ -57,7 +63,7 @@ class OneEffect(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """The text."""
         effect = EFFECTS[self.arguments[0]]
-        needs = ", ".join(f"`{COVARIATES[name]}`" for name in effect.all_covariates) or "none"
+        needs = ", ".join(f"`{COVARIATES[name]}`" for name in _recorded(effect)) or "none"
         lines = [
             f"*{effect.meaning[0].upper()}{effect.meaning[1:]}.*",
             "",
@@ -81,7 +87,7 @@ class AllEffects(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """One row an effect."""
         rows = [
-            f"| {_STAGES[e.stage]} | {{doc}}`{e.name} <{e.name}>` | {e.meaning} | {', '.join(e.all_covariates)} |"
+            f"| {_STAGES[e.stage]} | {{doc}}`{e.name} <{e.name}>` | {e.meaning} | {', '.join(_recorded(e))} |"
             for e in EFFECTS.values()
         ]
         head = ["| stage | effect | what is meant | covariates |", "|---|---|---|---|"]

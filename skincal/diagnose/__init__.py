@@ -3,7 +3,8 @@
 from skincal.diagnose.audit import AuditReport, audit_dataset, audit_plan
 from skincal.diagnose.base import calibrated_model, floor_of, guessed_model
 from skincal.diagnose.plan import plan_session
-from skincal.diagnose.session import gap_session, repeats, sites
+from skincal.diagnose.session import gap_session, repeats
+from skincal.predict.sites import sites
 
 __all__ = [
     "AuditReport",

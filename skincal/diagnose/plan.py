@@ -77,14 +77,16 @@ def played_plan(
         frame_rate_hz: frames in a second [Hz].
     """
     points, normals = mount.place(plan.sites_m())
-    force, cycle = np.array([p.force_n for p in plan.presses]), np.array(plan.cycles())
+    force, cycle = np.array([p.force_n for p in plan.presses]), np.array(plan.cycles(), dtype=np.float64)
+    number = {place: k for k, place in enumerate(dict.fromkeys(p.site for p in plan.presses))}
+    site = np.array([number[p.site] for p in plan.presses], dtype=np.int64)
     holds = Samples.of(
         Contacts(points, normals, force),
         (indenters[0], indenters[1].reshape(-1)),
         press=np.arange(len(plan)),
         speed_m_per_s=np.array([p.speed_m_per_s for p in plan.presses]),
         cycle=cycle,
-        met_n=met_before(cycle, force, points),
+        met_n=met_before(site, cycle, force),
         pose=poses,
     )
     played = hold_session(holds, course.times_s, STEPS)

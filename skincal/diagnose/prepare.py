@@ -13,7 +13,7 @@ from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import borne, uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, hold_slopes, thinned
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means, sites
+from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means
 from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
@@ -27,6 +27,7 @@ from skincal.gap.signatures import session_mean
 from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, SplitOptions, split_presses
 from skincal.gap.start import start_places
 from skincal.model.arrays import FloatArray, IntArray, as_floats
+from skincal.predict.sites import sites
 
 FORCE_SIGMA = 0.004
 """By how much the force of a whole press may be off, relative, before that is an effect of its own."""

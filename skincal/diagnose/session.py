@@ -18,15 +18,14 @@ from skincal.fit.observe import Readout
 from skincal.gap.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
-from skincal.predict.samples import frame_column, last_press, met_forces, pose_names, pose_numbers
+from skincal.predict.samples import frame_column, last_press, pose_names, pose_numbers
+from skincal.predict.sites import met_forces, sites
 from skincal.predict.touches import frame_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
-SAME_SITE_M = 1e-4
-"""Targets that are no further apart are one site [m]."""
 
 
 def readout_of(dataset: Dataset) -> Readout:
@@ -150,15 +149,6 @@ def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], Ints]:
         return (dataset.indenter(),), np.zeros(len(radii), dtype=np.int64)
     different, kinds = np.unique(radii, return_inverse=True)
     return tuple(dataset.indenter(float(r)) for r in different), kinds.reshape(-1).astype(np.int64)
-
-
-def sites(dataset: Dataset) -> Ints:
-    """Number of the site (P,) of each press: equal targets, or equal measured places where none are recorded."""
-    targets = [dataset.presses.column(f"target_{axis}_m") for axis in "xyz"]
-    given = [t for t in targets if t is not None]
-    points = np.stack(given, axis=1) if len(given) == 3 else dataset.presses.position_m
-    cells = np.round(np.nan_to_num(points) / SAME_SITE_M).astype(np.int64)
-    return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def repeats(dataset: Dataset) -> tuple[Ints, Ints]:

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.model.arrays import FloatArray, as_floats
+from skincal.model.arrays import FloatArray, IntArray
 
 
-def met_before(cycle: FloatArray, force_n: FloatArray, places_m: FloatArray) -> FloatArray:
-    """The largest force of earlier presses of the same site (P,) [N], zero at its first touch.
+def met_before(site: IntArray, cycle: FloatArray, force_n: FloatArray) -> FloatArray:
+    """The largest force of earlier touches of the same site (P,) [N], zero at its first one.
 
-    The press before one of a site is the nearest of those that count one touch less and that no other press has gone on
-    from; it is NaN where there is none, or where the count of touches is not known.
+    Of a site whose earlier touches are not among the presses, the middle of what others have met is taken. It is NaN
+    where the count of touches is not known, and at all repeats where none has an earlier press.
 
     Args:
-        cycle: (P,) earlier touches of the site of each press, presses in the order of time; NaN where not known.
+        site: (P,) number of the site of each press, presses in the order of time.
+        cycle: (P,) earlier touches of it; alike in presses of one touch, as the plateaus of a staircase; NaN where not
+            known.
         force_n: (P,) of each press [N].
-        places_m: (P, 3) where each is [m].
     """
     met = np.where(cycle == 0, 0.0, np.nan)
-    gone_on = np.zeros(len(cycle), dtype=np.bool_)
     for k in np.flatnonzero(cycle > 0):
-        before = np.flatnonzero((cycle[:k] == cycle[k] - 1) & ~gone_on[:k])
-        away = np.linalg.norm(places_m[before] - places_m[k], axis=1)
-        if np.isfinite(away).any():
-            last = before[np.nanargmin(away)]
-            gone_on[last] = True
-            met[k] = np.fmax(met[last], force_n[last])
-    return as_floats(met)
+        before = (site[:k] == site[k]) & (cycle[:k] < cycle[k]) & np.isfinite(force_n[:k])
+        met[k] = force_n[:k][before].max() if before.any() else np.nan
+    again = cycle > 0
+    told = met[again & np.isfinite(met)]
+    return np.where(again & np.isnan(met), np.median(told) if len(told) else np.nan, met)

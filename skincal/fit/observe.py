@@ -107,7 +107,7 @@ def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
         z = above / sigma
         return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
     steps = _steps(sigma)
-    # Many are those of a session and those of one of its presses: a value reads the same in both.
+    # More are those of a session or of presses followed by themselves: a value reads the same in both.
     lifted = _rounded(above, sigma, steps) if above.size <= _FEW else np.interp(above, *_table(sigma))
     return np.where(above < -steps[-1], -above, lifted)
 

@@ -147,7 +147,7 @@ def effect_columns(
         np.array([c.most for c in columns]),
         full,
         half,
-        tuple(dict.fromkeys(DERIVED.get(name, name) for name in missing)),
+        tuple(name for name in missing if name not in DERIVED),
     )
 
 

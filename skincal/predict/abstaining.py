@@ -15,7 +15,7 @@ from skincal.predict.touches import CalibratedSkin, Touches
 
 _COLUMNS = {
     **COVARIATES,
-    "met": "cycle",
+    "met": "cycle and target_x_m, target_y_m, target_z_m of every press",
     "time": f"{', '.join(TIMES)} of every press",
     "shear": "shear_u_n and shear_v_n",
 }
@@ -71,8 +71,9 @@ def abstaining_problems(
 
 
 def _columns(missing: tuple[str, ...]) -> str:
-    # Phases come with the times, frames or not.
-    named = [name for name in missing if name != "phase" or "time" not in missing]
+    # Phases come with the times, frames or not; what a site has met with the count of its touches.
+    told = {"phase": "time", "met": "cycle"}
+    named = [name for name in missing if told.get(name) not in missing]
     return " and ".join(np.unique([_COLUMNS[name] for name in named]).tolist())
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import IDLE, Dataset
-from skincal.effects import HoldSession, Samples, hold_session, hold_times, met_before
+from skincal.effects import HoldSession, Samples, hold_session, hold_times
 from skincal.effects.samples import UNKNOWN
+from skincal.predict.sites import met_forces
 from skincal.predict.touches import Touches, frame_presses, touching
 
 Floats = NDArray[np.floating[Any]]
@@ -177,27 +178,6 @@ def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) ->
         return frame_samples(touches, dataset, poses)
     rows = press_order(dataset)
     return played_presses(touches.taken(rows), dataset, rows, poses).samples
-
-
-def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
-    """Largest force of earlier presses of the same site (M,) [N]; None where touches of sites are not counted.
-
-    Sites are where presses were meant to be, or where they were measured where that is not recorded.
-
-    Args:
-        dataset: all presses of the session.
-        rows: (M,) of the table of presses.
-    """
-    presses, order = dataset.presses, press_order(dataset)
-    cycle = presses.column("cycle")
-    if cycle is None:
-        return None
-    meant = [presses.column(name) for name in ("target_x_m", "target_y_m", "target_z_m")]
-    targets = [axis for axis in meant if axis is not None]
-    places = np.stack(targets, axis=1) if len(targets) == len(meant) else presses.position_m
-    met = np.empty(len(presses))
-    met[order] = met_before(cycle[order], presses.force_n[order], places[order])
-    return met[rows]
 
 
 def _samples(

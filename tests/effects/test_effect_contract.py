@@ -156,6 +156,19 @@ def test_sample_by_sample_is_the_session(name: str, pieces: int):
     assert np.array_equal(steps, again)
 
 
+def test_forms_that_need_more_are_those_of_the_stream_and_state_it():
+    """What a form needs is needed as soon as it is not at its default."""
+    given = {"amplitude": 0.4, "cycles": 6.0, "fading_per_n": 0.7, "tail": 0.5}
+    skin = BASE.with_effects({"first_cycle": given})
+    stream, values = SkinStream(skin), skin.values(SHORT)
+    np.testing.assert_allclose(np.vstack([stream.step(SHORT[k : k + 1]) for k in range(len(SHORT))]), values)
+    assert skin.effects[0].needs == ("cycle", "met")
+    assert rms(skin.values(shuffled(SESSION, "met")) - skin.values(SESSION)) > 1e-3
+    without_force = BASE.with_effects({"first_cycle": {**given, "fading_per_n": 0.0}})
+    assert without_force.effects[0].needs == ("cycle",)
+    assert rms(without_force.values(SHORT) - values) > 1e-3
+
+
 @every_effect
 def test_what_comes_later_does_not_matter(name: str):
     skin, half = skin_with(name), len(SHORT) // 2

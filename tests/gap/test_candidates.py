@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Case, arrays, case, made, pressed
+from gap.made_sessions import LAYOUT, MODEL, OPTIONS, Case, arrays, based, case, made, pressed, scene_of
 from model.model_shapes import sphere_mesh
 
 from skincal.effects import COVARIATES, EFFECTS
@@ -162,6 +162,24 @@ def test_what_is_hidden_is_found(name: str):
         unit = p.typical if p.role == "strength" else np.abs(value)
         # Taxels that a dozen presses hardly reach keep to their prior.
         assert np.median(np.abs(got - value)) < 0.45 * np.abs(unit), key
+
+
+def test_fading_with_what_a_site_has_met_is_found_where_that_is_known():
+    effect: dict[str, dict[str, float]] = {
+        "first_cycle": {"amplitude": 0.6, "cycles": 90.0, "fading_per_n": 0.3}
+    }
+    one = made(effect, pressed(100))
+    unknown = replace(one, session=replace(one.session, samples=replace(one.session.samples, met_n=None)))
+    told, untold = (
+        best_of(scene, "first_cycle", scene.part(of.material.learn), scene.part(of.material.score))
+        for of in (one, unknown)
+        for scene in [scene_of(of, based(of))]
+    )
+    assert told is not None and untold is not None
+    assert told.learned > 1.1 * untold.learned > 20 and told.scored > 1.1 * untold.scored
+    own = told.parameters["first_cycle"]
+    assert own["fading_per_n"] == pytest.approx(0.3, abs=0.2) and own["cycles"] > 5
+    assert "fading_per_n" not in untold.parameters["first_cycle"]
 
 
 def test_an_effect_in_the_positions_is_seen_where_they_were_measured():

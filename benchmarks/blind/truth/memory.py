@@ -130,9 +130,12 @@ class Latency(Effect):
 
 @dataclass(frozen=True)
 class FirstCycle(Effect):
-    """A site is worked in by the impulse D of its presses, force times time: ``y = x (1 + a / (1 + D / D0))``."""
+    """A site is worked in by the impulse D of its presses, force times time.
 
-    impulse_n_s: float = 5.0
+    ``y = x (1 + a / (1 + ln(1 + D / D0)))``.
+    """
+
+    impulse_n_s: float = 1.0
 
     name = "first_cycle"
     typical = 0.1
@@ -142,7 +145,7 @@ class FirstCycle(Effect):
     def draw(cls, rng: np.random.Generator) -> Effect:
         """See :meth:`Effect.draw`."""
         sign = 1.0 if rng.uniform() < 0.8 else -1.0
-        return cls(cls.typical * sign, float(rng.uniform(2.0, 10.0)))
+        return cls(cls.typical * sign, float(rng.uniform(0.3, 3.0)))
 
     def signal(self, x: Floats, scene: Scene) -> Floats:
         """See :meth:`Effect.signal`."""
@@ -151,7 +154,7 @@ class FirstCycle(Effect):
         # Ramps count half.
         lasts = (hold - start) / 2 + release - hold + (end - release) / 2
         met = _impulse_before(plan.column("site").astype(np.int64), plan.column("force_n") * lasts)
-        return x * scene.of_press(1 + self.strength / (1 + met / self.impulse_n_s))[:, None]
+        return x * scene.of_press(1 + self.strength / (1 + np.log1p(met / self.impulse_n_s)))[:, None]
 
 
 def _impulse_before(site: Ints, impulse_n_s: Floats) -> Floats:
