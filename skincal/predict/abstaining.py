@@ -9,6 +9,7 @@ import numpy as np
 from skincal.calibration import Calibration, Effect
 from skincal.dataset import IDLE, Dataset
 from skincal.effects import COVARIATES, EFFECTS
+from skincal.effects.samples import DERIVED
 from skincal.errors import Problem
 from skincal.predict.samples import TIMES, pose_names, session_samples
 from skincal.predict.touches import CalibratedSkin, Touches
@@ -72,7 +73,7 @@ def abstaining_problems(
 
 def _columns(missing: tuple[str, ...]) -> str:
     # Phases come with the times, frames or not; what a site has met with the count of its touches.
-    told = {"phase": "time", "met": "cycle"}
+    told = {"phase": "time", **DERIVED}
     named = [name for name in missing if told.get(name) not in missing]
     return " and ".join(np.unique([_COLUMNS[name] for name in named]).tolist())
 
