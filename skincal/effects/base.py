@@ -81,7 +81,7 @@ class Effect(ABC):
 
     def needs(self, values: Values) -> tuple[str, ...]:
         """Covariates that the effect needs at these values, none of them twice."""
-        more = [n for p in self.parameters if _away(p, values) for n in p.needs]
+        more = [n for p in self.parameters if self._differs(p, values) for n in p.needs]
         return () if self.is_neutral(values) else tuple(dict.fromkeys([*self.covariates, *more]))
 
     @property
@@ -127,7 +127,7 @@ class Effect(ABC):
 
     @staticmethod
     def _differs(parameter: EffectParameter, values: Values) -> bool:
-        return parameter.role == "strength" and _away(parameter, values)
+        return parameter.role == "strength" and bool((values[parameter.name] != parameter.neutral).any())
 
 
 class InputEffect(Effect):
@@ -186,11 +186,6 @@ class SignalEffect(Effect):
     @abstractmethod
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """The changed signal (K, J): loads [N] at the transfer, values [counts] later. The given one stays as it is."""
-
-
-def _away(parameter: EffectParameter, values: Values) -> bool:
-    """Whether a parameter is not at its neutral value, or a form at its default."""
-    return bool((values[parameter.name] != parameter.neutral).any())
 
 
 def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:

@@ -44,6 +44,11 @@ class FirstCycle(SignalEffect):
     covariates = ("cycle",)
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
 
+    def needs(self, values: Values) -> tuple[str, ...]:
+        """See :meth:`Effect.needs`: what the site has met as well, if the effect fades with it."""
+        found = super().needs(values)
+        return (*found, "met") if found and values.number("fading_per_n") else found
+
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. A sample is left as it is whose cycle, or what it met, is not known."""
         del setting
