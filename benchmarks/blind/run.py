@@ -13,6 +13,7 @@ run is half of each suite.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import shlex
 import signal
@@ -41,13 +42,17 @@ def planned(suites: Sequence[str], seed: int, limit: int | None) -> list[Spec]:
 
 
 def code_version() -> str | None:
-    """The commit of this code, with ``-dirty`` where files differ from it; None outside a checkout."""
-    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    """The commit of this code, with a hash of what was changed since where files differ; None outside a checkout."""
+    git = ["git", "-C", str(Path(__file__).parent)]
     try:
-        done = subprocess.run(git, capture_output=True, text=True, check=True)
+        said, changed = (
+            subprocess.run([*git, *own], capture_output=True, check=True).stdout
+            for own in (["describe", "--always", "--dirty", "--abbrev=12"], ["diff", "HEAD"])
+        )
     except (OSError, subprocess.CalledProcessError):
         return None
-    return done.stdout.strip()
+    told = said.decode().strip()
+    return f"{told}-{hashlib.sha256(changed).hexdigest()[:8]}" if changed else told
 
 
 def check_diagnose(bench: Bench) -> None:

@@ -54,8 +54,9 @@ def audit(
 ) -> None:
     """Tell which effects presses can show, how strong they must be, and which look the same.
 
-    Nothing is fitted, and of measured counts only the noise is used: the audit looks at where, when and how hard was
-    pressed, and what was recorded. Strength 1 of an effect is a typical, clearly visible case of it.
+    Nothing is fitted; of measured counts the noise is used and, without --calibration, the scale. The audit looks at
+    where, when and how hard was pressed, and what was recorded. Strength 1 of an effect is a typical, clearly visible
+    case of it.
     """
     from skincal.files import refuse_existing
 
@@ -120,18 +121,7 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
         "calibrated": report.calibrated,
         "visible": report.visible,
         "cannot_see": report.cannot_see,
-        "effects": [
-            {
-                "name": name,
-                "visible": one.visible,
-                "distance": one.distance,
-                "smallest_strength": one.smallest_strength,
-                "consistent_with": one.consistent_with,
-                "lacking": one.lacking,
-                "reason": report.reasons.get(name),
-            }
-            for name, one in report.effects.items()
-        ],
+        "effects": report.rows,
         "noise": vars(report.floor),
         "false_alarm": options.false_alarm,
         "power": options.power,

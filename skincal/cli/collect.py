@@ -38,7 +38,8 @@ def collect(
         str | None,
         typer.Option(
             "--protocol",
-            help="`full`: presses that let every effect show; `paper`: 60 static ones.",
+            help="`full`: presses that let every effect show but tangential force and, without "
+            "--second-indenter-mm, the indenter's size; `paper`: 60 static ones.",
             show_default="full",
         ),
     ] = None,

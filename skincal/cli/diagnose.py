@@ -81,7 +81,7 @@ def diagnose(
     said = [str(problem) for problem in (*data.warnings, *cal.warnings)]
     warn((*data.warnings, *cal.warnings))
     options = thoroughly() if thorough else DiagnoseOptions()
-    with _stages() as heard:
+    with _stages() as heard, _going_on(cache):
         kept = Cache(default_folder() if cache else None)
         found = diagnosed(data, cal, options, seed, heard, kept, workers)
         heard("report")
@@ -104,6 +104,19 @@ def diagnose(
         print_json(told)
         return
     _tell(found, out, report)
+
+
+@contextmanager
+def _going_on(cache: bool) -> Generator[None]:
+    """An interrupt says what is kept and how to go on."""
+    from skincal.diagnose.cache import default_folder
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        kept = f"Null sessions and fits so far are kept in {default_folder()}; the same command goes on with them."
+        say(f"skincal: interrupted. {kept if cache else 'Nothing is kept, with --no-cache.'}")
+        raise SystemExit(130) from None
 
 
 @contextmanager

@@ -100,7 +100,8 @@ def fit(
         Path | None,
         typer.Option(
             "--effects",
-            help="A calibration of this sensor whose effects are fitted again, beside pose, E and S.",
+            help="A calibration of this sensor whose effects are fitted again, beside pose, E and S; not under uniform "
+            "pressure, where a fit finds scales only.",
             show_default=False,
         ),
     ] = None,

@@ -45,7 +45,9 @@ class PaperProtocol:
 
 @dataclass(frozen=True)
 class FullProtocol:
-    """Presses that let every effect show: see ``docs/collect.md`` for what each part is in for.
+    """Presses that let every effect show but that of tangential force, which is led to nothing.
+
+    See ``docs/collect.md`` for what each part is in for.
 
     Attributes:
         regular: presses at sites of their own.

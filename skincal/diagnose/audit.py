@@ -71,6 +71,22 @@ class AuditReport:
         """The other effects."""
         return tuple(name for name, found in self.effects.items() if not found.visible)
 
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """What is said of each effect, as plain values; an infinite strength is None."""
+        return [
+            {
+                "name": name,
+                "visible": one.visible,
+                "distance": one.distance,
+                "smallest_strength": one.smallest_strength if np.isfinite(one.smallest_strength) else None,
+                "consistent_with": list(one.consistent_with),
+                "lacking": list(one.lacking),
+                "reason": self.reasons.get(name),
+            }
+            for name, one in self.effects.items()
+        ]
+
 
 def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.random.Generator) -> AuditReport:
     """Audits a dataset.

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal import __version__
+from skincal.model import MeshIndenter, MeshSurface
 
 Arrays = Mapping[str, NDArray[np.float64]]
 
@@ -64,7 +65,7 @@ class Cache:
         """The entry of some parts, made where it is not there.
 
         A cache that cannot be read or written is done without: it saves time and nothing else. So is one where parts
-        are of a kind of which nothing says that it is all in their fields, such as a mesh.
+        are of a kind of which nothing says that it is all in their fields.
 
         Args:
             kind: of entry; names its file.
@@ -145,6 +146,8 @@ def _bytes(part: object) -> bytes:
         # What two of them are not compared by, they do not depend on.
         own = [getattr(part, one.name) for one in fields(part) if one.compare]
         return type(part).__qualname__.encode() + _bytes(own)
+    if isinstance(part, MeshSurface | MeshIndenter):
+        return type(part).__qualname__.encode() + _bytes(part.identity)
     if part is None or isinstance(part, str | bool | int | float | np.generic):
         return repr(cast("object", part)).encode()
     raise _UnknownPartError(f"cache: expected arrays, numbers, text or dataclasses of them; got {type(part)}")

@@ -25,6 +25,8 @@ from skincal.model.arrays import FloatArray
 
 Verdict = Literal["none", "effects", "unknown"]
 
+_TOLD = 3
+"""So many of the things that a residual depends on are told."""
 _MEETS = 1e-6
 """A fit ends at a bound if it is as near to it, relative."""
 
@@ -39,7 +41,8 @@ class NamedEffect:
         p_value: of a null session doing as well.
         parameters: a number, or one a taxel or pose.
         intervals: low and high of each, 95 %.
-        where: in a sentence, where the residual lies that the base model leaves; alike for all.
+        where: in a sentence, where the residual lies that is left without it: by the base model where nothing else is
+            named, else by all that was named but this.
         share: part of the excess of its round that it explains; of the variance of where presses turn out to be, if
             places told it.
         by_places: whether the places of presses told it, not the images.
@@ -85,11 +88,11 @@ class Diagnosis:
         effects: that were named, strongest first.
         unexplained: whether something significant is left beside them.
         where: in a sentence, where the residual lies that the base model leaves.
-        gap: on presses that nobody has fitted; None where there are none.
+        gap: on presses that nobody has fitted.
         floor: the noise.
         audit: what these presses can show at all.
         null: simulated sessions in which nothing is missing.
-        choice: how effects were chosen; None where the base model could not be fitted.
+        choice: how effects were chosen.
         signatures: on what the residual depends, strongest first.
         findings: glitches, jumps, dead taxels, what the data lack.
         split: which presses learned, chose, and were kept for the end.
@@ -125,6 +128,21 @@ class Diagnosis:
     next_plan: Plan | None = None
     refuted: bool = False
     wide_open: bool = False
+
+    @property
+    def taken_back(self) -> tuple[str, ...]:
+        """What was found, and is not named because of presses that nobody has fitted."""
+        return tuple(one.name for one in self.choice.named) if self.refuted or self.wide_open else ()
+
+    @property
+    def depends_on(self) -> str:
+        """On what the residual of the base model depends most, and how much of the excess goes along; may be empty.
+
+        Shares overlap.
+        """
+        clear = [s for s in self.signatures if s.p_value <= self.options.choice.significant][:_TOLD]
+        words = [f"{s.meaning} ({100 * min(s.share, 1.0):.0f} %)" for s in clear]
+        return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
     @property
     def only_places(self) -> bool:

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skincal.calibration import Finding
 from skincal.gap.faults import Stuck
 from skincal.gap.heldout import FEWEST, Gap
+from skincal.gap.noise import ASSUMED, NoiseFloor
 from skincal.gap.robust import Dead, Jump
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
+
+if TYPE_CHECKING:
+    from skincal.diagnose.diagnosis import NamedEffect
 
 LAW = 0.15
 """What a law explains is told from this on, in units of the noise."""
 _MOST_PULLED = 6
 """So many presses, or taxels, of a kind are listed."""
+_CLOCKS = 2.0
+"""A delay within so many standard deviations of the clocks may be theirs."""
 _LOOK = "Look at its frames; press there again."
 
 
@@ -31,6 +38,82 @@ def few_of_the_end(gap: Gap) -> tuple[Finding, ...]:
     )
     return (
         Finding("few_of_the_end", "warning", text, "Press more often: about a quarter is kept for the end."),
+    )
+
+
+def of_noise(
+    floor: NoiseFloor, *, frames: bool, repeated: bool, uniform: bool = False
+) -> tuple[Finding, ...]:
+    """What the data do not say of the noise: without it, or without repeats, a gap of its size cannot be told.
+
+    Args:
+        floor: as it was used.
+        frames: whether there are any.
+        repeated: whether any press is an exact repeat of another.
+        uniform: whether the pressure is uniform, so that there are no sites.
+    """
+    again = "Press a few sites twice with the same force, hand pose and pace, and record the targets."
+    if uniform:
+        again = "Go through the pressures twice, and record the targets."
+    found: list[Finding] = []
+    if not floor.measured:
+        left = (
+            "assumed"
+            if floor.mean_from == ASSUMED
+            else f"taken to be {floor.mean_from}, which the gap is part of"
+        )
+        text = (
+            f"nothing shows the noise: that of a hold mean is {left}: {floor.mean_counts:.2f} counts; whatever is "
+            "smaller than that stays unseen"
+        )
+        found.append(Finding("noise_not_measured", "warning", text, f"Record frames. {again}"))
+    if not repeated:
+        text = "no press is an exact repeat of another: " + (
+            "noise is that of the frames, and whether presses come back to the same image is not known"
+            if frames
+            else "whether presses come back to the same image is not known"
+        )
+        found.append(Finding("no_repeats", "info", text, again))
+    return tuple(found)
+
+
+def within_the_clocks(effects: Sequence[NamedEffect], clock_sigma_s: float | None) -> tuple[Finding, ...]:
+    """Whether a latency that was named may be one of the clocks of force and taxels.
+
+    Args:
+        effects: that were named.
+        clock_sigma_s: standard deviation of the clocks; None where the data do not say how well they agree.
+    """
+    delays = [e.parameters["delay_s"] for e in effects if e.name == "latency"]
+    if not delays:
+        return ()
+    delay = max(float(np.abs(one).max()) for one in delays)
+    fix = "Measure how far the clocks are apart; until then leave latency out where the policy is to run."
+    if clock_sigma_s is None:
+        text = (
+            f"latency of {1e3 * delay:.3g} ms: the data do not say how well the clocks of force and taxels agree "
+            "(dataset.toml, [clock] sigma_s); if they do not, it may be theirs and not the skin's"
+        )
+        return (Finding("clock", "info", text, fix),)
+    if delay > _CLOCKS * clock_sigma_s:
+        return ()
+    text = (
+        f"latency of {1e3 * delay:.3g} ms: the clocks of force and taxels are known to agree within "
+        f"{1e3 * clock_sigma_s:.3g} ms (one standard deviation), so that it may be theirs and not the skin's"
+    )
+    return (Finding("clock", "warning", text, fix),)
+
+
+def too_many_glitches(presses: IntArray, wild: IntArray) -> tuple[Finding, ...]:
+    """Presses whose images are out of all proportion, but are too many to be left out."""
+    if not len(wild):
+        return ()
+    text = (
+        f"press {_numbers(presses, wild.tolist())}: the image is out of all proportion to that of other presses; they "
+        "are too many to be left out as glitches, and had their say"
+    )
+    return (
+        Finding("many_glitches", "warning", text, "Look at their frames; take out presses that went wrong."),
     )
 
 
@@ -54,6 +137,8 @@ def findings_of(
     pulled: Mapping[int, float] = MappingProxyType({}),
     noise: tuple[float, Sequence[float]] = (0.0, ()),
     order: IntArray | None = None,
+    *,
+    of_single: bool = False,
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -72,6 +157,7 @@ def findings_of(
         pulled: rows of presses that fit best with quite another force, and by which part it is larger.
         order: (N,) rows of the presses, observation by observation, where there is no clock, so that times are numbers
             of observations; None where there is one.
+        of_single: whether the new calibration has numbers of single taxels.
         noise: of a frame, usually and of each taxel that was looked at, where some are noisier [counts].
     """
 
@@ -139,6 +225,8 @@ def findings_of(
             f"{len(looked)} of {all_taxels} taxels were looked at, evenly spread over those that the presses reach; "
             "what is said of single taxels is said of these"
         )
+        if of_single:
+            text += ", and the new calibration has own numbers for these alone: the others have none of it"
         found.append(Finding("some_taxels", "info", text, ""))
     never = np.flatnonzero(~seen.any(axis=0))
     if len(never):

@@ -12,7 +12,6 @@ from skincal.gap.candidates import Scene
 from skincal.gap.library import Library
 from skincal.gap.models import Material, Model
 from skincal.gap.null import Null, simulate_null
-from skincal.model import Cylinder, FlatPunch, Plane, Sphere
 from skincal.model.arrays import FloatArray
 
 _SCORE, _SIGNATURE, _MEAN, _BEYOND = "score ", "signature ", "mean", "beyond"
@@ -56,19 +55,12 @@ class Kept:
 
         starts = [(name, [s.coords for s, _ in own]) for name, own in library.columns.items()]
         names = (*errors, starts, *signatures, draws, self.seed)
-        found = self._cache.get(
+        found = self.cache.get(
             "null", [names, *errors.values(), scene.law, scene.nuisance, *self._protocol()], make
         )
         laws = tuple(law for law in errors for _ in range(draws))
         scores, signs = _part(found, _SCORE), _part(found, _SIGNATURE)
         return Null(laws, scores, float(found[_MEAN]), signs, found[_BEYOND])
-
-    @property
-    def _cache(self) -> Cache:
-        """None for meshes: what tells one from another is not in their names."""
-        things = (self.model.hypothesis.model.surface, *self.material.session.samples.indenters)
-        plain = all(isinstance(thing, Cylinder | Plane | Sphere | FlatPunch) for thing in things)
-        return self.cache if plain else Cache()
 
     def _protocol(self) -> list[object]:
         """All that the residual of a session without noise depends on."""

@@ -34,6 +34,8 @@ _USEFUL = 1.15
 """Presses are worth making that raise the distance of two explanations by this factor."""
 
 _MANY = 3
+_CAP_M, _LARGER_M, _APART = 4e-3, 6e-3, 0.2
+"""A second sphere of the hand, and the one where its own is about as large."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def with_next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generat
 
 def next_presses(found: Diagnosis, dataset: Dataset, rng: np.random.Generator) -> NextPresses:
     """What to press next; arguments as of :func:`with_next_presses`."""
-    words = tuple(_unseen(found, by_hand=not uniform_pressure(dataset)))
+    words = tuple(_unseen(found, None if uniform_pressure(dataset) else _other_cap_m(dataset)))
     if uniform_pressure(dataset):
         return NextPresses((_SINGLE, *words))
     if found.verdict == "unknown":
@@ -220,12 +222,18 @@ def _shape(found: Diagnosis, rig: Rig, words: tuple[str, ...], rng: np.random.Ge
     return NextPresses((said, *words), plan)
 
 
-def _unseen(found: Diagnosis, *, by_hand: bool) -> Iterator[str]:
+def _other_cap_m(dataset: Dataset) -> float:
+    """Radius of a second sphere for a hand whose own is that of a dataset [m]: clearly another one."""
+    own = dataset.meta.indenter.radius_m
+    return _CAP_M if own is None or not np.isfinite(own) or abs(own - _CAP_M) > _APART * own else _LARGER_M
+
+
+def _unseen(found: Diagnosis, other_cap_m: float | None) -> Iterator[str]:
     """What to record so that effects can be seen that these presses cannot show, those alike together.
 
     Args:
         found: a diagnosis.
-        by_hand: whether a hand may press, which a sensor in a pressure chamber has none of.
+        other_cap_m: radius of a second sphere for the hand [m]; None: no hand presses, as in a pressure chamber.
     """
     facts = facts_of(found.session)
     groups: dict[tuple[str, ...], list[str]] = {}
@@ -233,8 +241,8 @@ def _unseen(found: Diagnosis, *, by_hand: bool) -> Iterator[str]:
         groups.setdefault(cures(found.audit.effects[name], facts), []).append(name)
     for cure, names in groups.items():
         yield f"to see {', '.join(names)}: {'; '.join(cure)}"
-    if by_hand and len(groups) >= _MANY:
+    if other_cap_m is not None and len(groups) >= _MANY:
         yield (
-            "skincal collect --protocol full --second-indenter-mm 4 does all of this in one session, "
-            "but for tangential forces"
+            f"skincal collect --protocol full --second-indenter-mm {1e3 * other_cap_m:g} does all of this in one "
+            "session, but for tangential forces"
         )

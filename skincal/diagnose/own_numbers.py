@@ -10,7 +10,7 @@ from skincal.diagnose.newcal import parameters_of
 from skincal.diagnose.prepare import Prepared
 from skincal.errors import InputError, Problem
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.problem import cost_of_presses
+from skincal.gap.problem import Slopes, cost_of_presses
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import at_best
 from skincal.model.arrays import BoolArray
@@ -55,8 +55,7 @@ def numbers_differ(
     Raises:
         InputError: the calibration's numbers are those of quite another sensor.
     """
-    same = dataset.sha256 is not None and calibration.provenance.dataset_sha256 == dataset.sha256
-    if same or not ready.options.base:
+    if _of_this(calibration, dataset) or not ready.options.base:
         return ()
     # What was named is not the calibration's to say.
     start = ready.start.with_effects(found.effects)
@@ -90,6 +89,56 @@ def numbers_differ(
         f"the calibration was fitted to another session; in this one its pose, E and S are off by {more:.1f} times the "
         f"noise more than fitted ones ({', '.join([*moved, *grown])})"
     )
+    return _told(calibration, more, text)
+
+
+def scales_differ(
+    calibration: Calibration, dataset: Dataset, slopes: Slopes, reading: Reading, rows: BoolArray
+) -> tuple[Finding, ...]:
+    """The same for uniform pressure, which tells the scale of each taxel and nothing else.
+
+    Values are in proportion to the scales, so that the best ones are found in one step.
+
+    Args:
+        calibration: that was given.
+        dataset: the session.
+        slopes: of what was fitted to it, with all that was named.
+        reading: what is believed of what was read.
+        rows: (N,) what may be looked at.
+
+    Raises:
+        InputError: the calibration's scales are those of quite another sensor.
+    """
+    if _of_this(calibration, dataset):
+        return ()
+    seen = reading.seen & rows[:, None]
+    slope = np.where(seen, np.nan_to_num(slopes.base[..., -1]), 0.0)
+    pull, curve = (slope * np.nan_to_num(slopes.residual)).sum(axis=0), (slope**2).sum(axis=0)
+    lit = curve > 0
+    if not lit.any():
+        return ()
+    more = float(np.sqrt((pull[lit] ** 2 / curve[lit]).sum() / max(int(seen[:, lit].sum()), 1)))
+    if more < _MORE:
+        return ()
+    change = np.abs(pull[lit] / curve[lit])
+    text = (
+        f"the calibration was fitted to another session; in this one its taxels' scales are off by {more:.1f} times "
+        f"the noise, half of them by more than {100 * float(np.median(change)):.0f} %"
+    )
+    return _told(calibration, more, text)
+
+
+def _of_this(calibration: Calibration, dataset: Dataset) -> bool:
+    """Whether a calibration was fitted to a session."""
+    return dataset.sha256 is not None and calibration.provenance.dataset_sha256 == dataset.sha256
+
+
+def _told(calibration: Calibration, more: float, text: str) -> tuple[Finding, ...]:
+    """A finding, if numbers are off by so much of the noise.
+
+    Raises:
+        InputError: they are off by far more.
+    """
     if more > _FAR_MORE:
         place = "the calibration" if calibration.folder is None else str(calibration.folder)
         fix = "Fit this session (skincal fit), and diagnose it with that calibration."

@@ -19,7 +19,15 @@ from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
 from skincal.gap.base import BaseModel, base_columns
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters
-from skincal.gap.noise import ASSUMED, CLIPPED, REPEATS, NoiseFloor, force_scatter, rounding
+from skincal.gap.noise import (
+    ASSUMED,
+    CLIPPED,
+    LEFT_BY_FIT,
+    REPEATS,
+    NoiseFloor,
+    force_scatter,
+    rounding,
+)
 from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.session import Binning, GapSession
@@ -123,7 +131,10 @@ def prepare(
         slopes = hold_slopes(session, base_columns(model, session), len(dataset.presses))
         floor = floor_of(dataset, slopes, rng, session.taxels)
     _check_answers(dataset, floor)
-    session, sigma = _weighted(session, floor, model, calibration)
+    # The level at rest is compared with what the data themselves say of the noise.
+    of_data, floor = floor, _bounded(session, floor, calibration)
+    session = _weighted(session, floor, model)
+    sigma = floor.sigma_counts
     reading = Reading.of(session, sigma, model.readout)
     extra = calibration.loss.extra
     # Where every place looks the same, any will do.
@@ -137,7 +148,7 @@ def prepare(
     reach = reach if np.isfinite(reach) and reach > 0 else options.reach_m
     names = pose_names(dataset)
     known: dict[str, Parameters] = dict(effects_of(calibration, names))
-    rest = None if OFFSET in known else high_rest(dataset, floor, model.readout)
+    rest = None if OFFSET in known else high_rest(dataset, of_data, model.readout)
     places = np.zeros((session.presses, PLACE))
     if not uniform:
         above = session if rest is None else _lowered(session, rest)
@@ -213,20 +224,29 @@ def _lowered(session: GapSession, rest: FloatArray) -> GapSession:
     )
 
 
-def _weighted(
-    session: GapSession, floor: NoiseFloor, model: BaseModel, calibration: Calibration
-) -> tuple[GapSession, float | FloatArray]:
-    """The session with the number of frames that each observation is worth, and the noise of one."""
+def _bounded(session: GapSession, floor: NoiseFloor, calibration: Calibration) -> NoiseFloor:
+    """The floor as it is used: where nothing shows the noise of a frame, what is known of a hold mean's.
+
+    What the fit left, and how far repeats differ, are bounds of it from above: what the model lacks is in the one,
+    where presses do not come back in the other.
+    """
+    if session.has_frames or floor.frame_from == CLIPPED:
+        return floor
+    low, high = floor.mean_interval
+    left = _positive(calibration.loss.extra.get("noise_sigma_counts"), np.inf)
+    if not np.isfinite(left):
+        return floor.of_means(floor.mean_counts, (low, high), floor.mean_from)
+    if floor.mean_from == REPEATS and high <= left:
+        return floor.of_means(high, (low, high), REPEATS)
+    return floor.of_means(left, (0.0, left), LEFT_BY_FIT)
+
+
+def _weighted(session: GapSession, floor: NoiseFloor, model: BaseModel) -> GapSession:
+    """The session with the number of frames that each observation is worth."""
     if session.has_frames:
-        return session, floor.sigma_counts
-    sigma, mean = floor.frame_counts, floor.mean_counts
-    if floor.frame_from != CLIPPED:
-        # Nothing shows the noise of a frame. What the fit left, and how far repeats differ, are bounds of a hold
-        # mean's from above: what the model lacks is in the one, where presses do not come back in the other.
-        found = _positive(calibration.loss.extra.get("noise_sigma_counts"), mean)
-        sigma = mean = min(found, floor.mean_interval[1]) if floor.mean_from == REPEATS else found
-    full = float(np.hypot(sigma, rounding(model.readout)))
-    return replace(session, frames=np.full(len(session), max(1.0, (full / mean) ** 2))), sigma
+        return session
+    full = float(np.hypot(floor.frame_counts, rounding(model.readout)))
+    return replace(session, frames=np.full(len(session), max(1.0, (full / floor.mean_counts) ** 2)))
 
 
 def _full(dataset: Dataset, session: GapSession) -> GapSession:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
+from skincal.gap.noise import NoiseFloor
 
 SLACK_EFFECT = "contact_offset"
 """It lives in the positions: what it takes away is slack, not error of the images."""
@@ -20,6 +21,8 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "heldout_rmse_before": gap.before,
         "heldout_rmse_after": gap.after if named else gap.before,
+        # What was found and taken back would have left so much.
+        "heldout_rmse_with_taken_back": gap.after if d.taken_back else None,
         "noise_floor_rmse": gap.floor,
         "closed": gap.closed if told else None,
         "closed_interval": list(gap.interval) if told else None,
@@ -35,18 +38,41 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "unexplained": d.unexplained,
         "refuted": d.refuted,
         "wide_open": d.wide_open,
-        "where": d.where,
+        "taken_back": list(d.taken_back),
+        "where": d.where if d.verdict != "unknown" or not d.depends_on else f"{d.where}; {_along(d)}",
         "cannot_see": list(d.audit.cannot_see),
         "why_not": dict(d.audit.reasons),
+        "audit": d.audit.rows,
         "gap": numbers,
         "explained": d.choice.explained if d.choice.excess[0] > 0 else None,
         "candidates": _candidates(d),
         "signatures": [vars(s) for s in d.signatures],
         "findings": [vars(f) for f in d.findings],
+        "noise": _noise(d.floor),
         "noise_frame_counts": d.floor.frame_counts,
         "null_sessions": len(d.null.laws),
         "next_presses": list(d.next_presses),
         "seed": d.seed,
+    }
+
+
+def _along(diagnosis: Diagnosis) -> str:
+    return f"it goes along with {diagnosis.depends_on} of it"
+
+
+def _noise(floor: NoiseFloor) -> dict[str, Any]:
+    """The noise as it was used: how much, where that lies, and what showed it."""
+    repeated = bool(np.isfinite(floor.repeat_counts))
+    return {
+        "frame_counts": floor.frame_counts,
+        "frame_interval": list(floor.frame_interval),
+        "frame_from": floor.frame_from,
+        "mean_counts": floor.mean_counts,
+        "mean_interval": list(floor.mean_interval),
+        "mean_from": floor.mean_from,
+        "measured": floor.measured,
+        "repeat_counts": floor.repeat_counts if repeated else None,
+        "repeat_interval": list(floor.repeat_interval) if repeated else None,
     }
 
 

@@ -20,15 +20,23 @@ from skincal.diagnose.audit import audit_dataset
 from skincal.diagnose.base_fit import Base, of_law, without_hidden_glitches
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
-from skincal.diagnose.findings import few_of_the_end, findings_of
+from skincal.diagnose.findings import (
+    few_of_the_end,
+    findings_of,
+    of_noise,
+    too_many_glitches,
+    within_the_clocks,
+)
 from skincal.diagnose.fitted_presses import with_fitted_presses
 from skincal.diagnose.newcal import new_calibration
 from skincal.diagnose.next_presses import with_next_presses
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.own_numbers import numbers_differ
+from skincal.diagnose.own_numbers import numbers_differ, scales_differ
 from skincal.diagnose.prepare import FINAL, OFFSET, Prepared, force_variance, prepare
+from skincal.diagnose.session import repeats
+from skincal.effects import EFFECTS
 from skincal.fit.tasks import Mapper
-from skincal.gap.choice import Choice
+from skincal.gap.choice import Choice, Named
 from skincal.gap.contest import Heard
 from skincal.gap.dying import NAME as DEAD_TAXEL
 from skincal.gap.faults import without_stuck
@@ -40,7 +48,7 @@ from skincal.gap.places import NAME as PLACES
 from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
 from skincal.gap.relocate import at_best
-from skincal.gap.robust import SURE, without_jumps
+from skincal.gap.robust import SURE, too_many, without_jumps
 from skincal.gap.session import GapSession
 from skincal.gap.signatures import where_text
 from skincal.gap.silent import Silent, with_silent_values, without_silent
@@ -77,7 +85,7 @@ def diagnose(
 
     Raises:
         InputError: the calibration is of another sensor.
-        WorkError: too few presses, or a base model that fits nowhere.
+        WorkError: too few presses, or presses that all left the same image.
     """
     check_same_sensor(calibration, dataset)
     with mapper(1 if workers is None and dataset.frames is None else workers) as spread:
@@ -104,6 +112,7 @@ def _diagnosed(
     ready = replace(ready, options=replace(ready.options, mapper=spread, keep=fits.get))
     heard("what can be seen")
     audit = audit_dataset(dataset, calibration, audited)
+    floor = ready.floor.with_repeats_of(audit.floor)
     answer = Question(ready, dataset.layout(), options, seed, cache, heard).answer(asked)
     choice = answer.choice
     base = without_hidden_glitches(answer.base, choice.after) if choice.named else answer.base
@@ -129,31 +138,38 @@ def _diagnosed(
         answer = replace(answer, verdict="unknown", unexplained=True)
     named = answer.verdict == "effects"
     effects = _named(choice, ready, base, dataset) if named else ()
-    other = numbers_differ(
-        calibration,
-        dataset,
-        ready,
-        after if named else before,
-        without_silent(base.material.reading, base.silent, ready.session),
-        base.material.known,
-    )
+    heard_of, known = without_silent(base.material.reading, base.silent, ready.session), base.material.known
+    if ready.options.base:
+        other = numbers_differ(calibration, dataset, ready, after if named else before, heard_of, known)
+    else:
+        of = choice.after if named else choice.before
+        other = scales_differ(calibration, dataset, of.refit.slopes, heard_of, known)
     heard("calibration")
     final = calibration
     if named:
         final = _refitted(ready, base, choice, after, calibration, dataset, answer.unexplained)
+    wild = _wild(ready, base, choice.after if named else choice.before)
     found = Diagnosis(
         answer.verdict,
         effects,
         answer.unexplained,
         _where(base, base.model, dataset),
         gap,
-        ready.floor,
+        floor,
         audit,
         answer.null,
         choice,
         answer.signatures,
         other
+        + of_noise(
+            floor,
+            frames=ready.session.has_frames,
+            repeated=bool(len(repeats(dataset)[0])),
+            uniform=not ready.options.base,
+        )
         + few_of_the_end(gap)
+        + within_the_clocks(effects, None if dataset.meta.clock is None else dataset.meta.clock.sigma_s)
+        + too_many_glitches(dataset.presses.press, wild)
         + findings_of(
             dataset.layout(),
             dataset.presses.press,
@@ -169,6 +185,7 @@ def _diagnosed(
             _pulled(after if named else before, ready, base.glitches),
             (ready.floor.frame_counts, ready.floor.taxel_counts),
             None if ready.session.samples.time_s is not None else ready.session.press,
+            of_single=any(p.shape == "per-taxel" for e in effects for p in EFFECTS[e.name].parameters),
         ),
         ready.split,
         ready.session,
@@ -252,7 +269,6 @@ def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tup
     low = parameters_at(coords, x - _WIDTH * spread, choice.after.held)
     high = parameters_at(coords, x + _WIDTH * spread, choice.after.held)
     best = choice.after.hypothesis.effects
-    where = _where(base, choice.before, dataset)
     for one in choice.named:
         ends = {
             name: (
@@ -268,7 +284,7 @@ def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tup
                 one.p_value,
                 dict(best[one.name]),
                 ends,
-                where,
+                _where_without(one, choice, base, dataset),
                 one.share,
                 one.by_places,
             )
@@ -276,9 +292,28 @@ def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tup
     return tuple(found)
 
 
+def _wild(ready: Prepared, base: Base, model: Model) -> IntArray:
+    """Rows of presses that are out of all proportion, and too many to be left out as glitches."""
+    m = base.material
+    seen = m.reading.seen & m.known[:, None]
+    return too_many(model.refit.slopes.residual, seen, ready.session.press)
+
+
 def _where(base: Base, model: Model, dataset: Dataset) -> str:
     m = base.material
     return where_text(model.refit.slopes.residual, m.reading.seen, m.session, dataset.layout(), m.known)
+
+
+def _where_without(one: Named, choice: Choice, base: Base, dataset: Dataset) -> str:
+    """Where the residual lies that is left without one of the effects that were named."""
+    if one.by_places:
+        return "in where presses turn out to be: images do not show it"
+    if sum(not other.by_places for other in choice.named) == 1:
+        return _where(base, choice.before, dataset)
+    m, after = base.material, choice.after.hypothesis
+    others = {name: values for name, values in after.effects.items() if name != one.name}
+    residual = np.nan_to_num(m.reading.residual(after.with_effects(others).values(m.session)))
+    return where_text(residual, m.reading.seen, m.session, dataset.layout(), m.known)
 
 
 def _refitted(

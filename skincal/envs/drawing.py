@@ -9,6 +9,7 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skincal.effects import EFFECTS
 from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem
@@ -22,7 +23,7 @@ Value = float | FloatArray
 Values = dict[str, Value]
 """Draws by full name: a float, or an array of one value a joint, a taxel or a direction."""
 
-RIG_EFFECTS: Final = ("force_bias", "contact_offset", "indenter_radius")
+RIG_EFFECTS: Final = tuple(name for name, effect in EFFECTS.items() if effect.of_rig)
 """Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
 
 

@@ -23,6 +23,8 @@ ROUNDING_COUNTS = float(1 / np.sqrt(12))
 
 CLIPPED, REPEATS, ASSUMED = "clipped rest", "repeats", "assumed"
 """Where noise was found: in what clipping makes of the level at rest, in exact repeats of presses, nowhere."""
+LEFT_BY_FIT = "what the calibration's fit left"
+"""Where no noise was found, it is taken to be no more than that."""
 
 LEAST_COUNTS = 0.02
 _MARGIN = 4.0
@@ -56,11 +58,11 @@ class NoiseFloor:
     Attributes:
         frame_counts: of a frame, before rounding and clipping.
         frame_interval: where that lies.
-        frame_from: ``hold and idle frames``, ``hold frames``, ``idle frames``, ``clipped rest``, ``hold means`` or
-            ``assumed``.
+        frame_from: ``hold and idle frames``, ``hold frames``, ``idle frames``, ``clipped rest``, ``hold means``,
+            ``assumed``, or that of the mean.
         mean_counts: of a hold mean.
         mean_interval: where that lies.
-        mean_from: ``repeats``, or how the frame's noise was found.
+        mean_from: ``repeats``, ``what the calibration's fit left``, or how the frame's noise was found.
         repeat_counts: by how much hold means of exact repeats differ beyond what place and force explain to first
             order, as of one of them: a bound from above, NaN where there are no repeats. Where presses do not come
             back to the same place within a few tenths of a millimetre it is far above the noise.
@@ -82,9 +84,30 @@ class NoiseFloor:
     taxel_counts: tuple[float, ...] = ()
 
     @property
+    def measured(self) -> bool:
+        """Whether something showed the noise; else it is assumed, or only known to be no more than a fit left."""
+        return self.mean_from not in (ASSUMED, LEFT_BY_FIT)
+
+    @property
     def sigma_counts(self) -> float | FloatArray:
         """Noise of a frame: one for all taxels, or (J,)."""
         return np.array(self.taxel_counts) if self.taxel_counts else self.frame_counts
+
+    def of_means(self, mean_counts: float, interval: tuple[float, float], found_in: str) -> NoiseFloor:
+        """The floor of a session of hold means alone, each an observation that is worth one frame [counts]."""
+        return replace(
+            self,
+            frame_counts=mean_counts,
+            frame_interval=interval,
+            frame_from=found_in,
+            mean_counts=mean_counts,
+            mean_interval=interval,
+            mean_from=found_in,
+        )
+
+    def with_repeats_of(self, other: NoiseFloor) -> NoiseFloor:
+        """The same with what another floor of the session says of its repeats."""
+        return replace(self, repeat_counts=other.repeat_counts, repeat_interval=other.repeat_interval)
 
     def by_taxel(self, noisy_counts: FloatArray) -> NoiseFloor:
         """The same with the noise (J,) of taxels that are noisier than usual [counts]; NaN for the usual ones."""

@@ -91,6 +91,15 @@ def glitches(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray
     return rows[wild] if few else rows[:0]
 
 
+def too_many(residual: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
+    """Rows of presses that are out of all proportion, where they are too many to be glitches; arguments as above."""
+    rows, squares, read = _by_press(residual, seen, press)
+    some = read > 0
+    rows, squares, read = rows[some], squares[some], read[some]
+    wild = rows[_wild(squares, read)] if len(rows) else rows
+    return wild if len(wild) > max(1, _MOST_GLITCHES * len(rows)) else wild[:0]
+
+
 def of_neither(before: FloatArray, after: FloatArray, seen: BoolArray, press: IntArray) -> IntArray:
     """Rows of presses that are out of all proportion to what a better model leaves of the others, under both models.
 

@@ -49,8 +49,12 @@ def views_of(found: Diagnosis, left: Left) -> tuple[Trace, ...]:
         left: what the base model leaves.
     """
     if found.effects:
-        views = [VIEWS[name] for name in dict.fromkeys(OF_EFFECT[e.name] for e in found.effects)]
-        return tuple(v for v in views if v.kind == "moves" or len(_edges(v, left)) > 2)[:MOST]
+        # An effect that has no view of its own is shown by those that explain most.
+        own = dict.fromkeys(OF_EFFECT[e.name] for e in found.effects if e.name in OF_EFFECT)
+        views = [VIEWS[name] for name in own]
+        shown = tuple(v for v in views if v.kind == "moves" or len(_edges(v, left)) > 2)[:MOST]
+        if own:
+            return shown
     falls = {v.name: explained(v, left) for v in VIEWS.values() if v.kind != "moves"}
     chosen: list[Trace] = []
     for name in sorted(falls, key=lambda n: -falls[n]):

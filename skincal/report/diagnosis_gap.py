@@ -62,11 +62,12 @@ def press_rms(found: Diagnosis) -> FloatArray:
 def _draw_presses(axes: Axes, found: Diagnosis, dataset: Dataset) -> None:
     rms, names = press_rms(found), heldout_names(found, dataset)
     place = np.arange(len(rms))
-    if found.effects:
+    tried = [e.name for e in found.effects] or list(found.taken_back)
+    if tried:
         axes.vlines(place, rms[:, 1], rms[:, 0], color=GREY, linewidth=1)
     axes.plot(place, rms[:, 0], "o", color=ORANGE, markersize=6, label="base model")
-    if found.effects:
-        label = "with " + " and ".join(e.name for e in found.effects)
+    if tried:
+        label = "with " + " and ".join(tried) + ("" if found.effects else ", not added")
         axes.plot(place, rms[:, 1], "o", color=BLUE, markersize=6, label=label)
     axes.hlines(rms[:, 2], place - 0.35, place + 0.35, color=BLACK, linewidth=1.4, label="noise alone")
     step = max(1, int(np.ceil(len(place) / MOST_LABELLED)))
@@ -80,8 +81,8 @@ def _draw_presses(axes: Axes, found: Diagnosis, dataset: Dataset) -> None:
 def _draw_total(axes: Axes, found: Diagnosis) -> None:
     gap = found.gap
     bars = [("base\nmodel", gap.before, ORANGE)]
-    if found.effects:
-        bars.append(("with\neffects", gap.after, BLUE))
+    if found.effects or found.taken_back:
+        bars.append(("with\neffects" if found.effects else "not\nadded", gap.after, BLUE))
     bars.append(("noise\nalone", gap.floor, GREY))
     for k, (_, value, colour) in enumerate(bars):
         axes.bar(k, value, color=colour, width=0.65)

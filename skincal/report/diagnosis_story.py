@@ -193,7 +193,6 @@ def _calibration_sentence(found: Diagnosis) -> str:
 
 
 def _depends(found: Diagnosis) -> list[str]:
-    clear = [s for s in found.signatures if s.p_value <= found.options.choice.significant][:3]
     left, times = found.choice.left, found.null.times_most(found.choice.excess[1])
     lines: list[str] = []
     if found.options.misfits(left, times):
@@ -201,9 +200,8 @@ def _depends(found: Diagnosis) -> list[str]:
             f"What is left is {left:.2g} times the noise; its square lies {times:.0f} times as far above that of the "
             "mean null session as in any of them."
         )
-    if clear:
-        words = _and([f"{s.meaning} ({percent(min(s.share, 1.0))})" for s in clear])
-        lines.append(f"It goes along with {words} of the excess residual; these overlap.")
+    if found.depends_on:
+        lines.append(f"It goes along with {found.depends_on} of the excess residual; these overlap.")
     return lines
 
 
@@ -307,6 +305,8 @@ def _outcome(found: Diagnosis, name: str, score: float | None) -> tuple[str, str
             return "named and added", "named"
         if name in effect.consistent_with:
             return f"cannot be told from {effect.name}", "rival"
+    if name in found.taken_back:
+        return "explains much, but not on presses nobody has fitted", "no"
     if name in found.audit.cannot_see:
         return f"cannot be seen: {found.audit.reasons.get(name, '')}", "blind"
     if name in {e.name for e in found.calibration.effects}:
@@ -324,19 +324,27 @@ def _outcome(found: Diagnosis, name: str, score: float | None) -> tuple[str, str
 def noise_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     """What, how much with its interval, and from what it was found."""
     floor = found.floor
-    rows = [
-        ("one frame, before rounding", _counts(floor.frame_counts, floor.frame_interval), floor.frame_from),
-        ("mean of a hold", _counts(floor.mean_counts, floor.mean_interval), floor.mean_from),
-    ]
+    rows = [("mean of a hold", _counts(floor.mean_counts, floor.mean_interval), floor.mean_from)]
+    if floor.frame_from != floor.mean_from or found.session.has_frames:
+        frame = _counts(floor.frame_counts, floor.frame_interval)
+        rows.insert(0, ("one frame, before rounding", frame, floor.frame_from))
     if floor.taxel_counts:
         noisy = [
             own for own in floor.taxel_counts if own > floor.frame_counts
         ]  # by_taxel says there are some
         words = f"{len(noisy)} of {len(floor.taxel_counts)} taxels, each by its own hold frames"
         rows.append(("one frame of a noisier taxel", f"{min(noisy):.1f} to {max(noisy):.1f} counts", words))
-    if floor.rounding_counts > 0:
+    if floor.rounding_counts > 0 and found.session.has_frames:
         rows.append(("added to a frame by rounding", f"{floor.rounding_counts:.3f} counts", "whole numbers"))
-    if np.isfinite(floor.repeat_counts):
+    if not np.isfinite(floor.repeat_counts):
+        rows.append(
+            (
+                "hold means of repeats differ by",
+                "not known",
+                "no press was repeated, or too few taxels saw it",
+            )
+        )
+    else:
         words = "exact repeats; a bound from above, as no press comes back to quite the same place"
         rows.append(
             ("hold means of repeats differ by", _counts(floor.repeat_counts, floor.repeat_interval), words)

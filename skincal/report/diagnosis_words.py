@@ -18,6 +18,8 @@ def verdict_lines(found: Diagnosis) -> list[str]:
         lines += [line for effect in found.effects for line in _effect(effect)]
     if found.verdict != "none":
         lines.append(found.where)
+    if found.verdict == "unknown" and found.depends_on:
+        lines.append(f"what is left goes along with {found.depends_on} of it; these overlap")
     lines += _gap(found)
     if found.unexplained and found.verdict == "effects":
         near = "no known effect explains it"

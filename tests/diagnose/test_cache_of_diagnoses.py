@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from skincal.diagnose.cache import Arrays, Cache, default_folder, digest
 from skincal.gap.problem import RefitOptions
-from skincal.model import SensorPose
+from skincal.model import MeshIndenter, MeshSurface, SensorPose
 
 
 class Maker:
@@ -120,6 +121,18 @@ def test_a_digest_sees_all_fields_that_dataclasses_are_compared_by():
     assert digest([{"a": 1}]) != digest([{"b": 1}])
 
 
+def test_a_digest_tells_meshes_by_what_they_are_made_of():
+    ball = trimesh.creation.icosphere(1, radius=0.006)
+    other = ball.vertices.copy()
+    other[3] *= 1.01
+    for kind in (MeshSurface, MeshIndenter):
+        one = digest([kind(ball.vertices, ball.faces)])
+        assert one == digest([kind(ball.vertices.copy(), ball.faces)]) != digest([kind(other, ball.faces)])
+    assert digest([MeshSurface(ball.vertices, ball.faces)]) != digest(
+        [MeshSurface(ball.vertices, ball.faces, step_m=1e-3)]
+    )
+
+
 def test_what_cannot_be_looked_into_is_not_kept(tmp_path: Path):
     with pytest.raises(
         TypeError, match=r"expected arrays, numbers, text or dataclasses of them; got <class 'ob"
@@ -127,7 +140,7 @@ def test_what_cannot_be_looked_into_is_not_kept(tmp_path: Path):
         digest([object()])
     make = Maker()
     for _ in range(2):
-        assert Cache(tmp_path).get("null", [{"of a mesh": object()}], make)["a"][0] == 1.0
+        assert Cache(tmp_path).get("null", [{"of any kind": object()}], make)["a"][0] == 1.0
     assert make.made == 2 and not any(tmp_path.iterdir())
 
 

@@ -31,11 +31,13 @@ from skincal.diagnose.summary import summary
 from skincal.diagnose.workflow import (  # pyright: ignore[reportPrivateUsage]
     _of_silent,
     _pulled,
+    _where_without,
     diagnose,
 )
 from skincal.errors import InputError, WorkError
 from skincal.gap.choice import Choice, Named
 from skincal.gap.choice_options import ChoiceOptions
+from skincal.gap.noise import LEFT_BY_FIT
 from skincal.gap.null import Null
 from skincal.gap.refit import _descended as descended  # pyright: ignore[reportPrivateUsage]
 from skincal.gap.robust import Dead, times
@@ -109,6 +111,25 @@ def test_a_hold_mean_weighs_as_much_as_its_noise_says():
     assert one.full is one.session and one.force_noise_n == 0.0
     bright = np.full((len(one.session), 16), 100.0)
     assert one.reading.deviation(bright) == pytest.approx(one.floor.mean_counts, rel=1e-6)
+
+
+def unclipped() -> Dataset:
+    """Hold means of a sensor whose level at rest is far from its bounds, so that nothing shows its noise."""
+    data = still()
+    return replace(data, meta=replace(data.meta, sensor=replace(data.meta.sensor, value_min=-50.0)))
+
+
+def test_the_noise_that_is_told_of_hold_means_is_the_one_that_is_used():
+    loss = make_calibration().loss
+    one = ready(unclipped(), loss=replace(loss, extra={"noise_sigma_counts": 2.5}))
+    bright = np.full((len(one.session), 16), 100.0)
+    assert one.reading.deviation(bright) == pytest.approx(
+        np.hypot(2.5, 12**-0.5) / np.sqrt(one.session.frames[0])
+    )
+    assert (one.floor.mean_counts, one.floor.mean_from) == (2.5, LEFT_BY_FIT) and not one.floor.measured
+    assert one.floor.mean_interval == (0.0, 2.5)
+    without = ready(unclipped(), loss=replace(loss, extra={}))
+    assert without.floor.mean_from == "hold means" and without.floor.measured
 
 
 def test_effects_of_the_calibration_are_known():
@@ -274,6 +295,25 @@ def test_an_interrupted_diagnosis_goes_on_and_ends_the_same(tmp_path: Path, fitt
     for other in (again, last):
         assert told(other) == told(through)
         assert other.calibration.effects == through.calibration.effects
+
+
+def test_each_of_several_effects_is_told_by_what_is_left_without_it():
+    found, data = diagnosed("hysteresis")
+    choice, base = found.choice, SimpleNamespace(material=found.material, model=found.choice.before)
+    (loop,) = choice.named
+    whole = _where_without(loop, choice, cast("Any", base), data)
+    assert whole == found.effects[0].where == found.where
+    # Beside another one that adds eight counts to one taxel, and nothing to the others.
+    level = {"offset_counts": np.where(np.arange(16) == 9, 8.0, 0.0)}
+    after = choice.after.hypothesis
+    both = after.with_effects({**after.effects, "taxel_offset": level})
+    pair = replace(choice, named=(loop, replace(loop, name="taxel_offset")))
+    pair = replace(pair, after=replace(choice.after, refit=replace(choice.after.refit, hypothesis=both)))
+    texts = [_where_without(one, pair, cast("Any", base), data) for one in pair.named]
+    # Without the level the loop is all that is left to see; without the loop the level is there, and wrong.
+    assert "on taxel (2, 1)" in texts[0] and "(2, 1)" not in texts[1]
+    by_places = replace(loop, name="contact_offset", by_places=True)
+    assert "turn out to be" in _where_without(by_places, pair, cast("Any", base), data)
 
 
 def test_the_summary_is_that_of_the_contract():

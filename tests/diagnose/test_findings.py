@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skincal.calibration import Finding
-from skincal.diagnose.findings import few_of_the_end, findings_of, taxel_name
+from skincal.diagnose.diagnosis import NamedEffect
+from skincal.diagnose.findings import (
+    few_of_the_end,
+    findings_of,
+    of_noise,
+    taxel_name,
+    too_many_glitches,
+    within_the_clocks,
+)
+from skincal.fit.observe import Readout
 from skincal.gap.heldout import Gap
+from skincal.gap.noise import LEFT_BY_FIT, assumed_floor
 from skincal.gap.robust import Dead, Jump
 from skincal.model import TaxelLayout
 from skincal.model.arrays import IntArray
@@ -119,3 +131,49 @@ def test_so_few_presses_of_the_end_that_they_say_nothing_are_told(presses: int, 
     said = few_of_the_end(gap)
     assert [one.code for one in said] == ([] if words is None else ["few_of_the_end"])
     assert all(one.text.startswith(words or "") for one in said)
+
+
+def latency(delay_s: float) -> NamedEffect:
+    return NamedEffect("latency", ("latency",), 0.01, {"delay_s": np.asarray(delay_s)}, {}, "", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "clock_sigma_s", "severity"),
+    [(0.008, 0.005, "warning"), (0.03, 0.005, None), (0.03, 0.0, None), (0.03, None, "info")],
+)
+def test_a_latency_that_the_clocks_may_have_made_is_told(
+    delay_s: float, clock_sigma_s: float | None, severity: str | None
+):
+    said = within_the_clocks([latency(delay_s)], clock_sigma_s)
+    assert [one.severity for one in said] == ([] if severity is None else [severity])
+    assert all(one.code == "clock" and f"{1e3 * delay_s:g} ms" in one.text and one.advice for one in said)
+    assert within_the_clocks([], clock_sigma_s) == ()
+
+
+def test_what_the_data_do_not_say_of_the_noise_is_told():
+    readout = Readout(0.0, 255.0, integer=True)
+    nothing = assumed_floor(readout)
+    noise, repeats = of_noise(nothing, frames=False, repeated=False)
+    assert (noise.code, noise.severity, repeats.code) == ("noise_not_measured", "warning", "no_repeats")
+    assert "assumed" in noise.text and "Record frames" in noise.advice and "twice" in repeats.advice
+    left, _ = of_noise(nothing.of_means(2.5, (0.0, 2.5), LEFT_BY_FIT), frames=False, repeated=False)
+    assert "2.50 counts" in left.text and "what the calibration's fit left" in left.text
+    measured = replace(nothing, frame_from="hold frames", mean_from="hold frames")
+    (only,) = of_noise(measured, frames=True, repeated=False)
+    assert (only.code, only.severity) == ("no_repeats", "info") and "frames" in only.text
+    assert of_noise(measured, frames=True, repeated=True) == ()
+    assert "pressures" in of_noise(measured, frames=True, repeated=False, uniform=True)[0].advice
+
+
+def test_presses_that_are_too_many_to_be_glitches_are_told():
+    (one,) = too_many_glitches(PRESSES, np.array([0, 2]))
+    assert one.code == "many_glitches" and "press 100, 107:" in one.text and "had their say" in one.text
+    assert too_many_glitches(PRESSES, np.zeros(0, dtype=np.int64)) == ()
+
+
+def test_taxels_that_were_not_looked_at_have_no_numbers_of_their_own():
+    seen = np.ones((4, 3), dtype=bool)
+    arguments = LAYOUT, PRESSES, [], [], [], seen, np.array([0, 2, 5])
+    (one,), (alike,) = (findings_of(*arguments, all_taxels=6, of_single=own) for own in (True, False))
+    assert one.code == "some_taxels" and "the others have none of it" in one.text
+    assert "new calibration" not in alike.text

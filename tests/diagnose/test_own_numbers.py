@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from report.diagnosis_cases import LOOP, TRUTH, calibration, session
 from skincal.calibration import Finding, ModelParameters
 from skincal.dataset import Dataset
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.own_numbers import numbers_differ
+from skincal.diagnose.own_numbers import numbers_differ, scales_differ
 from skincal.diagnose.prepare import prepare
 from skincal.errors import InputError
+from skincal.gap.problem import Slopes
+from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
 from skincal.gap.relocate import at_best
 
@@ -64,3 +67,34 @@ def test_of_the_session_that_it_was_fitted_to_a_calibration_says_what_it_says():
     other = replace(TRUTH, elasticity_pa_per_m=2.4e8, scale_per_n=78.0)
     assert told(data, other, "cd" * 32) == ()
     assert len(told(data, other)) == 1
+
+
+def said_of_scales(factor: float, dataset: str = "ab" * 32) -> tuple[Finding, ...]:
+    """What is said where the scales of half of the taxels are really so many times as large."""
+    made = calibration()
+    made = replace(made, provenance=replace(made.provenance, dataset_sha256=dataset))
+    data = of_loop()
+    ready = prepare(data, made, DiagnoseOptions(), np.random.default_rng(0))
+    slopes = refit(ready.start, ready.session, ready.reading, replace(ready.options, steps=0)).slopes
+    off = np.where(np.arange(16) % 2 == 0, factor - 1.0, 0.0)
+    noise = np.random.default_rng(3).normal(size=slopes.residual.shape)
+    # The residual is measured minus modelled: values grow in proportion to the scale.
+    slopes = replace(slopes, residual=noise + slopes.base[..., -1] * off)
+    everything = np.ones(len(ready.session), dtype=np.bool_)
+    return scales_differ(made, data, slopes, ready.reading, everything)
+
+
+def test_in_a_chamber_the_scales_of_taxels_tell_another_sensor():
+    assert said_of_scales(1.0) == ()
+    (one,) = said_of_scales(1.15)
+    assert (one.code, one.severity) == ("other_calibration", "warning") and "taxels' scales" in one.text
+    with pytest.raises(InputError, match=r"of the sensor that was pressed.*scales.*skincal fit"):
+        said_of_scales(3.0)
+
+
+def test_a_calibration_of_the_session_itself_is_never_another_ones():
+    data = replace(of_loop(), sha256="cd" * 32)
+    slopes = cast("Slopes", None)
+    made = calibration()
+    made = replace(made, provenance=replace(made.provenance, dataset_sha256="cd" * 32))
+    assert scales_differ(made, data, slopes, cast("Reading", None), np.ones(1, dtype=np.bool_)) == ()

@@ -22,6 +22,7 @@ from skincal.gap.robust import (
     jumps,
     of_neither,
     others_differ,
+    too_many,
     without_jumps,
     without_presses,
 )
@@ -81,6 +82,15 @@ def test_what_many_presses_do_is_no_glitch():
     few = np.ones(6)
     few[2] = 50.0
     assert glitches(*noise_of(few)).tolist() == []
+
+
+def test_presses_that_are_too_many_to_be_glitches_are_told_and_stay():
+    residual = np.random.default_rng(4).normal(size=(120, 4))
+    press, seen = np.repeat(np.arange(40), 3), np.ones((120, 4), dtype=bool)
+    for wild, expected in ((2, 0), (3, 3)):
+        off = np.where(press < wild, 30.0, 1.0)[:, None]
+        assert len(glitches(residual * off, seen, press)) == wild - expected
+        assert too_many(residual * off, seen, press).tolist() == list(range(expected))
 
 
 def test_one_press_that_holds_much_of_all_that_is_left_dominates():

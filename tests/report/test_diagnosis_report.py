@@ -22,7 +22,7 @@ from skincal.effects import EFFECTS
 from skincal.report.diagnosis import PAGE, SECTIONS, SUMMARY, _page, write_diagnosis_report
 from skincal.report.diagnosis_candidates import candidates_figure, critical_score, units
 from skincal.report.diagnosis_curves import curves_figure, explained, views_of
-from skincal.report.diagnosis_gap import heldout_names, press_rms
+from skincal.report.diagnosis_gap import gap_figure, heldout_names, press_rms
 from skincal.report.diagnosis_left import Part, edges_of, left_by, line_of
 from skincal.report.diagnosis_story import (
     effect_rows,
@@ -202,6 +202,28 @@ def test_every_view_that_the_data_have_can_be_drawn(kind: str, monkeypatch: pyte
     # Rests are all equally long in these sessions, and their frames few.
     needs_time = {"hold", "change", "session", "cycle", "rest", "speed"}
     assert lacking == {"shear", "temperature", "after"} | (needs_time if kind == "static" else set())
+
+
+def test_an_effect_without_a_view_of_its_own_is_shown_by_those_that_explain_most(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    found = diagnosed("hysteresis")[0]
+    unknown = replace(found, verdict="unknown", effects=())
+    monkeypatch.setattr("skincal.report.diagnosis_curves.OF_EFFECT", {})
+    left = left_by(found, found.choice.before)
+    assert views_of(found, left) == views_of(unknown, left) != ()
+    assert drawn(curves_figure(found))
+
+
+def test_what_was_taken_back_is_drawn_as_not_added():
+    found, data = diagnosed("hysteresis")
+    figure = gap_figure(replace(found, verdict="unknown", effects=(), refuted=True), data)
+    drawn(figure)
+    ticks = [label.get_text() for label in figure.axes[1].get_xticklabels()]
+    assert ticks == ["base\nmodel", "not\nadded", "noise\nalone"]
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    assert "with hysteresis, not added" in [text.get_text() for text in legend.get_texts()]
 
 
 def test_every_effect_has_a_view():

@@ -11,7 +11,7 @@ from skincal.diagnose.summary import summary
 from skincal.effects import EFFECTS
 from skincal.gap.choice import Round
 from skincal.report.diagnosis_gap import closed_words
-from skincal.report.diagnosis_story import headline, parameter_rows, verdict_sentences
+from skincal.report.diagnosis_story import effect_rows, headline, parameter_rows, verdict_sentences
 from skincal.report.diagnosis_words import verdict_lines
 
 
@@ -83,6 +83,29 @@ def test_what_closes_nothing_is_told():
     assert "hysteresis shows, but with it" in verdict_lines(wide_open)[0]
     story = " ".join(verdict_sentences(wide_open))
     assert "stay off with it" in story and "is asked for" not in story
+    (row,) = [row for row in effect_rows(wide_open) if row.name == "hysteresis"]
+    assert row.outcome == "explains much, but not on presses nobody has fitted"
+    told = summary(wide_open)
+    assert told["taken_back"] == ["hysteresis"]
+    assert told["gap"]["heldout_rmse_with_taken_back"] == found.gap.after
+    assert told["gap"]["heldout_rmse_after"] == told["gap"]["heldout_rmse_before"] == found.gap.before
+    assert (
+        summary(found)["taken_back"] == [] and summary(found)["gap"]["heldout_rmse_with_taken_back"] is None
+    )
+
+
+def test_what_is_unknown_is_said_to_depend_on_something():
+    found, _ = diagnosed("hysteresis")
+    unknown = replace(found, verdict="unknown", effects=())
+    assert unknown.depends_on.count("%") == 3 and " and " in unknown.depends_on
+    assert f"what is left goes along with {unknown.depends_on}" in " ".join(verdict_lines(unknown))
+    assert f"goes along with {unknown.depends_on}" in " ".join(verdict_sentences(unknown))
+    assert summary(unknown)["where"] == f"{found.where}; it goes along with {unknown.depends_on} of it"
+    assert summary(found)["where"] == found.where and "goes along" not in " ".join(verdict_lines(found))
+    bare = replace(unknown, signatures=())
+    assert bare.depends_on == "" and summary(bare)["where"] == found.where
+    one = replace(unknown, signatures=unknown.signatures[:1])
+    assert one.depends_on.count("%") == 1 and " and " not in one.depends_on
 
 
 def test_what_held_out_presses_refute_is_told():

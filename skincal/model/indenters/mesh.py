@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.indenters.base import Indenter, RayHits
 from skincal.model.indenters.bound import Bound, frames
 from skincal.model.mesh import TriangleMesh
@@ -55,6 +55,11 @@ class MeshIndenter(Indenter):
     def vertices_m(self) -> FloatArray:
         """(V, 3) merged vertices [m]."""
         return self._mesh.vertices_m
+
+    @property
+    def identity(self) -> tuple[FloatArray, IntArray]:
+        """All that it is made of: two with the same are the same."""
+        return self._mesh.vertices_m, self._mesh.faces
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         """See :meth:`Indenter.cast`."""
