@@ -138,10 +138,10 @@ class Diagnosis:
     def depends_on(self) -> str:
         """On what the residual of the base model depends most, and how much of the excess goes along; may be empty.
 
-        Shares overlap.
+        Shares overlap, as is said to whoever reads them.
         """
         clear = [s for s in self.signatures if s.p_value <= self.options.choice.significant][:_TOLD]
-        words = [f"{s.meaning} ({100 * min(s.share, 1.0):.0f} %)" for s in clear]
+        words = [f"{s.meaning} ({100 * min(s.share, 1.0):.0f} % of it)" for s in clear]
         return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
     @property

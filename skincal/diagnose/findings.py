@@ -42,19 +42,17 @@ def few_of_the_end(gap: Gap) -> tuple[Finding, ...]:
 
 
 def of_noise(
-    floor: NoiseFloor, *, frames: bool, repeated: bool, uniform: bool = False
+    floor: NoiseFloor, *, frames: bool, repeated: bool | None, uniform: bool = False
 ) -> tuple[Finding, ...]:
-    """What the data do not say of the noise: without it, or without repeats, a gap of its size cannot be told.
+    """What the data do not say of the noise: without it, or without repeats, a gap of its size is hard to tell.
 
     Args:
         floor: as it was used.
         frames: whether there are any.
-        repeated: whether any press is an exact repeat of another.
+        repeated: whether any press is an exact repeat of another; None where targets do not say so.
         uniform: whether the pressure is uniform, so that there are no sites.
     """
     again = "Press a few sites twice with the same force, hand pose and pace, and record the targets."
-    if uniform:
-        again = "Go through the pressures twice, and record the targets."
     found: list[Finding] = []
     if not floor.measured:
         left = (
@@ -63,16 +61,18 @@ def of_noise(
             else f"taken to be {floor.mean_from}, which the gap is part of"
         )
         text = (
-            f"nothing shows the noise: that of a hold mean is {left}: {floor.mean_counts:.2f} counts; whatever is "
-            "smaller than that stays unseen"
+            f"nothing shows the noise: that of a hold mean is {left}: {floor.mean_counts:.2f} counts; what is much "
+            "smaller than that may stay unseen"
         )
-        found.append(Finding("noise_not_measured", "warning", text, f"Record frames. {again}"))
-    if not repeated:
-        text = "no press is an exact repeat of another: " + (
-            "noise is that of the frames, and whether presses come back to the same image is not known"
-            if frames
-            else "whether presses come back to the same image is not known"
-        )
+        fix = "Record frames." if uniform else f"Record frames. {again}"
+        found.append(Finding("noise_not_measured", "warning", text, fix))
+    if not repeated and not uniform:
+        what = "no press is an exact repeat of another"
+        if repeated is None:
+            what = "targets were not recorded, and do not say which presses repeat others"
+        text = f"{what}: whether presses come back to the same image is not known"
+        if frames:
+            text += ", and the noise is that of the frames alone"
         found.append(Finding("no_repeats", "info", text, again))
     return tuple(found)
 
@@ -84,10 +84,15 @@ def within_the_clocks(effects: Sequence[NamedEffect], clock_sigma_s: float | Non
         effects: that were named.
         clock_sigma_s: standard deviation of the clocks; None where the data do not say how well they agree.
     """
-    delays = [e.parameters["delay_s"] for e in effects if e.name == "latency"]
-    if not delays:
+    # Clocks shift; what lags as a filter does is not theirs.
+    shifts = [
+        np.abs(e.parameters["delay_s"]) * (1 - e.parameters["filtered"])
+        for e in effects
+        if e.name == "latency"
+    ]
+    delay = max((float(one.max()) for one in shifts), default=0.0)
+    if delay <= 0:
         return ()
-    delay = max(float(np.abs(one).max()) for one in delays)
     fix = "Measure how far the clocks are apart; until then leave latency out where the policy is to run."
     if clock_sigma_s is None:
         text = (
@@ -138,7 +143,7 @@ def findings_of(
     noise: tuple[float, Sequence[float]] = (0.0, ()),
     order: IntArray | None = None,
     *,
-    of_single: bool = False,
+    of_single: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
     """Findings in words.
 
@@ -157,7 +162,7 @@ def findings_of(
         pulled: rows of presses that fit best with quite another force, and by which part it is larger.
         order: (N,) rows of the presses, observation by observation, where there is no clock, so that times are numbers
             of observations; None where there is one.
-        of_single: whether the new calibration has numbers of single taxels.
+        of_single: effects of which the new calibration has numbers of the taxels that were looked at alone.
         noise: of a frame, usually and of each taxel that was looked at, where some are noisier [counts].
     """
 
@@ -226,7 +231,7 @@ def findings_of(
             "what is said of single taxels is said of these"
         )
         if of_single:
-            text += ", and the new calibration has own numbers for these alone: the others have none of it"
+            text += f"; of {' and '.join(of_single)} the new calibration has numbers of these alone, the others none"
         found.append(Finding("some_taxels", "info", text, ""))
     never = np.flatnonzero(~seen.any(axis=0))
     if len(never):

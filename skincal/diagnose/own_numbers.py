@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from skincal.calibration import Calibration, Finding
@@ -9,10 +11,11 @@ from skincal.dataset import Dataset
 from skincal.diagnose.newcal import parameters_of
 from skincal.diagnose.prepare import Prepared
 from skincal.errors import InputError, Problem
-from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.problem import Slopes, cost_of_presses
+from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.problem import cost_of_presses
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import at_best
+from skincal.gap.robust import SURE
 from skincal.model.arrays import BoolArray
 
 _MORE = 0.5
@@ -20,6 +23,10 @@ _MORE = 0.5
 the noise of a value."""
 _FAR_MORE = 5.0
 """From here on it is refused."""
+_CHANGED, _FAR_CHANGED = 0.05, 0.3
+"""In a chamber hardly any noise is left, and gains change with the day: scales that differ by less than that, relative,
+are not told. From the second on it is quite another sensor."""
+_NOTHING = 1e-300
 _IN_WORDS = {
     "y_m": ("y", 1e3, "mm"),
     "x_m": ("x", 1e3, "mm"),
@@ -93,39 +100,57 @@ def numbers_differ(
 
 
 def scales_differ(
-    calibration: Calibration, dataset: Dataset, slopes: Slopes, reading: Reading, rows: BoolArray
+    calibration: Calibration,
+    dataset: Dataset,
+    ready: Prepared,
+    effects: Mapping[str, Parameters],
+    reading: Reading,
+    rows: BoolArray,
+    dead: Sequence[int] = (),
+    *,
+    refuse: bool = True,
 ) -> tuple[Finding, ...]:
     """The same for uniform pressure, which tells the scale of each taxel and nothing else.
 
-    Values are in proportion to the scales, so that the best ones are found in one step.
+    What a taxel reads at the measured forces, less what effects do, is a line over what the calibration says, if a
+    level at rest is free: its slope is the ratio of the scales.
 
     Args:
         calibration: that was given.
         dataset: the session.
-        slopes: of what was fitted to it, with all that was named.
+        ready: the session as it is looked at.
+        effects: what is known and was found.
         reading: what is believed of what was read.
         rows: (N,) what may be looked at.
+        dead: columns of taxels that do not answer; not looked at.
+        refuse: whether what is far off is refused: not where something is missing that nobody knows.
 
     Raises:
         InputError: the calibration's scales are those of quite another sensor.
     """
     if _of_this(calibration, dataset):
         return ()
-    seen = reading.seen & rows[:, None]
-    slope = np.where(seen, np.nan_to_num(slopes.base[..., -1]), 0.0)
-    pull, curve = (slope * np.nan_to_num(slopes.residual)).sum(axis=0), (slope**2).sum(axis=0)
-    lit = curve > 0
+    bare = ready.start.with_effects({}).values(ready.session)
+    whole = ready.start.with_effects(effects).values(ready.session)
+    weight = np.where(rows[:, None], np.nan_to_num(reading.weight(whole)), 0.0) ** 2
+    weight[:, list(dead)] = 0.0
+    total = np.maximum(weight.sum(axis=0), _NOTHING)
+    off = np.where(weight > 0, np.nan_to_num(reading.unlifted - whole), 0.0)
+    said, off = (v - (weight * v).sum(axis=0) / total for v in (np.nan_to_num(bare), off))
+    pull, curve = (weight * said * off).sum(axis=0), (weight * said**2).sum(axis=0)
+    lit = curve > SURE
     if not lit.any():
         return ()
-    more = float(np.sqrt((pull[lit] ** 2 / curve[lit]).sum() / max(int(seen[:, lit].sum()), 1)))
-    if more < _MORE:
+    values = int((weight[:, lit] > 0).sum())
+    more = float(np.sqrt((pull[lit] ** 2 / curve[lit]).sum() / max(values, 1)))
+    change = float(np.median(np.abs(pull[lit] / curve[lit])))
+    if more < _MORE or change < _CHANGED:
         return ()
-    change = np.abs(pull[lit] / curve[lit])
     text = (
         f"the calibration was fitted to another session; in this one its taxels' scales are off by {more:.1f} times "
-        f"the noise, half of them by more than {100 * float(np.median(change)):.0f} %"
+        f"the noise, half of them by more than {100 * change:.0f} %"
     )
-    return _told(calibration, more, text)
+    return _told(calibration, more if refuse and change > _FAR_CHANGED else _MORE, text)
 
 
 def _of_this(calibration: Calibration, dataset: Dataset) -> bool:

@@ -238,7 +238,7 @@ def _bounded(session: GapSession, floor: NoiseFloor, calibration: Calibration) -
         return floor.of_means(floor.mean_counts, (low, high), floor.mean_from)
     if floor.mean_from == REPEATS and high <= left:
         return floor.of_means(high, (low, high), REPEATS)
-    return floor.of_means(left, (0.0, left), LEFT_BY_FIT)
+    return floor.of_means(left, (min(low, left) if floor.measured else 0.0, left), LEFT_BY_FIT)
 
 
 def _weighted(session: GapSession, floor: NoiseFloor, model: BaseModel) -> GapSession:

@@ -57,7 +57,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _along(diagnosis: Diagnosis) -> str:
-    return f"it goes along with {diagnosis.depends_on} of it"
+    return f"it goes along with {diagnosis.depends_on}; these shares overlap"
 
 
 def _noise(floor: NoiseFloor) -> dict[str, Any]:

@@ -142,13 +142,25 @@ def _diagnosed(
     if ready.options.base:
         other = numbers_differ(calibration, dataset, ready, after if named else before, heard_of, known)
     else:
-        of = choice.after if named else choice.before
-        other = scales_differ(calibration, dataset, of.refit.slopes, heard_of, known)
+        other = scales_differ(
+            calibration,
+            dataset,
+            ready,
+            choice.after.hypothesis.effects,
+            heard_of,
+            known,
+            [one.taxel for one in base.dead],
+            refuse=answer.verdict != "unknown",
+        )
     heard("calibration")
     final = calibration
     if named:
         final = _refitted(ready, base, choice, after, calibration, dataset, answer.unexplained)
-    wild = _wild(ready, base, choice.after if named else choice.before)
+    wild = too_many(
+        (choice.after if named else choice.before).refit.slopes.residual,
+        heard_of.seen & known[:, None],
+        ready.session.press,
+    )
     found = Diagnosis(
         answer.verdict,
         effects,
@@ -164,7 +176,7 @@ def _diagnosed(
         + of_noise(
             floor,
             frames=ready.session.has_frames,
-            repeated=bool(len(repeats(dataset)[0])),
+            repeated=_repeated(dataset),
             uniform=not ready.options.base,
         )
         + few_of_the_end(gap)
@@ -185,7 +197,7 @@ def _diagnosed(
             _pulled(after if named else before, ready, base.glitches),
             (ready.floor.frame_counts, ready.floor.taxel_counts),
             None if ready.session.samples.time_s is not None else ready.session.press,
-            of_single=any(p.shape == "per-taxel" for e in effects for p in EFFECTS[e.name].parameters),
+            of_single=[e.name for e in effects if _has_numbers_of_taxels(e) and not _of_all(e, ready)],
         ),
         ready.split,
         ready.session,
@@ -198,6 +210,13 @@ def _diagnosed(
     )
     heard("next presses")
     return with_next_presses(found, dataset, further)
+
+
+def _repeated(dataset: Dataset) -> bool | None:
+    """Whether any press is an exact repeat of another; None where no targets tell."""
+    targets = ("target_force_n", "target_x_m")
+    known = all(dataset.presses.column(name) is not None for name in targets)
+    return bool(len(repeats(dataset)[0])) if known else None
 
 
 def _beside_images(choice: Choice) -> bool:
@@ -292,16 +311,18 @@ def _named(choice: Choice, ready: Prepared, base: Base, dataset: Dataset) -> tup
     return tuple(found)
 
 
-def _wild(ready: Prepared, base: Base, model: Model) -> IntArray:
-    """Rows of presses that are out of all proportion, and too many to be left out as glitches."""
-    m = base.material
-    seen = m.reading.seen & m.known[:, None]
-    return too_many(model.refit.slopes.residual, seen, ready.session.press)
-
-
 def _where(base: Base, model: Model, dataset: Dataset) -> str:
     m = base.material
     return where_text(model.refit.slopes.residual, m.reading.seen, m.session, dataset.layout(), m.known)
+
+
+def _has_numbers_of_taxels(effect: NamedEffect) -> bool:
+    return any(p.shape == "per-taxel" for p in EFFECTS[effect.name].parameters)
+
+
+def _of_all(effect: NamedEffect, ready: Prepared) -> bool:
+    """Whether an effect has numbers of all taxels, though some only were looked at."""
+    return effect.name == OFFSET and ready.rest_counts is not None
 
 
 def _where_without(one: Named, choice: Choice, base: Base, dataset: Dataset) -> str:

@@ -70,6 +70,7 @@ class NoiseFloor:
         rounding_counts: that rounding adds to a frame; zero where values are not whole numbers.
         taxel_counts: of a frame, before rounding and clipping, for each taxel, where some are far noisier than usual;
             ``frame_counts`` is that of the usual ones then. Empty where all are alike.
+        measured: whether anything in the data showed the noise, or bounds it; else it is assumed, or what a fit left.
     """
 
     frame_counts: float
@@ -82,11 +83,7 @@ class NoiseFloor:
     repeat_counts: float = float("nan")
     repeat_interval: tuple[float, float] = (float("nan"), float("nan"))
     taxel_counts: tuple[float, ...] = ()
-
-    @property
-    def measured(self) -> bool:
-        """Whether something showed the noise; else it is assumed, or only known to be no more than a fit left."""
-        return self.mean_from not in (ASSUMED, LEFT_BY_FIT)
+    measured: bool = True
 
     @property
     def sigma_counts(self) -> float | FloatArray:
@@ -124,7 +121,16 @@ def assumed_floor(readout: Readout, frame_counts: float = 1.0, hold_frames: floa
     """The floor of a session that has not been recorded."""
     mean = float(np.hypot(frame_counts, rounding(readout)) / np.sqrt(hold_frames))
     frame = (0.5 * frame_counts, 2 * frame_counts)
-    return NoiseFloor(frame_counts, frame, ASSUMED, mean, (mean / 2, mean * 2), ASSUMED, rounding(readout))
+    return NoiseFloor(
+        frame_counts,
+        frame,
+        ASSUMED,
+        mean,
+        (mean / 2, mean * 2),
+        ASSUMED,
+        rounding(readout),
+        measured=False,
+    )
 
 
 def frame_scatter(counts: FloatArray, group: IntArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
@@ -402,7 +408,18 @@ def noise_floor(
     # Repeats that read the very same show no noise, but copies, or a simulator without any.
     if LEAST_COUNTS < repeat < mean and "frames" not in source:
         mean, mean_interval, mean_from = repeat, repeat_interval, REPEATS
-    return NoiseFloor(frame, interval, source, mean, mean_interval, mean_from, added, repeat, repeat_interval)
+    return NoiseFloor(
+        frame,
+        interval,
+        source,
+        mean,
+        mean_interval,
+        mean_from,
+        added,
+        repeat,
+        repeat_interval,
+        measured=mean_from != ASSUMED,
+    )
 
 
 def _about(value: float, error: float) -> tuple[float, float]:

@@ -201,7 +201,7 @@ def _depends(found: Diagnosis) -> list[str]:
             "mean null session as in any of them."
         )
     if found.depends_on:
-        lines.append(f"It goes along with {found.depends_on} of the excess residual; these overlap.")
+        lines.append(f"It goes along with {found.depends_on}; these shares overlap.")
     return lines
 
 
@@ -325,7 +325,7 @@ def noise_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     """What, how much with its interval, and from what it was found."""
     floor = found.floor
     rows = [("mean of a hold", _counts(floor.mean_counts, floor.mean_interval), floor.mean_from)]
-    if floor.frame_from != floor.mean_from or found.session.has_frames:
+    if floor.frame_counts != floor.mean_counts:
         frame = _counts(floor.frame_counts, floor.frame_interval)
         rows.insert(0, ("one frame, before rounding", frame, floor.frame_from))
     if floor.taxel_counts:
@@ -334,7 +334,7 @@ def noise_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         ]  # by_taxel says there are some
         words = f"{len(noisy)} of {len(floor.taxel_counts)} taxels, each by its own hold frames"
         rows.append(("one frame of a noisier taxel", f"{min(noisy):.1f} to {max(noisy):.1f} counts", words))
-    if floor.rounding_counts > 0 and found.session.has_frames:
+    if floor.rounding_counts > 0 and floor.frame_counts != floor.mean_counts:
         rows.append(("added to a frame by rounding", f"{floor.rounding_counts:.3f} counts", "whole numbers"))
     if not np.isfinite(floor.repeat_counts):
         rows.append(

@@ -19,7 +19,7 @@ def verdict_lines(found: Diagnosis) -> list[str]:
     if found.verdict != "none":
         lines.append(found.where)
     if found.verdict == "unknown" and found.depends_on:
-        lines.append(f"what is left goes along with {found.depends_on} of it; these overlap")
+        lines.append(f"it goes along with {found.depends_on}; these shares overlap")
     lines += _gap(found)
     if found.unexplained and found.verdict == "effects":
         near = "no known effect explains it"

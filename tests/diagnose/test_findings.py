@@ -133,8 +133,16 @@ def test_so_few_presses_of_the_end_that_they_say_nothing_are_told(presses: int, 
     assert all(one.text.startswith(words or "") for one in said)
 
 
-def latency(delay_s: float) -> NamedEffect:
-    return NamedEffect("latency", ("latency",), 0.01, {"delay_s": np.asarray(delay_s)}, {}, "", 1.0)
+def latency(delay_s: float, filtered: float = 0.0) -> NamedEffect:
+    return NamedEffect(
+        "latency",
+        ("latency",),
+        0.01,
+        {"delay_s": np.asarray(delay_s), "filtered": np.asarray(filtered)},
+        {},
+        "",
+        1.0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -147,7 +155,9 @@ def test_a_latency_that_the_clocks_may_have_made_is_told(
     said = within_the_clocks([latency(delay_s)], clock_sigma_s)
     assert [one.severity for one in said] == ([] if severity is None else [severity])
     assert all(one.code == "clock" and f"{1e3 * delay_s:g} ms" in one.text and one.advice for one in said)
-    assert within_the_clocks([], clock_sigma_s) == ()
+    assert (
+        within_the_clocks([], clock_sigma_s) == within_the_clocks([latency(0.008, 1.0)], clock_sigma_s) == ()
+    )
 
 
 def test_what_the_data_do_not_say_of_the_noise_is_told():
@@ -158,11 +168,17 @@ def test_what_the_data_do_not_say_of_the_noise_is_told():
     assert "assumed" in noise.text and "Record frames" in noise.advice and "twice" in repeats.advice
     left, _ = of_noise(nothing.of_means(2.5, (0.0, 2.5), LEFT_BY_FIT), frames=False, repeated=False)
     assert "2.50 counts" in left.text and "what the calibration's fit left" in left.text
-    measured = replace(nothing, frame_from="hold frames", mean_from="hold frames")
+    measured = replace(nothing, frame_from="hold frames", mean_from="hold frames", measured=True)
+    bounded = measured.of_means(2.5, (0.4, 2.5), LEFT_BY_FIT)
+    assert of_noise(bounded, frames=False, repeated=True) == ()
+    (untold,) = of_noise(measured, frames=True, repeated=None)
+    assert "targets were not recorded" in untold.text
     (only,) = of_noise(measured, frames=True, repeated=False)
     assert (only.code, only.severity) == ("no_repeats", "info") and "frames" in only.text
     assert of_noise(measured, frames=True, repeated=True) == ()
-    assert "pressures" in of_noise(measured, frames=True, repeated=False, uniform=True)[0].advice
+    assert of_noise(measured, frames=True, repeated=None, uniform=True) == ()
+    (chamber,) = of_noise(nothing, frames=False, repeated=None, uniform=True)
+    assert chamber.advice == "Record frames."
 
 
 def test_presses_that_are_too_many_to_be_glitches_are_told():
@@ -174,6 +190,6 @@ def test_presses_that_are_too_many_to_be_glitches_are_told():
 def test_taxels_that_were_not_looked_at_have_no_numbers_of_their_own():
     seen = np.ones((4, 3), dtype=bool)
     arguments = LAYOUT, PRESSES, [], [], [], seen, np.array([0, 2, 5])
-    (one,), (alike,) = (findings_of(*arguments, all_taxels=6, of_single=own) for own in (True, False))
-    assert one.code == "some_taxels" and "the others have none of it" in one.text
+    (one,), (alike,) = (findings_of(*arguments, all_taxels=6, of_single=own) for own in (["taxel_gain"], []))
+    assert one.code == "some_taxels" and "of taxel_gain the new calibration has numbers of these" in one.text
     assert "new calibration" not in alike.text

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
-from typing import cast
+from pathlib import Path
 
 import numpy as np
 import pytest
+from chambers import Chamber
 from report.diagnosis_cases import LOOP, TRUTH, calibration, session
 
+from skincal.calibrate import calibrate_uniform
 from skincal.calibration import Finding, ModelParameters
-from skincal.dataset import Dataset
+from skincal.dataset import Dataset, read_dataset
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.own_numbers import numbers_differ, scales_differ
 from skincal.diagnose.prepare import prepare
 from skincal.errors import InputError
-from skincal.gap.problem import Slopes
-from skincal.gap.reading import Reading
 from skincal.gap.refit import refit
 from skincal.gap.relocate import at_best
 
@@ -69,32 +70,57 @@ def test_of_the_session_that_it_was_fitted_to_a_calibration_says_what_it_says():
     assert len(told(data, other)) == 1
 
 
-def said_of_scales(factor: float, dataset: str = "ab" * 32) -> tuple[Finding, ...]:
-    """What is said where the scales of half of the taxels are really so many times as large."""
-    made = calibration()
-    made = replace(made, provenance=replace(made.provenance, dataset_sha256=dataset))
-    data = of_loop()
+def said_of_scales(
+    tmp_path: Path,
+    factor: float,
+    *,
+    rest: float = 0.0,
+    dead: int | None = None,
+    frames: bool = True,
+    refuse: bool = True,
+) -> tuple[Finding, ...]:
+    """What is said in a chamber of a calibration if half of the taxels are so many times as sensitive now."""
+    before = Chamber.plain()
+    gain = before.gain * np.where(np.arange(16) % 2 == 0, factor, 1 / factor)
+    if dead is not None:
+        gain[dead] = 0.0
+    now = replace(before, gain=gain, rest=before.rest + rest, seed=1)
+    made = calibrate_uniform(read_dataset(before.write(tmp_path / "before", frames=frames))).calibration
+    data = read_dataset(now.write(tmp_path / "now", frames=frames))
     ready = prepare(data, made, DiagnoseOptions(), np.random.default_rng(0))
-    slopes = refit(ready.start, ready.session, ready.reading, replace(ready.options, steps=0)).slopes
-    off = np.where(np.arange(16) % 2 == 0, factor - 1.0, 0.0)
-    noise = np.random.default_rng(3).normal(size=slopes.residual.shape)
-    # The residual is measured minus modelled: values grow in proportion to the scale.
-    slopes = replace(slopes, residual=noise + slopes.base[..., -1] * off)
     everything = np.ones(len(ready.session), dtype=np.bool_)
-    return scales_differ(made, data, slopes, ready.reading, everything)
+    gone = () if dead is None else (dead,)
+    return scales_differ(made, data, ready, {}, ready.reading, everything, gone, refuse=refuse)
 
 
-def test_in_a_chamber_the_scales_of_taxels_tell_another_sensor():
-    assert said_of_scales(1.0) == ()
-    (one,) = said_of_scales(1.15)
+@pytest.mark.parametrize("frames", [True, False])
+@pytest.mark.parametrize(("rest", "dead"), [(0.0, None), (15.0, None), (0.0, 3)])
+def test_in_a_chamber_the_same_scales_are_nobody_elses(
+    tmp_path: Path, rest: float, dead: int | None, frames: bool
+):
+    """Neither a level at rest that is not in the model nor a taxel that died is a scale."""
+    assert said_of_scales(tmp_path, 1.0, rest=rest, dead=dead, frames=frames) == ()
+
+
+@pytest.mark.parametrize("rest", [0.0, 15.0])
+def test_in_a_chamber_other_scales_are_told_by_how_much_they_are_off(tmp_path: Path, rest: float):
+    (one,) = said_of_scales(tmp_path, 1.15, rest=rest)
     assert (one.code, one.severity) == ("other_calibration", "warning") and "taxels' scales" in one.text
+    told = re.search(r"more than (\d+) %", one.text)
+    assert told is not None and 12 <= int(told.group(1)) <= 16
+
+
+def test_in_a_chamber_the_scales_of_quite_another_sensor_are_refused(tmp_path: Path):
     with pytest.raises(InputError, match=r"of the sensor that was pressed.*scales.*skincal fit"):
-        said_of_scales(3.0)
+        said_of_scales(tmp_path / "known", 1.6)
+    (one,) = said_of_scales(tmp_path / "unknown", 1.6, refuse=False)
+    assert one.severity == "warning"
 
 
-def test_a_calibration_of_the_session_itself_is_never_another_ones():
-    data = replace(of_loop(), sha256="cd" * 32)
-    slopes = cast("Slopes", None)
-    made = calibration()
-    made = replace(made, provenance=replace(made.provenance, dataset_sha256="cd" * 32))
-    assert scales_differ(made, data, slopes, cast("Reading", None), np.ones(1, dtype=np.bool_)) == ()
+def test_a_calibration_of_the_session_itself_is_never_another_ones(tmp_path: Path):
+    data = read_dataset(Chamber.plain().write(tmp_path / "one"))
+    made = calibrate_uniform(data).calibration
+    ready = prepare(data, made, DiagnoseOptions(), np.random.default_rng(0))
+    everything = np.ones(len(ready.session), dtype=np.bool_)
+    changed = replace(ready.reading, counts=3 * ready.reading.counts)
+    assert scales_differ(made, data, ready, {}, changed, everything) == ()

@@ -98,9 +98,12 @@ def test_what_is_unknown_is_said_to_depend_on_something():
     found, _ = diagnosed("hysteresis")
     unknown = replace(found, verdict="unknown", effects=())
     assert unknown.depends_on.count("%") == 3 and " and " in unknown.depends_on
-    assert f"what is left goes along with {unknown.depends_on}" in " ".join(verdict_lines(unknown))
+    assert f"it goes along with {unknown.depends_on}; these" in " ".join(verdict_lines(unknown))
     assert f"goes along with {unknown.depends_on}" in " ".join(verdict_sentences(unknown))
-    assert summary(unknown)["where"] == f"{found.where}; it goes along with {unknown.depends_on} of it"
+    assert (
+        summary(unknown)["where"]
+        == f"{found.where}; it goes along with {unknown.depends_on}; these shares overlap"
+    )
     assert summary(found)["where"] == found.where and "goes along" not in " ".join(verdict_lines(found))
     bare = replace(unknown, signatures=())
     assert bare.depends_on == "" and summary(bare)["where"] == found.where
