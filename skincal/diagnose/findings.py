@@ -11,7 +11,7 @@ import numpy as np
 from skincal.calibration import Finding
 from skincal.gap.faults import Stuck
 from skincal.gap.heldout import FEWEST, Gap
-from skincal.gap.noise import ASSUMED, NoiseFloor
+from skincal.gap.noise import ASSUMED, LEFT_BY_FIT, NoiseFloor
 from skincal.gap.robust import Dead, Jump
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
@@ -25,6 +25,8 @@ _MOST_PULLED = 6
 """So many presses, or taxels, of a kind are listed."""
 _CLOCKS = 2.0
 """A delay within so many standard deviations of the clocks may be theirs."""
+_WIDER = 2.0
+"""Noise that is no more than something so many times the least that it can be is hardly known."""
 _LOOK = "Look at its frames; press there again."
 
 
@@ -64,8 +66,15 @@ def of_noise(
             f"nothing shows the noise: that of a hold mean is {left}: {floor.mean_counts:.2f} counts; what is much "
             "smaller than that may stay unseen"
         )
-        fix = "Record frames." if uniform else f"Record frames. {again}"
-        found.append(Finding("noise_not_measured", "warning", text, fix))
+        fix = "Hold longer, and record frames at rest." if frames else "Record frames."
+        found.append(Finding("noise_not_measured", "warning", text, fix if uniform else f"{fix} {again}"))
+    elif floor.mean_from == LEFT_BY_FIT and floor.mean_counts > _WIDER * floor.mean_interval[0] > 0:
+        text = (
+            f"the noise of a hold mean is taken to be {LEFT_BY_FIT}, which the gap is part of: "
+            f"{floor.mean_counts:.2f} counts, though untouched taxels scatter by {floor.mean_interval[0]:.2f}; what is "
+            "much smaller than the first may stay unseen"
+        )
+        found.append(Finding("noise_not_measured", "info", text, f"Record frames. {again}"))
     if not repeated and not uniform:
         what = "no press is an exact repeat of another"
         if repeated is None:
@@ -96,15 +105,15 @@ def within_the_clocks(effects: Sequence[NamedEffect], clock_sigma_s: float | Non
     fix = "Measure how far the clocks are apart; until then leave latency out where the policy is to run."
     if clock_sigma_s is None:
         text = (
-            f"latency of {1e3 * delay:.3g} ms: the data do not say how well the clocks of force and taxels agree "
-            "(dataset.toml, [clock] sigma_s); if they do not, it may be theirs and not the skin's"
+            f"latency, of which {1e3 * delay:.3g} ms are a pure delay: the data do not say how well the clocks of force "
+            "and taxels agree (dataset.toml, [clock] sigma_s); if they do not, it may be theirs and not the skin's"
         )
         return (Finding("clock", "info", text, fix),)
     if delay > _CLOCKS * clock_sigma_s:
         return ()
     text = (
-        f"latency of {1e3 * delay:.3g} ms: the clocks of force and taxels are known to agree within "
-        f"{1e3 * clock_sigma_s:.3g} ms (one standard deviation), so that it may be theirs and not the skin's"
+        f"latency, of which {1e3 * delay:.3g} ms are a pure delay: the clocks of force and taxels are known to agree "
+        f"within {1e3 * clock_sigma_s:.3g} ms (one standard deviation), so that it may be theirs and not the skin's"
     )
     return (Finding("clock", "warning", text, fix),)
 

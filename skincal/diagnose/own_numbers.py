@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from skincal.calibration import Calibration, Finding
@@ -11,7 +9,7 @@ from skincal.dataset import Dataset
 from skincal.diagnose.newcal import parameters_of
 from skincal.diagnose.prepare import Prepared
 from skincal.errors import InputError, Problem
-from skincal.gap.hypothesis import Hypothesis, Parameters
+from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.problem import cost_of_presses
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import at_best
@@ -26,7 +24,7 @@ _FAR_MORE = 5.0
 _CHANGED, _FAR_CHANGED = 0.05, 0.3
 """In a chamber hardly any noise is left, and gains change with the day: scales that differ by less than that, relative,
 are not told. From the second on it is quite another sensor."""
-_NOTHING = 1e-300
+_NOTHING, _CUT = 1e-300, 3.0
 _IN_WORDS = {
     "y_m": ("y", 1e3, "mm"),
     "x_m": ("x", 1e3, "mm"),
@@ -103,27 +101,20 @@ def scales_differ(
     calibration: Calibration,
     dataset: Dataset,
     ready: Prepared,
-    effects: Mapping[str, Parameters],
     reading: Reading,
     rows: BoolArray,
-    dead: Sequence[int] = (),
-    *,
-    refuse: bool = True,
 ) -> tuple[Finding, ...]:
     """The same for uniform pressure, which tells the scale of each taxel and nothing else.
 
-    What a taxel reads at the measured forces, less what effects do, is a line over what the calibration says, if a
-    level at rest is free: its slope is the ratio of the scales.
+    What a taxel reads at the measured forces is a line over what the calibration says, if a level at rest is free: its
+    slope is the ratio of the scales. What was found has no part in it: a wrong scale looks like an effect, too.
 
     Args:
         calibration: that was given.
         dataset: the session.
         ready: the session as it is looked at.
-        effects: what is known and was found.
         reading: what is believed of what was read.
         rows: (N,) what may be looked at.
-        dead: columns of taxels that do not answer; not looked at.
-        refuse: whether what is far off is refused: not where something is missing that nobody knows.
 
     Raises:
         InputError: the calibration's scales are those of quite another sensor.
@@ -131,9 +122,14 @@ def scales_differ(
     if _of_this(calibration, dataset):
         return ()
     bare = ready.start.with_effects({}).values(ready.session)
-    whole = ready.start.with_effects(effects).values(ready.session)
-    weight = np.where(rows[:, None], np.nan_to_num(reading.weight(whole)), 0.0) ** 2
-    weight[:, list(dead)] = 0.0
+    whole = ready.start.values(ready.session)
+    inside = rows[:, None] & reading.seen
+    if reading.readout.value_max is not None:
+        # What a converter cut off at the top says nothing of a scale.
+        inside &= np.nan_to_num(reading.counts) < reading.readout.value_max - _CUT * (
+            reading.sigma_counts + 0.5
+        )
+    weight = np.where(inside, np.nan_to_num(reading.weight(whole)), 0.0) ** 2
     total = np.maximum(weight.sum(axis=0), _NOTHING)
     off = np.where(weight > 0, np.nan_to_num(reading.unlifted - whole), 0.0)
     said, off = (v - (weight * v).sum(axis=0) / total for v in (np.nan_to_num(bare), off))
@@ -150,7 +146,7 @@ def scales_differ(
         f"the calibration was fitted to another session; in this one its taxels' scales are off by {more:.1f} times "
         f"the noise, half of them by more than {100 * change:.0f} %"
     )
-    return _told(calibration, more if refuse and change > _FAR_CHANGED else _MORE, text)
+    return _told(calibration, more if change > _FAR_CHANGED else _MORE, text)
 
 
 def _of_this(calibration: Calibration, dataset: Dataset) -> bool:

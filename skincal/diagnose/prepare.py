@@ -238,7 +238,9 @@ def _bounded(session: GapSession, floor: NoiseFloor, calibration: Calibration) -
         return floor.of_means(floor.mean_counts, (low, high), floor.mean_from)
     if floor.mean_from == REPEATS and high <= left:
         return floor.of_means(high, (low, high), REPEATS)
-    return floor.of_means(left, (min(low, left) if floor.measured else 0.0, left), LEFT_BY_FIT)
+    # Untouched taxels show the least that it can be; repeats and what is assumed do not.
+    shown = floor.measured and floor.mean_from != REPEATS
+    return floor.of_means(left, (min(low, left) if shown else 0.0, left), LEFT_BY_FIT)
 
 
 def _weighted(session: GapSession, floor: NoiseFloor, model: BaseModel) -> GapSession:

@@ -142,16 +142,7 @@ def _diagnosed(
     if ready.options.base:
         other = numbers_differ(calibration, dataset, ready, after if named else before, heard_of, known)
     else:
-        other = scales_differ(
-            calibration,
-            dataset,
-            ready,
-            choice.after.hypothesis.effects,
-            heard_of,
-            known,
-            [one.taxel for one in base.dead],
-            refuse=answer.verdict != "unknown",
-        )
+        other = scales_differ(calibration, dataset, ready, heard_of, known)
     heard("calibration")
     final = calibration
     if named:
@@ -214,9 +205,11 @@ def _diagnosed(
 
 def _repeated(dataset: Dataset) -> bool | None:
     """Whether any press is an exact repeat of another; None where no targets tell."""
-    targets = ("target_force_n", "target_x_m")
-    known = all(dataset.presses.column(name) is not None for name in targets)
-    return bool(len(repeats(dataset)[0])) if known else None
+    names = ("target_force_n", "target_x_m", "target_y_m", "target_z_m")
+    targets = [c for name in names if (c := dataset.presses.column(name)) is not None]
+    if len(targets) < len(names) or not np.isfinite(np.stack(targets)).all(axis=0).any():
+        return None
+    return bool(len(repeats(dataset)[0]))
 
 
 def _beside_images(choice: Choice) -> bool:

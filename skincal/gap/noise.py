@@ -70,7 +70,7 @@ class NoiseFloor:
         rounding_counts: that rounding adds to a frame; zero where values are not whole numbers.
         taxel_counts: of a frame, before rounding and clipping, for each taxel, where some are far noisier than usual;
             ``frame_counts`` is that of the usual ones then. Empty where all are alike.
-        measured: whether anything in the data showed the noise, or bounds it; else it is assumed, or what a fit left.
+        measured: whether anything in the data shows the noise, or bounds it.
     """
 
     frame_counts: float
@@ -406,7 +406,8 @@ def noise_floor(
     mean, *ends = (float(np.hypot(v, added) / np.sqrt(hold_frames)) for v in (frame, *interval))
     mean_interval, mean_from = (ends[0], ends[1]), source
     # Repeats that read the very same show no noise, but copies, or a simulator without any.
-    if LEAST_COUNTS < repeat < mean and "frames" not in source:
+    known = source != ASSUMED
+    if repeat > LEAST_COUNTS and (repeat < mean or not known) and "frames" not in source:
         mean, mean_interval, mean_from = repeat, repeat_interval, REPEATS
     return NoiseFloor(
         frame,

@@ -154,7 +154,10 @@ def test_a_latency_that_the_clocks_may_have_made_is_told(
 ):
     said = within_the_clocks([latency(delay_s)], clock_sigma_s)
     assert [one.severity for one in said] == ([] if severity is None else [severity])
-    assert all(one.code == "clock" and f"{1e3 * delay_s:g} ms" in one.text and one.advice for one in said)
+    assert all(
+        one.code == "clock" and f"{1e3 * delay_s:g} ms are a pure delay" in one.text and one.advice
+        for one in said
+    )
     assert (
         within_the_clocks([], clock_sigma_s) == within_the_clocks([latency(0.008, 1.0)], clock_sigma_s) == ()
     )
@@ -169,8 +172,11 @@ def test_what_the_data_do_not_say_of_the_noise_is_told():
     left, _ = of_noise(nothing.of_means(2.5, (0.0, 2.5), LEFT_BY_FIT), frames=False, repeated=False)
     assert "2.50 counts" in left.text and "what the calibration's fit left" in left.text
     measured = replace(nothing, frame_from="hold frames", mean_from="hold frames", measured=True)
-    bounded = measured.of_means(2.5, (0.4, 2.5), LEFT_BY_FIT)
+    bounded = measured.of_means(0.7, (0.4, 0.7), LEFT_BY_FIT)
     assert of_noise(bounded, frames=False, repeated=True) == ()
+    (wide,) = of_noise(measured.of_means(2.5, (0.4, 2.5), LEFT_BY_FIT), frames=False, repeated=True)
+    assert wide.severity == "info" and "2.50 counts, though untouched taxels scatter by 0.40" in wide.text
+    assert of_noise(measured.of_means(2.5, (0.0, 2.5), LEFT_BY_FIT), frames=False, repeated=True) == ()
     (untold,) = of_noise(measured, frames=True, repeated=None)
     assert "targets were not recorded" in untold.text
     (only,) = of_noise(measured, frames=True, repeated=False)

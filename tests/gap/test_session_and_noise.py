@@ -263,7 +263,15 @@ def test_floor_from_clipped_rest_and_from_nothing():
     assert 0.8 < low < clipped.frame_counts < high < 1.2
     open_ended = Readout(None, None, integer=False)
     nothing = noise_floor(NOTHING, NOTHING, UNKNOWN, np.nan, 1.0, open_ended, np.random.default_rng(0))
-    assert nothing.frame_from == "assumed" and nothing.rounding_counts == 0
+    assert nothing.frame_from == "assumed" and nothing.rounding_counts == 0 and not nothing.measured
+    # Repeats are something, whether they differ by more or less than what would be assumed.
+    for size in (0.5, 2.0):
+        squares, freedom = np.random.default_rng(2).chisquare(4, 40) * size**2, np.full(40, 4.0)
+        some = noise_floor(
+            NOTHING, (squares, freedom), UNKNOWN, np.nan, 1.0, open_ended, np.random.default_rng(0)
+        )
+        assert some.mean_from == "repeats" and some.measured
+        assert some.mean_counts == pytest.approx(size, rel=0.1)
 
 
 def test_whitening_is_that_of_simulated_counts():
