@@ -105,8 +105,8 @@ def within_the_clocks(effects: Sequence[NamedEffect], clock_sigma_s: float | Non
     fix = "Measure how far the clocks are apart; until then leave latency out where the policy is to run."
     if clock_sigma_s is None:
         text = (
-            f"latency, of which {1e3 * delay:.3g} ms are a pure delay: the data do not say how well the clocks of force "
-            "and taxels agree (dataset.toml, [clock] sigma_s); if they do not, it may be theirs and not the skin's"
+            f"latency, of which {1e3 * delay:.3g} ms are a pure delay: the data do not say how well the clocks of "
+            "force and taxels agree (dataset.toml, [clock] sigma_s); if they do not, it may be theirs and not the skin's"
         )
         return (Finding("clock", "info", text, fix),)
     if delay > _CLOCKS * clock_sigma_s:
