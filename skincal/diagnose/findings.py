@@ -106,7 +106,7 @@ def within_the_clocks(effects: Sequence[NamedEffect], clock_sigma_s: float | Non
     if clock_sigma_s is None:
         text = (
             f"latency, of which {1e3 * delay:.3g} ms are a pure delay: the data do not say how well the clocks of "
-            "force and taxels agree (dataset.toml, [clock] sigma_s); if they do not, it may be theirs and not the skin's"
+            "force and taxels agree (dataset.toml, [clock] sigma_s); if they do not, it may be theirs"
         )
         return (Finding("clock", "info", text, fix),)
     if delay > _CLOCKS * clock_sigma_s:
