@@ -1,7 +1,7 @@
 """Naming what is missing: effects are added one by one, each must earn its place on presses it was not fitted to.
 
-In each round every effect that the data can speak of is searched on the training presses and scored on the selection
-presses (:mod:`skincal.gap.candidates`). The best few, and others if those explain little
+In each round the effects that promise most to first order are searched on the training presses and scored on the
+selection presses (:mod:`skincal.gap.candidates`). The best few, and others if those explain little
 (:mod:`skincal.gap.contest`), are fitted in full, together with the sensor, the places and all effects named before, and
 the one that leaves least is named, or a simpler one that leaves about as little; what can be read off goes before all.
 Those that leave nearly as little stay in its set of names. It ends when nothing significant is left, when no effect
