@@ -67,6 +67,17 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
         )
     if not (path.exists() or path.is_symlink()):
         return
+    if marker is not None and path.is_symlink():
+        raise InputError(
+            [
+                Problem(
+                    str(path),
+                    "a folder, or nothing yet",
+                    f"a link to {path.readlink()}",
+                    "Give the folder itself, or another name.",
+                )
+            ]
+        )
     if not force:
         what = "folder" if path.is_dir() else "file"
         raise InputError(

@@ -50,6 +50,20 @@ def test_what_exists_is_refused_before_any_work(tmp_path: Path) -> None:
         pytest.fail("the work was begun")
 
 
+def test_a_link_to_an_earlier_output_is_refused_before_any_work(tmp_path: Path) -> None:
+    """It could not be put in its place at the end."""
+    earlier, link = tmp_path / "earlier", tmp_path / "link"
+    earlier.mkdir()
+    (earlier / "m").touch()
+    link.symlink_to(earlier)
+    with (
+        pytest.raises(InputError, match=r"link.*a link to .*earlier"),
+        whole_folder(link, force=True, marker="m"),
+    ):
+        pytest.fail("the work was begun")
+    assert link.is_symlink() and (earlier / "m").is_file()
+
+
 @pytest.mark.parametrize("named", [True, False])
 def test_an_error_names_the_output_that_was_asked_for(tmp_path: Path, named: bool) -> None:
     path = tmp_path / "out.txt"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date, datetime
@@ -36,6 +37,8 @@ _MODEL: Final = (
 _LOSS: Final = ("mse_counts2", "valley_mse_counts2", "presses_used")
 _OPEN: Final = ("loss", "provenance")
 """Tables in which a fit may leave what it likes; other keys elsewhere are worth a warning."""
+_ROUNDED: Final = 1e-3
+"""Where an interval has no width, values are written with so many digits at least."""
 _PROVENANCE: Final = ("dataset_sha256", "dataset", "version", "command", "seed", "time", "options")
 
 
@@ -70,14 +73,17 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
         name: table_of(top, findings, FILE, name, optional=name in ("mount", "position")) for name in _SHARED
     }
     sensor, surface = sensor_from(shared["sensor"]), surface_from(shared["surface"])
+    model = _model(_own(top, findings, "model", _MODEL), surface.kind, sensor.taxels)
+    intervals = _intervals(_own(top, findings, "intervals", _MODEL[:-1]), surface.kind)
+    _check_best(model, intervals, findings)
     return Meta(
         sensor=sensor,
         surface=surface,
         indenter=indenter_from(shared["indenter"]),
         mount=mount_from(shared["mount"], surface.kind) if top.has("mount") else None,
         position=position_from(shared["position"]) if top.has("position") else None,
-        model=_model(_own(top, findings, "model", _MODEL), surface.kind, sensor.taxels),
-        intervals=_intervals(_own(top, findings, "intervals", _MODEL[:-1]), surface.kind),
+        model=model,
+        intervals=intervals,
         loss=_loss(_own(top, findings, "loss", _LOSS), _others(top, "loss", _LOSS)),
         effects=effects_from(top, findings, FILE, sensor.taxels),
         findings=findings_from(top, findings, FILE),
@@ -152,6 +158,20 @@ def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
         scale_per_n=_positive(table, "scale_per_n", "S [1/N]"),
         scale_per_taxel_per_n=_scales(table, taxels),
     )
+
+
+def _check_best(model: ModelParameters, intervals: Mapping[str, Interval], findings: Findings) -> None:
+    """Warns of values that lie further outside their interval than it is wide: one of the two has been changed."""
+    for name, value in model.best().items():
+        low, high = intervals.get(name, (-math.inf, math.inf))
+        beyond = max(low - value, value - high)
+        if beyond > max(high - low, _ROUNDED * abs(value)):
+            findings.warn(
+                f"{FILE}, [model] {name}",
+                f"a value about its interval, {low:g} to {high:g}",
+                f"{value:g}",
+                "One of them was changed by hand, or is of another fit: fit the session again.",
+            )
 
 
 def _centre(table: TomlTable, key: str) -> float:

@@ -82,7 +82,8 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
 
     cal = None if calibration is None else read_calibration(calibration)
     rng = np.random.default_rng(seed)
-    if source.suffix.lower() in (".toml", ".csv") and source.name not in ("dataset.toml", "presses.csv"):
+    of_dataset = source.is_dir() or source.name in ("dataset.toml", "presses.csv")
+    if source.suffix.lower() in (".toml", ".csv") and not of_dataset:
         return _of_plan(source, cal, hand, rng)
     if hand is not None:
         raise InputError([Problem("--hand", "a plan", f"the dataset {source}", "Leave --hand out.")])

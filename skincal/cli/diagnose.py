@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Generator
@@ -75,8 +76,8 @@ def diagnose(
     from skincal.diagnose.workflow import diagnose as diagnosed
     from skincal.files import refuse_existing, refuse_inputs
 
-    refuse_existing(out, force=force, marker="calibration.toml")
     refuse_inputs(out, dataset, calibration)
+    refuse_existing(out, force=force, marker="calibration.toml")
     data, cal = read_dataset(dataset), read_calibration(calibration)
     said = [str(problem) for problem in (*data.warnings, *cal.warnings)]
     warn((*data.warnings, *cal.warnings))
@@ -114,8 +115,13 @@ def _going_on(cache: bool) -> Generator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        kept = f"Null sessions and fits so far are kept in {default_folder()}; the same command goes on with them."
-        say(f"skincal: interrupted. {kept if cache else 'Nothing is kept, with --no-cache.'}")
+        folder = default_folder()
+        kept = f"Null sessions and fits so far are kept in {folder}; the same command goes on with them."
+        if not cache:
+            kept = "Nothing is kept, with --no-cache."
+        elif not (folder.is_dir() and os.access(folder, os.W_OK)):
+            kept = f"Nothing is kept: {folder} (SKINCAL_CACHE) is no folder to write to, or was not made yet."
+        say(f"skincal: interrupted. {kept}")
         raise SystemExit(130) from None
 
 

@@ -126,8 +126,8 @@ def fit(
     from skincal.files import refuse_existing, refuse_inputs
 
     options = _options(active_counts, min_active, bound, level, draws, per_taxel)
-    refuse_existing(out, force=force, marker="calibration.toml")
     refuse_inputs(out, dataset, *([] if effects is None else [effects]))
+    refuse_existing(out, force=force, marker="calibration.toml")
     data = read_dataset(dataset)
     warn(data.warnings)
     if uniform_pressure(data):

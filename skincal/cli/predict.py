@@ -56,8 +56,8 @@ def predict(
     from skincal.files import refuse_existing, refuse_inputs
     from skincal.predict import predict_dataset
 
-    refuse_existing(out, force=force, marker="dataset.toml")
     refuse_inputs(out, dataset, cal)
+    refuse_existing(out, force=force, marker="dataset.toml")
     calibration, data = read_calibration(cal), read_dataset(dataset)
     warn((*calibration.warnings, *data.warnings))
     with stage_bars() as told:

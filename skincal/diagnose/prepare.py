@@ -8,12 +8,12 @@ import numpy as np
 
 from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
-from skincal.dataset import Dataset, idle_means
+from skincal.dataset import Dataset, Frames, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import borne, uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, hold_slopes, thinned
 from skincal.diagnose.options import DiagnoseOptions
-from skincal.diagnose.session import gap_session, hold_groups, pose_names, rest_means
+from skincal.diagnose.session import gap_session, hold_groups, pose_names, press_rows, rest_means
 from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fit.observe import Readout, expected_counts
@@ -118,6 +118,7 @@ def prepare(
     whole = gap_session(dataset)
     presses = len(np.unique(whole.press[whole.press >= 0]))
     if presses < FEWEST_PRESSES:
+        _check_phases(dataset, presses)
         raise refusal(
             dataset,
             f"expected {FEWEST_PRESSES} presses with a known place and a force at least, because some are fitted, "
@@ -174,25 +175,59 @@ def prepare(
     )
 
 
+def _check_phases(dataset: Dataset, presses: int) -> None:
+    """Refuses frames of which too few are said to be in contact, where the table has the presses.
+
+    Raises:
+        WorkError: it has.
+    """
+    table = dataset.presses
+    placed = int((np.isfinite(table.position_m).all(axis=1) & (table.force_n > 0)).sum())
+    if dataset.frames is None or placed < FEWEST_PRESSES:
+        return
+    raise refusal(
+        dataset,
+        f"frames, columns press and phase: expected load, hold and unload frames of {FEWEST_PRESSES} presses at least; "
+        f"got such frames of {presses} of {len(table)}. Correct them, or leave the frames out",
+    )
+
+
 def _check_answers(dataset: Dataset, floor: NoiseFloor) -> None:
     """Refuses presses that all left the same image: there is nothing that a model could be compared with.
 
     Raises:
-        WorkError: fewer than a few presses differ from the usual image.
+        WorkError: fewer than a few presses differ from the usual image, in their table or in the frames.
     """
-    counts = dataset.presses.counts[:, np.isfinite(dataset.presses.counts).any(axis=0)]
-    off = np.abs(counts - np.nanmedian(counts, axis=0)) if counts.size else counts
     # A noise that is only assumed refuses nobody, nor do counts that are no whole numbers and may be in any unit.
     noise = 0.0 if floor.mean_from == ASSUMED else _SAME_SIGMA * floor.mean_counts
     least = max(_SAME_COUNTS if dataset.meta.sensor.integer else 0.0, noise)
-    differ = int((off > least).any(axis=1).sum())
-    if differ < _FEWEST_IMAGES:
-        which = f"all {len(counts)} presses" if not differ else f"all but {differ} of {len(counts)} presses"
-        raise refusal(
-            dataset,
-            f"expected images that differ from press to press; got the same one, but for noise, in {which}. Does the "
-            "sensor answer at all? Look at it with `skincal dataset show`; press other places with other forces",
-        )
+    images = {"": dataset.presses.counts}
+    if dataset.frames is not None:
+        images["the frames of "] = _means_of_frames(dataset, dataset.frames)
+    for of, read in images.items():
+        counts = read[:, np.isfinite(read).any(axis=0)]
+        off = np.abs(counts - np.nanmedian(counts, axis=0)) if counts.size else counts
+        differ = int((off > least).any(axis=1).sum())
+        if differ < _FEWEST_IMAGES:
+            which = f"{of}all {len(counts)} presses"
+            which = which if not differ else f"{of}all but {differ} of {len(counts)} presses"
+            raise refusal(
+                dataset,
+                f"expected images that differ from press to press; got the same one, but for noise, in {which}. Does "
+                "the sensor answer at all? Look at it with `skincal dataset show`; press other places with other "
+                "forces",
+            )
+
+
+def _means_of_frames(dataset: Dataset, frames: Frames) -> FloatArray:
+    """Mean counts (P, J) of the frames in contact of each press; NaN where there are none."""
+    rows = press_rows(dataset)
+    read = np.where((rows >= 0)[:, None], frames.counts, np.nan)
+    total, number = np.zeros((2, len(dataset.presses), read.shape[1]))
+    known = np.isfinite(read)
+    np.add.at(total, np.maximum(rows, 0), np.where(known, read, 0.0))
+    np.add.at(number, np.maximum(rows, 0), known)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
 
 
 def _force_noise(dataset: Dataset) -> float:

@@ -49,6 +49,17 @@ def problems(path):
     return caught.value.problems
 
 
+def test_a_value_far_outside_its_interval_is_told(tmp_path):
+    calibration = make_calibration()
+    low, high = calibration.intervals["scale_per_n"]
+    for n, (value, told) in enumerate([(high + 0.5 * (high - low), 0), (3 * high, 1), (low / 3, 1)]):
+        changed = replace(calibration, model=replace(calibration.model, scale_per_n=value))
+        write_calibration(changed, tmp_path / f"cal{n}")
+        warnings = read_calibration(tmp_path / f"cal{n}").warnings
+        assert [w.place.endswith("calibration.toml, [model] scale_per_n") for w in warnings] == [True] * told
+        assert all("fit the session again" in str(w) for w in warnings)
+
+
 @pytest.mark.parametrize("make", [make_calibration, on_a_plane])
 def test_what_is_written_is_read_exactly(tmp_path, make):
     calibration = make(

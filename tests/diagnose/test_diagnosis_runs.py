@@ -21,7 +21,7 @@ from diagnose.diagnose_data import moving, still
 from report.diagnosis_cases import LOOP, calibration, diagnosed, session
 
 from skincal.calibration import Effect
-from skincal.dataset import HOLD, Dataset
+from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.diagnose.answer import judged
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis
@@ -163,6 +163,23 @@ def test_no_places_and_too_few_presses_are_refused():
     few = replace(still(), presses=still().presses.select(np.arange(11)))
     with pytest.raises(WorkError, match=r"expected 12 presses .* got 11"):
         ready(few)
+
+
+@pytest.mark.parametrize("counts", [np.nan, 0.0, 9.0])
+def test_frames_that_all_read_the_same_are_refused_though_the_table_has_images(counts: float):
+    data = moving()
+    assert data.frames is not None
+    same = replace(data, frames=replace(data.frames, counts=np.full_like(data.frames.counts, counts)))
+    with pytest.raises(WorkError, match="the same one, but for noise, in the frames of all 16 presses"):
+        ready(same)
+
+
+def test_frames_that_are_all_at_rest_are_told_as_what_they_are():
+    data = moving()
+    assert data.frames is not None
+    idle = replace(data, frames=replace(data.frames, phase=np.full_like(data.frames.phase, IDLE)))
+    with pytest.raises(WorkError, match=r"columns press and phase.*of 12 presses.*of 0 of 16"):
+        ready(idle)
 
 
 def test_a_calibration_of_another_sensor_is_refused():
