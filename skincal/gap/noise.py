@@ -205,14 +205,18 @@ def noisy_taxels(counts: FloatArray, group: IntArray, readout: Readout) -> Float
     usual = np.full(counts.shape[1], np.nan)
     if not squares:
         return usual
-    found, error = usual.copy(), np.full_like(usual, np.inf)
+    found, apart, error = usual.copy(), usual.copy(), np.full_like(usual, np.inf)
     for taxel, (of, free) in enumerate(zip(np.array(squares).T, np.array(freedom).T, strict=True)):
-        if free.sum() >= _KNOWN:
-            found[taxel] = _robust_deviation(of[free > 0], free[free > 0])
-            error[taxel] = found[taxel] / np.sqrt(2 * free.sum())
+        of, free = of[free > 0], free[free > 0]
+        if free.sum() >= _KNOWN and len(free) > 1:
+            found[taxel] = _robust_deviation(of, free)
+            # A long hold may weigh more than all others together, and be a glitch: they must say it, too.
+            others = np.arange(len(free)) != np.argmax(of / free)
+            apart[taxel] = _robust_deviation(of[others], free[others])
+            error[taxel] = apart[taxel] / np.sqrt(2 * free[others].sum())
     # Of a quiet taxel rounding makes anything up to half a count, as its level lies.
     least = max(_NOISY * _middle(found), 2 * rounding(readout))
-    noisy = (found > least) & (found - _middle(found) > _SURE * error)
+    noisy = (apart > least) & (apart - _middle(found) > _SURE * error)
     # In steps, so that many taxels share a noise.
     steps = np.round(np.log(np.where(noisy, found, 1.0)) / _NOISE_STEP) * _NOISE_STEP
     alone = [_without(float(value), rounding(readout)) for value in np.exp(steps)]

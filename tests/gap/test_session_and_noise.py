@@ -156,6 +156,21 @@ def test_noisy_taxels_are_told_from_usual_ones():
     assert np.isnan(noisy_taxels(*held(1.0), READOUT)).all()
 
 
+def test_one_long_hold_that_went_wrong_makes_no_taxel_noisy():
+    """It may have most of the frames in which a taxel of the border is lit at all."""
+    rng = np.random.default_rng(4)
+    sizes = np.array([150, *[25] * 30])
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    counts = np.round(50.0 + rng.normal(size=(sizes.sum(), 6)))
+    counts[(group > 4), 1] = 0.0
+    assert np.isnan(noisy_taxels(counts, group, READOUT)).all()
+    counts[100:150, 1] += 60.0
+    assert np.isnan(noisy_taxels(counts, group, READOUT)).all()
+    # One whose other holds scatter as well is noisy.
+    counts[(group > 0) & (group <= 4), 1] = np.round(50.0 + 5.0 * rng.normal(size=100))
+    assert np.flatnonzero(np.isfinite(noisy_taxels(counts, group, READOUT))).tolist() == [1]
+
+
 def test_a_floor_with_noisy_taxels_keeps_the_usual_noise():
     counts, group = held(1.0)
     floor = noise_floor(
