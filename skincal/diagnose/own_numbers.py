@@ -60,7 +60,7 @@ def numbers_differ(
     Raises:
         InputError: the calibration's numbers are those of quite another sensor.
     """
-    if _of_this(calibration, dataset) or not ready.options.base:
+    if _of_this(calibration, dataset):
         return ()
     # What was named is not the calibration's to say.
     start = ready.start.with_effects(found.effects)

@@ -48,13 +48,10 @@ def views_of(found: Diagnosis, left: Left) -> tuple[Trace, ...]:
         found: a diagnosis.
         left: what the base model leaves.
     """
-    if found.effects:
-        # An effect that has no view of its own is shown by those that explain most.
-        own = dict.fromkeys(OF_EFFECT[e.name] for e in found.effects if e.name in OF_EFFECT)
+    # An effect that has no view of its own is shown by those that explain most.
+    if own := dict.fromkeys(OF_EFFECT[e.name] for e in found.effects if e.name in OF_EFFECT):
         views = [VIEWS[name] for name in own]
-        shown = tuple(v for v in views if v.kind == "moves" or len(_edges(v, left)) > 2)[:MOST]
-        if own:
-            return shown
+        return tuple(v for v in views if v.kind == "moves" or len(_edges(v, left)) > 2)[:MOST]
     falls = {v.name: explained(v, left) for v in VIEWS.values() if v.kind != "moves"}
     chosen: list[Trace] = []
     for name in sorted(falls, key=lambda n: -falls[n]):
