@@ -6,6 +6,7 @@ disk, an error or an interrupt leaves the destination as it was.
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import shutil
@@ -60,11 +61,7 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
         got = "no such folder" if file is None else f"{file}, which is a file"
         fix = f"mkdir -p {shlex.quote(str(path.parent))}" if file is None else "Choose another name."
         raise InputError([Problem(str(path), "an output inside an existing folder", got, fix)])
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        fix = "Choose another place, or make the folder writable."
-        raise InputError(
-            [Problem(str(path), "an output inside a folder that may be written to", "one that may not", fix)]
-        )
+    _refuse_unwritable(path)
     if not (path.exists() or path.is_symlink()):
         return
     if marker is not None and path.is_symlink():
@@ -107,6 +104,25 @@ def refuse_existing(path: Path, *, force: bool, marker: str | None = None) -> No
         )
 
 
+def _refuse_unwritable(path: Path) -> None:
+    """Tries what :func:`whole_folder` will do: no permission tells of names that are too long, or of /proc."""
+    try:
+        _beside(path, ".part").rmdir()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        if error.errno == errno.ENAMETOOLONG:
+            fix = "Choose a shorter name."
+        else:
+            fix = "Choose another place, or make the folder writable."
+        expected = "an output that can be written, its temporary folder beside it"
+        raise InputError([Problem(str(path), expected, reason.lower(), fix)]) from None
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """A new temporary folder beside an output."""
+    return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=suffix, dir=path.parent))
+
+
 @contextmanager
 def whole_folder(path: str | Path, *, force: bool = False, marker: str) -> Generator[Path]:
     """A folder to write into that becomes ``path`` when the block ends without an error.
@@ -125,7 +141,7 @@ def whole_folder(path: str | Path, *, force: bool = False, marker: str) -> Gener
     """
     path = Path(path)
     refuse_existing(path, force=force, marker=marker)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+    temporary = _beside(path, ".part")
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
@@ -154,7 +170,7 @@ def whole_file(path: str | Path, *, force: bool = False) -> Generator[Path]:
     """
     path = Path(path)
     refuse_existing(path, force=force)
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+    folder = _beside(path, ".part")
     try:
         yield folder / path.name
         (folder / path.name).replace(path)
@@ -170,7 +186,7 @@ def _swap(temporary: Path, path: Path) -> None:
     if not path.exists():
         temporary.replace(path)
         return
-    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.parent))
+    old = _beside(path, ".old")
     try:
         path.replace(old)
         try:
@@ -190,8 +206,6 @@ def _name(error: OSError, temporary: Path, path: Path) -> None:
 
 def _umask() -> int:
     """The process's file mode mask; mkdtemp ignores it, an output should not."""
-    import os
-
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -131,9 +132,25 @@ def test_a_place_without_a_name_is_refused_even_by_force(
         refuse_existing(Path(place), force=True, marker="calibration.toml")
 
 
-def test_a_place_that_may_not_be_written_to_is_refused_before_any_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda place, _: Path(place) != tmp_path)
-    with pytest.raises(InputError, match=r"out: expected .* may be written to; got one that may not"):
-        refuse_existing(tmp_path / "out", force=False)
+def test_a_place_that_cannot_be_written_to_is_refused_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = os.mkdir
+
+    def no_room(place: str, *rest: int) -> None:
+        if Path(place).parent == tmp_path:
+            raise PermissionError(errno.EACCES, "Permission denied", place)
+        made(place, *rest)
+
     (tmp_path / "inner").mkdir()
+    monkeypatch.setattr(os, "mkdir", no_room)
+    with pytest.raises(InputError, match=r"out: expected .* can be written.*; got permission denied"):
+        refuse_existing(tmp_path / "out", force=False)
     refuse_existing(tmp_path / "inner" / "out", force=False)
+    assert not list((tmp_path / "inner").iterdir())
+
+
+@pytest.mark.parametrize("length", [245, 300])
+def test_a_name_that_is_too_long_is_refused_before_any_work(tmp_path: Path, length: int) -> None:
+    with pytest.raises(InputError, match=r"file name too long.* shorter name"):
+        refuse_existing(tmp_path / ("a" * length), force=True, marker="calibration.toml")

@@ -62,6 +62,10 @@ def _end_with_first() -> None:
         os._exit(1)
 
 
+_REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What may interrupt the first process, if it has handlers for it."""
+
+
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
     """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
     resource_tracker.ensure_running()  # if it began with the first worker, it would undo the block
@@ -81,13 +85,15 @@ def _interrupt_afterwards() -> Generator[None]:
         yield
         return
     came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    handled = [number for number in _REQUESTS if callable(signal.getsignal(number))]
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in handled}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     if came:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(came[0])
 
 
 def _end(pool: ProcessPoolExecutor) -> None:

@@ -239,15 +239,9 @@ def _progress(total: int, hand: HandDescription) -> Generator[Any]:
 
 @contextmanager
 def _resumable(out: Path) -> Generator[None]:
-    """Whatever ends a session, it says what is kept and how to go on; SIGTERM ends it as Ctrl-C does."""
-    import signal
-
+    """Whatever ends a session, it says what is kept and how to go on."""
     from skincal.errors import WorkError
 
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     except KeyboardInterrupt:
@@ -256,8 +250,6 @@ def _resumable(out: Path) -> Generator[None]:
     except WorkError:
         say(f"skincal: the session ended early. {_kept(out)}")
         raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _kept(out: Path) -> str:

@@ -14,7 +14,7 @@ import typer
 from skincal import __version__
 from skincal.cli import verbs
 from skincal.cli.common import example
-from skincal.cli.interrupt import after_imports
+from skincal.cli.interrupt import interruptible
 from skincal.errors import SkincalError
 
 app = typer.Typer(
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
     try:
-        with after_imports():
+        with interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
         if status == 130:  # what typer makes of Ctrl-C; a verb that has said more about it raises SystemExit
             typer.echo("skincal: interrupted", err=True)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from skincal.cli.interrupt import after_imports
+from skincal.cli.interrupt import REQUESTS, interruptible
 
-HANDLERS = (signal.SIGINT, signal.SIGALRM)
+HANDLERS = (signal.SIGINT, signal.SIGALRM, *REQUESTS)
 
 
 def _module(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,7 +24,7 @@ def _module(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_interrupt_waits_until_a_module_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = [signal.getsignal(number) for number in HANDLERS]
     _module(tmp_path, "interrupted_import", monkeypatch)
-    with pytest.raises(KeyboardInterrupt), after_imports():
+    with pytest.raises(KeyboardInterrupt), interruptible():
         importlib.import_module("interrupted_import")
         time.sleep(5)
     assert sys.modules["interrupted_import"].loaded
@@ -34,10 +34,28 @@ def test_an_interrupt_waits_until_a_module_is_loaded(tmp_path: Path, monkeypatch
 def test_an_interrupt_that_somebody_else_handles_is_left_to_them() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with after_imports():
+        with interruptible():
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("number", REQUESTS)
+def test_who_asks_to_end_interrupts(number: signal.Signals) -> None:
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        signal.raise_signal(number)
+        time.sleep(5)
+    assert signal.getsignal(number) is signal.SIG_DFL
+
+
+def test_a_terminal_that_may_go_away_may() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruptible():
+            signal.raise_signal(signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_an_interrupted_verb_says_so_and_exits_with_130(
