@@ -39,6 +39,9 @@ _OPEN: Final = ("loss", "provenance")
 """Tables in which a fit may leave what it likes; other keys elsewhere are worth a warning."""
 _ROUNDED: Final = 1e-3
 """Where an interval has no width, values are written with so many digits at least."""
+ELASTICITY_PA_PER_M: Final = (1.0, 1e15)
+SCALE_PER_N: Final = (1e-9, 1e12)
+"""No skin is softer or stiffer, no counts are smaller or larger: beyond, squares of them are no numbers any more."""
 _PROVENANCE: Final = ("dataset_sha256", "dataset", "version", "command", "seed", "time", "options")
 
 
@@ -154,8 +157,8 @@ def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
         beta_deg=None if plane or not surface else table.number("beta_deg", "an angle in degrees"),
         x_m=_centre(table, "x_m") if plane else None,
         alpha_deg=table.number("alpha_deg", "an angle in degrees"),
-        elasticity_pa_per_m=_positive(table, "elasticity_pa_per_m", "E [Pa/m]"),
-        scale_per_n=_positive(table, "scale_per_n", "S [1/N]"),
+        elasticity_pa_per_m=_within(table, "elasticity_pa_per_m", "E [Pa/m]", ELASTICITY_PA_PER_M),
+        scale_per_n=_within(table, "scale_per_n", "S [1/N]", SCALE_PER_N),
         scale_per_taxel_per_n=_scales(table, taxels),
     )
 
@@ -179,8 +182,9 @@ def _centre(table: TomlTable, key: str) -> float:
     return table.length_m(key, expected, low=0.0, high=1.0, positive=False)
 
 
-def _positive(table: TomlTable, key: str, what: str) -> float:
-    return table.number(key, f"{what}, a number above 0", low=5e-324)
+def _within(table: TomlTable, key: str, what: str, bounds: Interval) -> float:
+    low, high = bounds
+    return table.number(key, f"{what}, {low:g} to {high:g}", low=low, high=high)
 
 
 def _scales(table: TomlTable, taxels: int) -> tuple[float, ...] | None:

@@ -18,6 +18,9 @@ EPILOG = example("skincal audit data/paper-like", "skincal audit run-plan.toml -
 
 PICTURE = "audit.png"
 
+MOST_NUMBERS = 8
+"""Presses that are named one by one."""
+
 
 def audit(
     source: Annotated[
@@ -120,6 +123,7 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
         "frames": report.has_frames,
         "planned": report.planned,
         "calibrated": report.calibrated,
+        "left_out": report.left_out,
         "visible": report.visible,
         "cannot_see": report.cannot_see,
         "effects": report.rows,
@@ -141,6 +145,10 @@ def _told(report: AuditReport) -> str:
         f"{report.presses} {what}, {report.observations} images ({of}) of {report.taxels} taxels",
         _noise(report.floor),
     ]
+    if report.left_out:
+        lines.append(
+            f"left out, as their force is out of all proportion: presses {_numbers(report.left_out)}"
+        )
     if not report.calibrated:
         lines.append("pose, E and S are guessed; --calibration CAL gives those of a fit")
     lines += ["", f"{'visible':<17}{'smallest strength':>18}   looks the same as"]
@@ -159,6 +167,11 @@ def _told(report: AuditReport) -> str:
         "alarms over all effects, for a base model that fits to the noise; a contact law that does not asks for more.",
     ]
     return "\n".join(lines)
+
+
+def _numbers(presses: tuple[int, ...]) -> str:
+    more = f" and {len(presses) - MOST_NUMBERS} more" if len(presses) > MOST_NUMBERS else ""
+    return ", ".join(map(str, presses[:MOST_NUMBERS])) + more
 
 
 def _strength(value: float) -> str:

@@ -113,6 +113,9 @@ def _write_any_text() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+MOST_LINES = 12
+"""Lines of an error that are shown; a file with one mistake in every line says it no oftener."""
+
 _NO_ROOM = {
     errno.ENOSPC: " Free some space and run again; nothing was left half-written.",
     errno.EDQUOT: " Free some space and run again; nothing was left half-written.",
@@ -122,7 +125,11 @@ _NO_ROOM = {
 
 def _report(error: SkincalError | OSError) -> int:
     if isinstance(error, SkincalError):
-        typer.echo(f"skincal: error: {error}", err=True)
+        lines = str(error).splitlines()
+        if len(lines) > MOST_LINES:
+            more = f"… and {len(lines) - MOST_LINES + 1} more; --debug shows all of them"
+            lines[MOST_LINES - 1 :] = [more]
+        typer.echo("skincal: error: " + "\n".join(lines), err=True)
         return error.exit_status
     if isinstance(error, BrokenPipeError):
         # The reader (head, less) went away; nothing more can be written, not even at interpreter exit.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,8 +14,9 @@ import numpy as np
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.protocols import FullProtocol
 from skincal.collect.sites import Mount
-from skincal.dataset.findings import Findings
-from skincal.dataset.toml_table import TomlTable
+from skincal.dataset.columns import TAXEL
+from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.toml_table import KEPT, TomlTable
 from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 from skincal.units import rad
@@ -61,7 +62,7 @@ def read_plan(path: Path, mount: Mount) -> Plan:
         findings.error(path.name, "at least one press", "none")
     _check_poses(findings, path.name, poses, presses)
     # A plan moves a hand: a key that is not understood is no detail.
-    findings.errors.extend(findings.warnings)
+    findings.errors.extend(replace(one, fix=one.fix.replace(KEPT, "Remove it.")) for one in findings.warnings)
     findings.raise_errors()
     return Plan(name, tuple(presses), {key: tuple(map(float, angles)) for key, angles in poses.items()})
 
@@ -153,19 +154,37 @@ def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
     with path.open(newline="", encoding="utf-8") as file:
         lines = list(csv.reader(file, strict=True))
     header = lines[0] if lines else []
-    doubled = {name for name in header if header.count(name) > 1}
-    for name in sorted(doubled):
-        findings.error(
-            f"{path.name}, column {name}", "each column once", f"{header.count(name)} of that name"
-        )
+    _check_header(path.name, header, findings)
+    # What is wrong with a column is said once, not once a line.
+    findings.raise_errors()
     rows: Rows = []
     for i, cells in enumerate(lines[1:], start=2):
         if len(cells) != len(header):
             findings.error(f"{path.name}, line {i}", f"{len(header)} cells", f"{len(cells)}")
-        elif not doubled:
+        else:
             given = {k: _cell(k, cell) for k, cell in zip(header, cells, strict=True) if cell != ""}
             rows.append((f"line {i}", given))
     return path.stem, {}, rows
+
+
+def _check_header(file: str, header: Sequence[str], findings: Findings) -> None:
+    """Every column is known and there once, and force and site are there, in one of the ways to say where it is."""
+    if any(TAXEL.fullmatch(name) for name in header):
+        got = "presses that were made, with what the taxels read"
+        findings.error(file, "a plan of presses", got, "Give the folder of the dataset.")
+        return
+    for name in dict.fromkeys(header):
+        place, count = f"{file}, column {name or '(without a name)'}", header.count(name)
+        if count > 1:
+            findings.error(place, "each column once", f"{count} of that name")
+        elif name not in (*COLUMNS, *OTHER_SITES):
+            close = did_you_mean(name, [known for known in COLUMNS if known not in header])
+            fix = f'Did you mean "{close}"?' if close else "Remove it."
+            findings.error(place, f"columns of a plan: {', '.join(COLUMNS)}", "another one", fix)
+    here = set(header) & set(OTHER_SITES)
+    wanted = ("force_n",) if here else ("force_n", *SITE)
+    if missing := [name for name in wanted if name not in header]:
+        findings.error(f"{file}, first line", f"the columns {', '.join(wanted)}", f"no {', '.join(missing)}")
 
 
 def _cell(name: str, cell: str) -> Any:

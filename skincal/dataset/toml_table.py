@@ -12,6 +12,8 @@ from skincal.dataset.spec import Pair
 MILLIMETRES = "It looks like millimetres; the file is in metres: divide by 1000."
 TWICE = "It looks as if millimetres had been turned into metres twice; multiply by 1000."
 
+KEPT = "It is kept and not used."
+
 NOT_SET = object()
 
 
@@ -206,9 +208,7 @@ class TomlTable:
         if close:
             self.error(key, "a known key", "an unknown one", f'Did you mean "{close}"?')
             return
-        self._findings.warn(
-            self.place(key), f"one of {', '.join(known)}", "an unknown key", "It is kept and not used."
-        )
+        self._findings.warn(self.place(key), f"one of {', '.join(known)}", "an unknown key", KEPT)
 
 
 def _is_text_of_number(text: str) -> bool:

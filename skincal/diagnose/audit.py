@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from skincal.diagnose.base import (
     hold_slopes,
     thinned,
 )
+from skincal.diagnose.phases import check_phases
 from skincal.diagnose.plan import plan_session
 from skincal.diagnose.session import gap_session
 from skincal.errors import InputError
@@ -31,6 +32,9 @@ from skincal.gap.noise import NoiseFloor, assumed_floor
 from skincal.gap.reasons import facts_of, why_not
 from skincal.gap.session import GapSession
 from skincal.robot import HandDescription
+
+STRONG, OUT_OF_PROPORTION = 0.9, 10.0
+"""A force of a press is no measurement if it is so many times the one that so large a share of presses stays below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +52,7 @@ class AuditReport:
         calibrated: whether pose, E and S are a calibration's; else they are guessed.
         planned: whether there are no data yet, and the noise is assumed.
         options: false alarm, power, and what positions and forces are worth.
+        left_out: numbers of presses whose force is out of all proportion.
     """
 
     effects: Mapping[str, EffectAudit]
@@ -60,6 +65,7 @@ class AuditReport:
     calibrated: bool
     planned: bool
     options: AuditOptions
+    left_out: tuple[int, ...] = ()
 
     @property
     def visible(self) -> tuple[str, ...]:
@@ -98,12 +104,14 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
 
     Raises:
         InputError: the calibration is of another sensor.
-        WorkError: no press has a place and a force.
+        WorkError: no press has a place and a force, or no frame is said to be in contact.
     """
     if calibration is not None:
         check_same_sensor(calibration, dataset)
+    dataset, left_out = _in_proportion(dataset)
     session = gap_session(dataset)
     if not (session.press >= 0).any():
+        check_phases(dataset, 0, 1)
         raise refusal(
             dataset,
             "no press has a known place and a force: there is nothing to audit. Give x_m, y_m, z_m and force_n",
@@ -114,7 +122,27 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
     slopes = hold_slopes(session, base, len(dataset.presses))
     floor = floor_of(dataset, slopes, rng, session.taxels)
     options = _options(dataset.meta.position.sigma_m, calibration)
-    return _report(model, session, base, floor, options, rng, calibration, planned=False)
+    found = _report(model, session, base, floor, options, rng, calibration, planned=False)
+    return replace(found, left_out=left_out)
+
+
+def _in_proportion(dataset: Dataset) -> tuple[Dataset, tuple[int, ...]]:
+    """The dataset without the forces of presses that are far above those of all others, and the numbers of these.
+
+    One press of a ton would show any effect of the force, and would be all that the guessed scale is made of.
+    """
+    presses, frames = dataset.presses, dataset.frames
+    known = presses.force_n[np.isfinite(presses.force_n)]
+    if not known.size:
+        return dataset, ()
+    far = presses.force_n > OUT_OF_PROPORTION * np.quantile(known, STRONG)
+    if not far.any():
+        return dataset, ()
+    rest = replace(presses, force_n=np.where(far, np.nan, presses.force_n))
+    if frames is not None:
+        of_far = np.isin(frames.press, presses.press[far])
+        frames = replace(frames, force_n=np.where(of_far, np.nan, frames.force_n))
+    return replace(dataset, presses=rest, frames=frames), tuple(presses.press[far].tolist())
 
 
 def audit_plan(

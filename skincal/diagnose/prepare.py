@@ -13,6 +13,7 @@ from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import borne, uniform_pressure
 from skincal.diagnose.base import calibrated_model, floor_of, hold_slopes, thinned
 from skincal.diagnose.options import DiagnoseOptions
+from skincal.diagnose.phases import check_phases
 from skincal.diagnose.session import gap_session, hold_groups, pose_names, press_rows, rest_means
 from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem
@@ -118,7 +119,7 @@ def prepare(
     whole = gap_session(dataset)
     presses = len(np.unique(whole.press[whole.press >= 0]))
     if presses < FEWEST_PRESSES:
-        _check_phases(dataset, presses)
+        check_phases(dataset, presses, FEWEST_PRESSES)
         raise refusal(
             dataset,
             f"expected {FEWEST_PRESSES} presses with a known place and a force at least, because some are fitted, "
@@ -172,23 +173,6 @@ def prepare(
         Reading.of(full, sigma, model.readout),
         _force_noise(dataset),
         rest,
-    )
-
-
-def _check_phases(dataset: Dataset, presses: int) -> None:
-    """Refuses frames of which too few are said to be in contact, where the table has the presses.
-
-    Raises:
-        WorkError: it has.
-    """
-    table = dataset.presses
-    placed = int((np.isfinite(table.position_m).all(axis=1) & (table.force_n > 0)).sum())
-    if dataset.frames is None or placed < FEWEST_PRESSES:
-        return
-    raise refusal(
-        dataset,
-        f"frames, columns press and phase: expected load, hold and unload frames of {FEWEST_PRESSES} presses at least; "
-        f"got such frames of {presses} of {len(table)}. Correct them, or leave the frames out",
     )
 
 

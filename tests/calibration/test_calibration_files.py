@@ -20,6 +20,7 @@ from skincal.calibration import (
     read_calibration,
     write_calibration,
 )
+from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
 from skincal.dataset import IndenterSpec, SurfaceSpec, TaxelPositions
 from skincal.effects import EFFECTS
 from skincal.errors import InputError
@@ -86,7 +87,7 @@ BOUNDS = st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)).map(s
 @given(
     y_m=st.floats(-1, 1),
     alpha_deg=NUMBERS,
-    elasticity=st.floats(1e-300, 1e300),
+    elasticity=st.floats(*ELASTICITY_PA_PER_M),
     bounds=BOUNDS,
     text=st.text(st.characters(codec="utf-8")),
     name=st.sampled_from(sorted(EFFECT_NAMES)),
@@ -200,6 +201,16 @@ def edited(tmp_path, *changes):
         text = text.replace(old, new, 1)
     path.write_text(text)
     return tmp_path / "cal"
+
+
+@pytest.mark.parametrize(
+    ("figure", "extreme"),
+    [("elasticity_pa_per_m = 510000000.0", "1e-300"), ("scale_per_n = 68.0", "1e300")],
+)
+def test_what_no_skin_has_is_refused(tmp_path, figure, extreme):
+    key = figure.split(" =")[0]
+    folder = edited(tmp_path, (figure, f"{key} = {extreme}"))
+    assert [problem.place for problem in problems(folder)] == [f"{folder}/calibration.toml, [model] {key}"]
 
 
 def test_every_fault_is_named_at_once(tmp_path):

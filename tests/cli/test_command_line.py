@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -121,3 +122,14 @@ def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str
         for _ in bars.track(range(3), description="work"):
             pass
     assert capsys.readouterr() == ("", "")
+
+
+def test_of_many_mistakes_some_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = tmp_path / "plan.csv"
+    plan.write_text("u_m,v_m,force_n\n" + "0,0,hard\n" * 40)
+    with pytest.raises(SystemExit) as left:
+        main(["audit", str(plan)])
+    assert left.value.code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 12 and "[line 2] force_n" in lines[0]
+    assert lines[-1] == "… and 29 more; --debug shows all of them"

@@ -94,6 +94,10 @@ force_n = nan
         ("plan.csv", "u_m,v_m,force_n,force_n\n0,0,1,1\n", "each column once"),
         ("plan.csv", "u_m,v_m,force_n\n0,0,two\n", '"two"'),
         ("plan.csv", "u_m,v_m,force_n\n", "at least one press"),
+        ("plan.csv", "", "the columns force_n, u_m, v_m; got no force_n, u_m, v_m"),
+        ("plan.csv", "u_m,v_m,force\n0,0,1\n", 'Did you mean "force_n"'),
+        ("plan.csv", "u_m,v_m,force_n,weather\n0,0,1,2\n", "got another one. Remove it"),
+        ("plan.csv", "x_m,y_m,force_n,taxel_0_0\n0,0,1,2\n", "Give the folder of the dataset"),
         ("plan.csv", "u_m,v_m,force_n\n0,0,1500\n", "up to 100; got 1500"),
     ],
 )

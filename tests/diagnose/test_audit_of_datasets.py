@@ -10,7 +10,7 @@ from calibrations import make_calibration
 from diagnose.diagnose_data import moving, still
 
 from skincal.collect import Mount, full_plan, paper_plan
-from skincal.dataset import SurfaceSpec
+from skincal.dataset import IDLE, Dataset, SurfaceSpec
 from skincal.diagnose.audit import AuditReport, audit_dataset, audit_plan
 from skincal.diagnose.plan import plan_session
 from skincal.effects import EFFECTS
@@ -84,6 +84,32 @@ def test_nothing_to_audit():
     nowhere = replace(data.presses, position_m=np.full_like(data.presses.position_m, np.nan))
     with pytest.raises(WorkError, match="nothing to audit"):
         audit_dataset(replace(data, presses=nowhere), None, rng())
+
+
+@pytest.mark.parametrize("data", [moving(), still()], ids=["frames", "holds"])
+def test_a_force_out_of_all_proportion_is_left_out(data: Dataset, framed: AuditReport, static: AuditReport):
+    presses, frames = data.presses, data.frames
+    force = presses.force_n.copy()
+    force[3] = 2500.0
+    if frames is not None:
+        frames = replace(frames, force_n=np.where(frames.press == presses.press[3], 2500.0, frames.force_n))
+    report = audit_dataset(replace(data, presses=replace(presses, force_n=force), frames=frames), None, rng())
+    usual = static if frames is None else framed
+    assert report.left_out == (int(presses.press[3]),) and usual.left_out == ()
+    assert report.presses == usual.presses - 1
+    smallest = [[one.smallest_strength for one in r.effects.values()] for r in (report, usual)]
+    seen = np.isfinite(smallest).all(axis=0) & (np.array(smallest) < 1).all(axis=0)
+    np.testing.assert_allclose(*np.array(smallest)[:, seen], rtol=0.3)
+
+
+def test_frames_that_are_all_at_rest_are_what_is_wrong():
+    data = moving()
+    assert data.frames is not None
+    phase = np.full_like(data.frames.phase, IDLE)
+    press = np.full_like(data.frames.press, -1)
+    frames = replace(data.frames, phase=phase, press=press)
+    with pytest.raises(WorkError, match=r"columns press and phase.* got such frames of 0 of 16"):
+        audit_dataset(replace(data, frames=frames), None, rng())
 
 
 def test_plans_have_the_frames_that_collect_would_take():
