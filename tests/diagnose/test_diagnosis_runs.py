@@ -25,15 +25,13 @@ from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.diagnose.answer import judged
 from skincal.diagnose.cache import Cache
 from skincal.diagnose.diagnosis import Diagnosis
+from skincal.diagnose.held_back import without_silent_ones
+from skincal.diagnose.listed import pulled
+from skincal.diagnose.named import where_without
 from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.prepare import FINAL, SELECTION, TRAIN, Prepared, force_variance, prepare
 from skincal.diagnose.summary import summary
-from skincal.diagnose.workflow import (  # pyright: ignore[reportPrivateUsage]
-    _of_silent,
-    _pulled,
-    _where_without,
-    diagnose,
-)
+from skincal.diagnose.workflow import diagnose
 from skincal.errors import InputError, WorkError
 from skincal.gap.choice import Choice, Named
 from skincal.gap.choice_options import ChoiceOptions
@@ -319,7 +317,7 @@ def test_each_of_several_effects_is_told_by_what_is_left_without_it():
     found, data = diagnosed("hysteresis")
     choice, base = found.choice, SimpleNamespace(material=found.material, model=found.choice.before)
     (loop,) = choice.named
-    whole = _where_without(loop, choice, cast("Any", base), data)
+    whole = where_without(loop, choice, cast("Any", base), data)
     assert whole == found.effects[0].where == found.where
     # Beside another one that adds eight counts to one taxel, and nothing to the others.
     level = {"offset_counts": np.where(np.arange(16) == 9, 8.0, 0.0)}
@@ -327,11 +325,11 @@ def test_each_of_several_effects_is_told_by_what_is_left_without_it():
     both = after.with_effects({**after.effects, "taxel_offset": level})
     pair = replace(choice, named=(loop, replace(loop, name="taxel_offset")))
     pair = replace(pair, after=replace(choice.after, refit=replace(choice.after.refit, hypothesis=both)))
-    texts = [_where_without(one, pair, cast("Any", base), data) for one in pair.named]
+    texts = [where_without(one, pair, cast("Any", base), data) for one in pair.named]
     # Without the level the loop is all that is left to see; without the loop the level is there, and wrong.
     assert "on taxel (2, 1)" in texts[0] and "(2, 1)" not in texts[1]
     by_places = replace(loop, name="contact_offset", by_places=True)
-    assert "turn out to be" in _where_without(by_places, pair, cast("Any", base), data)
+    assert "turn out to be" in where_without(by_places, pair, cast("Any", base), data)
 
 
 def test_the_summary_is_that_of_the_contract():
@@ -422,7 +420,7 @@ def test_the_end_shows_a_silent_taxel_only_where_others_have_shown_it_before():
         silent = Silent(Dead(9, late, 0.0, 0.0), (late, late), rows, 0 * values, values, values.sum(), 1.0)
         base = cast(Any, SimpleNamespace(silent=(silent,)))
         choice = cast(Any, SimpleNamespace(after=SimpleNamespace(names=("dead_taxel",) if named else ())))
-        reading = _of_silent(ready, base, choice, ready.reading, ready.session)
+        reading = without_silent_ones(ready, base, choice, ready.reading, ready.session)
         assert reading.seen[times(ready.session) < late].all()
         return bool(reading.seen[times(ready.session) >= late, 9].all())
 
@@ -439,6 +437,6 @@ def test_presses_that_need_quite_another_force_are_told():
     places[[2, 5, 7], 2] = np.log([1.2, 0.85, 1.4])
     places[3, 2] = 3 * ready.options.force_sigma
     after = ready.start.with_places(places)
-    assert _pulled(after, ready, np.array([7])) == pytest.approx({2: 0.2, 5: -0.15})
+    assert pulled(after, ready, np.array([7])) == pytest.approx({2: 0.2, 5: -0.15})
     in_a_chamber = replace(ready, options=replace(ready.options, base=False))
-    assert _pulled(after, in_a_chamber, np.array([7])) == {}
+    assert pulled(after, in_a_chamber, np.array([7])) == {}
