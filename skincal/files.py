@@ -17,6 +17,12 @@ from pathlib import Path
 
 from skincal.errors import InputError, Problem
 
+_NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
+    (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT),
+    "Choose another place, or make the folder writable.",
+)
+"""What to do where nothing of such a name can be written; ENOENT is what /proc says."""
+
 
 def refuse_inputs(path: Path, *read: Path) -> None:
     """Checks that an output does not take the place of what is read, which ``--force`` would delete.
@@ -109,13 +115,13 @@ def _refuse_unwritable(path: Path) -> None:
     try:
         _beside(path, ".part").rmdir()
     except OSError as error:
-        reason = error.strerror or str(error)
-        if error.errno == errno.ENAMETOOLONG:
-            fix = "Choose a shorter name."
-        else:
-            fix = "Choose another place, or make the folder writable."
+        fix = _NOT_THERE.get(error.errno or 0)
+        if fix is None:  # a full disk, say: no fault of the name
+            error.filename = str(path)
+            raise
+        reason = (error.strerror or str(error)).lower()
         expected = "an output that can be written, its temporary folder beside it"
-        raise InputError([Problem(str(path), expected, reason.lower(), fix)]) from None
+        raise InputError([Problem(str(path), expected, reason, fix)]) from None
 
 
 def _beside(path: Path, suffix: str) -> Path:

@@ -150,6 +150,16 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_any_work(
     assert not list((tmp_path / "inner").iterdir())
 
 
+def test_a_full_disk_is_no_fault_of_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "a temporary name")
+
+    monkeypatch.setattr(os, "mkdir", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        refuse_existing(tmp_path / "out", force=False)
+    assert caught.value.filename == str(tmp_path / "out")
+
+
 @pytest.mark.parametrize("length", [245, 300])
 def test_a_name_that_is_too_long_is_refused_before_any_work(tmp_path: Path, length: int) -> None:
     with pytest.raises(InputError, match=r"file name too long.* shorter name"):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
+from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
 from skincal.dataset import Dataset, active_taxels, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, uniform_pressure
@@ -150,8 +151,13 @@ def search_box(
         for name, r in given.items()
         if r is not None and not (np.isfinite(r).all() and r[0] < r[1])
     ]
-    if elasticity_pa_per_m is not None and elasticity_pa_per_m[0] <= 0:
-        wrong.append(Problem("range of E", "positive values [Pa/m]", f"{elasticity_pa_per_m[0]:g}"))
+    low, high = ELASTICITY_PA_PER_M
+    if (
+        elasticity_pa_per_m is not None
+        and not low <= min(elasticity_pa_per_m) <= max(elasticity_pa_per_m) <= high
+    ):
+        got = " and ".join(f"{end:g}" for end in elasticity_pa_per_m)
+        wrong.append(Problem("range of E", f"positive values, {low:g} to {high:g} Pa/m", got))
     if not uniform_pressure(dataset):
         own = [
             ("y", y_m, mount.y_range_m),

@@ -68,7 +68,7 @@ _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
     """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
-    resource_tracker.ensure_running()  # if it began with the first worker, it would undo the block
+    _begin_tracker()
     with _interrupt_afterwards():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -76,6 +76,18 @@ def _start(pool: ProcessPoolExecutor, count: int) -> None:
                 pool.submit(os.getpid)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin_tracker() -> None:
+    """If the tracker began with the first worker, it would undo the block; a terminal that goes away leaves it be."""
+    if threading.current_thread() is not threading.main_thread():
+        resource_tracker.ensure_running()
+        return
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @contextmanager

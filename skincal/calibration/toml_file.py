@@ -192,8 +192,13 @@ def _scales(table: TomlTable, taxels: int) -> tuple[float, ...] | None:
     if not table.has(key):
         return None
     values = number_list(table.raw(key))
-    if values is None or (taxels and len(values) != taxels) or min(values, default=-1.0) < 0.0:
-        table.error(key, f"S_j [1/N], {taxels} numbers, 0 or more", shown(table.raw(key)))
+    if (
+        values is None
+        or (taxels and len(values) != taxels)
+        or not all(0.0 <= value <= SCALE_PER_N[1] for value in values)
+    ):
+        expected = f"S_j [1/N], {taxels} numbers, 0 to {SCALE_PER_N[1]:g}"
+        table.error(key, expected, shown(table.raw(key)))
         return None
     return values
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Generator, Iterable, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,8 +60,9 @@ def plain(value: Any) -> Any:
 
 
 def say(message: str) -> None:
-    """Prints a message on standard error."""
-    typer.echo(message, err=True)
+    """Prints a message on standard error, if anybody can read it: a terminal may be gone."""
+    with suppress(OSError):
+        typer.echo(message, err=True)
 
 
 def warn(problems: Iterable[Problem]) -> None:

@@ -44,7 +44,9 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
         found_out = {"errors": _problems(found.errors), "warnings": _problems(found.warnings), "notes": notes}
         print_json({"dataset": dataset, "ok": not found.errors, **found_out})
     if found.errors:
-        raise InputError(found.errors)
+        # All of them, however many: that is what was asked for.
+        say(f"skincal: error: {InputError(found.errors)}")
+        raise typer.Exit(InputError.exit_status)
     if not as_json and found.dataset is not None:
         frames = found.dataset.frames
         count = "no frames" if frames is None else f"{len(frames)} frames"

@@ -13,7 +13,7 @@ import typer
 
 from skincal import __version__
 from skincal.cli import verbs
-from skincal.cli.common import example
+from skincal.cli.common import example, say
 from skincal.cli.interrupt import interruptible
 from skincal.errors import SkincalError
 
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
         if status == 130:  # what typer makes of Ctrl-C; a verb that has said more about it raises SystemExit
-            typer.echo("skincal: interrupted", err=True)
+            say("skincal: interrupted")
     except typer.Abort:
         status = 130
     except USAGE_ERROR as error:
@@ -80,27 +80,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except UnicodeEncodeError as error:  # names of files are all that may hold bytes that are no text
         if debug:
             raise
-        typer.echo(
+        say(
             f"skincal: error: {error.object}: expected names of files and folders in UTF-8; got other bytes. "
-            "Rename it.",
-            err=True,
+            "Rename it."
         )
         status = 2
     except KeyboardInterrupt:
         if debug:
             raise
-        typer.echo("skincal: interrupted", err=True)
+        say("skincal: interrupted")
         status = 130
     except MemoryError:
-        typer.echo("skincal: error: out of memory; use a coarser grid or fewer presses", err=True)
+        say("skincal: error: out of memory; use a coarser grid or fewer presses")
         status = 1
     except Exception as error:
         if debug:
             raise
-        typer.echo(
+        say(
             f"skincal: internal error: {type(error).__name__}: {error}\n"
-            "This is a fault of skincal, not of yours. Run again with --debug to see where, and report it.",
-            err=True,
+            "This is a fault of skincal, not of yours. Run again with --debug to see where, and report it."
         )
         status = 1
     sys.exit(status if isinstance(status, int) else 0)
@@ -114,7 +112,7 @@ def _write_any_text() -> None:
 
 
 MOST_LINES = 12
-"""Lines of an error that are shown; a file with one mistake in every line says it no oftener."""
+"""Lines of an error that are shown, for a file with a mistake in every line; a verb that checks shows all."""
 
 _NO_ROOM = {
     errno.ENOSPC: " Free some space and run again; nothing was left half-written.",
@@ -129,7 +127,7 @@ def _report(error: SkincalError | OSError) -> int:
         if len(lines) > MOST_LINES:
             more = f"… and {len(lines) - MOST_LINES + 1} more; --debug shows all of them"
             lines[MOST_LINES - 1 :] = [more]
-        typer.echo("skincal: error: " + "\n".join(lines), err=True)
+        say("skincal: error: " + "\n".join(lines))
         return error.exit_status
     if isinstance(error, BrokenPipeError):
         # The reader (head, less) went away; nothing more can be written, not even at interpreter exit.
@@ -138,7 +136,7 @@ def _report(error: SkincalError | OSError) -> int:
     place = error.filename or "a file"
     reason = error.strerror or str(error)
     hint = "" if error.errno is None else _NO_ROOM.get(error.errno, "")
-    typer.echo(f"skincal: error: {place}: {reason}.{hint}", err=True)
+    say(f"skincal: error: {place}: {reason}.{hint}")
     return 1
 
 

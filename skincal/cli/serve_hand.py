@@ -11,6 +11,7 @@ import typer
 
 from skincal.cli.common import JsonOption, example, print_json, say
 from skincal.cli.hand import DriverOptionsOption, find_modules_here
+from skincal.cli.interrupt import REQUESTS
 
 if TYPE_CHECKING:
     from skincal.hand.serve import HandServer
@@ -85,10 +86,11 @@ def serve_hand(
 
 
 def _end_on_signals(server: HandServer) -> None:
-    """Ctrl-C and a request to terminate end the loop, which stops the hand."""
+    """Ctrl-C and other requests to end, if they are not ignored, end the loop, which stops the hand."""
 
     def end(number: int, frame: FrameType | None) -> None:
         server.end()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    for number in (signal.SIGINT, *REQUESTS):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, end)

@@ -151,9 +151,14 @@ def _poses(top: TomlTable) -> Poses:
 
 
 def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         lines = list(csv.reader(file, strict=True))
-    header = lines[0] if lines else []
+    header = [name.strip() for name in lines[0]] if lines else []
+    while (
+        header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])
+    ):
+        # Spreadsheets end every line with a comma where a column was cleared.
+        header, lines = header[:-1], [cells[:-1] for cells in lines]
     _check_header(path.name, header, findings)
     # What is wrong with a column is said once, not once a line.
     findings.raise_errors()
@@ -171,16 +176,22 @@ def _check_header(file: str, header: Sequence[str], findings: Findings) -> None:
     """Every column is known and there once, and force and site are there, in one of the ways to say where it is."""
     if any(TAXEL.fullmatch(name) for name in header):
         got = "presses that were made, with what the taxels read"
-        findings.error(file, "a plan of presses", got, "Give the folder of the dataset.")
+        fix = "A plan lists presses to make; what a dataset can show, `skincal audit` says of its folder."
+        findings.error(file, "a plan of presses", got, fix)
+        return
+    if len(header) == 1 and ";" in header[0]:
+        findings.error(file, "cells separated by commas", "semicolons", "Separate them by commas.")
         return
     for name in dict.fromkeys(header):
         place, count = f"{file}, column {name or '(without a name)'}", header.count(name)
         if count > 1:
             findings.error(place, "each column once", f"{count} of that name")
         elif name not in (*COLUMNS, *OTHER_SITES):
-            close = did_you_mean(name, [known for known in COLUMNS if known not in header])
+            close = did_you_mean(name, [known for known in (*COLUMNS, *OTHER_SITES) if known not in header])
             fix = f'Did you mean "{close}"?' if close else "Remove it."
-            findings.error(place, f"columns of a plan: {', '.join(COLUMNS)}", "another one", fix)
+            findings.error(
+                place, f"columns of a plan: {', '.join((*COLUMNS, *OTHER_SITES))}", "another one", fix
+            )
     here = set(header) & set(OTHER_SITES)
     wanted = ("force_n",) if here else ("force_n", *SITE)
     if missing := [name for name in wanted if name not in header]:

@@ -33,8 +33,8 @@ from skincal.gap.reasons import facts_of, why_not
 from skincal.gap.session import GapSession
 from skincal.robot import HandDescription
 
-STRONG, OUT_OF_PROPORTION = 0.9, 10.0
-"""A force of a press is no measurement if it is so many times the one that so large a share of presses stays below."""
+STRONG, OUT_OF_PROPORTION, FEWEST = 0.9, 10.0, 5
+"""A force is no measurement if it is so many times the one that so large a share of so many presses stays below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
     dataset, left_out = _in_proportion(dataset)
     session = gap_session(dataset)
     if not (session.press >= 0).any():
-        check_phases(dataset, 0, 1)
+        check_phases(dataset, 1)
         raise refusal(
             dataset,
             "no press has a known place and a force: there is nothing to audit. Give x_m, y_m, z_m and force_n",
@@ -127,20 +127,19 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
 
 
 def _in_proportion(dataset: Dataset) -> tuple[Dataset, tuple[int, ...]]:
-    """The dataset without the forces of presses that are far above those of all others, and the numbers of these.
+    """The dataset without forces that are far above those of all others, and the numbers of presses that are such.
 
     One press of a ton would show any effect of the force, and would be all that the guessed scale is made of.
     """
     presses, frames = dataset.presses, dataset.frames
-    known = presses.force_n[np.isfinite(presses.force_n)]
-    if not known.size:
+    known = presses.force_n[np.isfinite(presses.force_n) & (presses.force_n > 0)]
+    if len(known) < FEWEST:
         return dataset, ()
-    far = presses.force_n > OUT_OF_PROPORTION * np.quantile(known, STRONG)
-    if not far.any():
-        return dataset, ()
+    most_n = OUT_OF_PROPORTION * np.quantile(known, STRONG, method="lower")
+    far = presses.force_n > most_n
     rest = replace(presses, force_n=np.where(far, np.nan, presses.force_n))
     if frames is not None:
-        of_far = np.isin(frames.press, presses.press[far])
+        of_far = np.isin(frames.press, presses.press[far]) | (frames.force_n > most_n)
         frames = replace(frames, force_n=np.where(of_far, np.nan, frames.force_n))
     return replace(dataset, presses=rest, frames=frames), tuple(presses.press[far].tolist())
 

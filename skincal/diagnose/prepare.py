@@ -119,7 +119,7 @@ def prepare(
     whole = gap_session(dataset)
     presses = len(np.unique(whole.press[whole.press >= 0]))
     if presses < FEWEST_PRESSES:
-        check_phases(dataset, presses, FEWEST_PRESSES)
+        check_phases(dataset, FEWEST_PRESSES)
         raise refusal(
             dataset,
             f"expected {FEWEST_PRESSES} presses with a known place and a force at least, because some are fitted, "

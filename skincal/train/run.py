@@ -21,7 +21,7 @@ from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.train.checkpoint import Progress, load_checkpoint, save_checkpoint
 from skincal.train.curve import Curve
 from skincal.train.describe import describe
-from skincal.train.environments import Make, in_full, parallel, segment_seed
+from skincal.train.environments import Make, end, in_full, parallel, segment_seed
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description
@@ -165,8 +165,10 @@ def _learner(work: Work, make: Make, *, processes: bool) -> Generator[Learner]:
     environments = parallel(make, work.settings.environments, processes=processes)
     try:
         yield _backend(work.backend)(environments, work.settings, work.seed)
-    finally:
-        environments.close()
+    except BaseException:
+        end(environments)
+        raise
+    environments.close()
 
 
 def _backend(name: BackendName) -> type[Learner]:

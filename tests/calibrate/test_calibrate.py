@@ -163,6 +163,8 @@ def test_ranges_come_from_the_mount_unless_given(session: Dataset) -> None:
     assert search_box(session, y_m=(0.02, 0.021)).y_m == (0.02, 0.021)
     with pytest.raises(InputError, match="range of y") as error:
         search_box(session, y_m=(0.03, 0.02), elasticity_pa_per_m=(-1.0, 2.0))
+    with pytest.raises(InputError, match=r"range of E: expected .* Pa/m; got 2e\+08 and 1e\+20"):
+        search_box(session, elasticity_pa_per_m=(2e8, 1e20))
     assert len(error.value.problems) == 2
 
 

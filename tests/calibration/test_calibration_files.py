@@ -205,11 +205,15 @@ def edited(tmp_path, *changes):
 
 @pytest.mark.parametrize(
     ("figure", "extreme"),
-    [("elasticity_pa_per_m = 510000000.0", "1e-300"), ("scale_per_n = 68.0", "1e300")],
+    [
+        ("elasticity_pa_per_m = 510000000.0", "1e-300"),
+        ("scale_per_n = 68.0", "1e300"),
+        ("scale_per_n = 68.0", "68.0\nscale_per_taxel_per_n = [" + "1e300, " * 16 + "]"),
+    ],
 )
 def test_what_no_skin_has_is_refused(tmp_path, figure, extreme):
-    key = figure.split(" =")[0]
-    folder = edited(tmp_path, (figure, f"{key} = {extreme}"))
+    folder = edited(tmp_path, (figure, f"{figure.split(' =')[0]} = {extreme}"))
+    key = "scale_per_taxel_per_n" if "taxel" in extreme else figure.split(" =")[0]
     assert [problem.place for problem in problems(folder)] == [f"{folder}/calibration.toml, [model] {key}"]
 
 

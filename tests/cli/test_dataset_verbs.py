@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from skincal.cli.main import main
@@ -51,6 +52,17 @@ def test_check_of_bad_data(run: Run, folder: Path) -> None:
     assert out == ""
     assert f"{folder}/presses.csv, column force_n, row 3 (line 4): expected a number; got nan" in err
     assert "Traceback" not in err
+
+
+def test_check_names_everything_however_much(run: Run, folder: Path) -> None:
+    presses = pd.read_csv(folder / "presses.csv").astype(object)
+    for column in presses.columns:
+        if column.startswith("taxel_"):
+            presses.loc[0, column] = "much"
+    presses.to_csv(folder / "presses.csv", index=False)
+    status, _, err = run("dataset", "check", folder)
+    assert status == 2 and "--debug" not in err
+    assert sum("got 'much'" in line for line in err.splitlines()) == 16
 
 
 def test_check_as_json(run: Run, folder: Path) -> None:

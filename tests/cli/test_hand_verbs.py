@@ -129,7 +129,7 @@ def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
     assert "--driver remote --driver-option keys=" in out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, number: int) -> None:
     main_keys = tmp_path / "keys"
     subprocess.run(

@@ -97,7 +97,9 @@ force_n = nan
         ("plan.csv", "", "the columns force_n, u_m, v_m; got no force_n, u_m, v_m"),
         ("plan.csv", "u_m,v_m,force\n0,0,1\n", 'Did you mean "force_n"'),
         ("plan.csv", "u_m,v_m,force_n,weather\n0,0,1,2\n", "got another one. Remove it"),
-        ("plan.csv", "x_m,y_m,force_n,taxel_0_0\n0,0,1,2\n", "Give the folder of the dataset"),
+        ("plan.csv", "beta,y_m,force_n\n0,0,1\n", 'Did you mean "beta_deg"'),
+        ("plan.csv", "u_m;v_m;force_n\n0;0;1\n", "Separate them by commas"),
+        ("plan.csv", "x_m,y_m,force_n,taxel_0_0\n0,0,1,2\n", "A plan lists presses to make"),
         ("plan.csv", "u_m,v_m,force_n\n0,0,1500\n", "up to 100; got 1500"),
     ],
 )
@@ -106,6 +108,15 @@ def test_a_bad_file_is_named(tmp_path: Path, name: str, content: str, message: s
     with pytest.raises(InputError) as caught:
         read_plan(tmp_path / name, MOUNT)
     assert message in str(caught.value) and name in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content", ["\ufeffu_m,v_m,force_n\n0,0,1\n", "u_m, v_m,force_n\n0,0,1\n", "u_m,v_m,force_n,\n0,0,1,\n"]
+)
+def test_what_spreadsheets_write_is_read(tmp_path: Path, content: str):
+    (tmp_path / "plan.csv").write_text(content, encoding="utf-8")
+    (press,) = read_plan(tmp_path / "plan.csv", MOUNT).presses
+    assert (press.u_m, press.v_m, press.force_n) == (0.0, 0.0, 1.0)
 
 
 def test_no_file_is_an_error(tmp_path: Path):

@@ -112,6 +112,33 @@ def test_frames_that_are_all_at_rest_are_what_is_wrong():
         audit_dataset(replace(data, frames=frames), None, rng())
 
 
+def test_frames_without_places_are_what_is_wrong():
+    data = moving()
+    assert data.frames is not None
+    frames = replace(data.frames, position_m=np.full_like(data.frames.position_m, np.nan))
+    with pytest.raises(WorkError, match=r"columns x_m, y_m, z_m and force_n: .* got such frames of 0 of 16"):
+        audit_dataset(replace(data, frames=frames), None, rng())
+
+
+def test_forces_of_single_frames_are_left_out_too(framed: AuditReport):
+    data = moving()
+    assert data.frames is not None
+    force = data.frames.force_n.copy()
+    force[np.flatnonzero(data.frames.phase == HOLD)[::40]] = 2500.0
+    report = audit_dataset(replace(data, frames=replace(data.frames, force_n=force)), None, rng())
+    assert report.left_out == () and report.presses == framed.presses
+    assert report.visible == framed.visible
+
+
+@pytest.mark.parametrize(("presses", "found"), [(4, False), (5, True), (10, True)])
+def test_of_a_few_presses_none_is_out_of_proportion(presses: int, found: bool):
+    data = still()
+    force = np.concatenate([[2500.0], np.full(len(data.presses) - 1, 2.0)])
+    force[presses:] = np.nan
+    report = audit_dataset(replace(data, presses=replace(data.presses, force_n=force)), None, rng())
+    assert report.left_out == ((int(data.presses.press[0]),) if found else ())
+
+
 def test_plans_have_the_frames_that_collect_would_take():
     plan = paper_plan(rng(), MOUNT.layout)
     session = plan_session(plan, HAND)

@@ -1,0 +1,37 @@
+"""Parallel environments that are ended in the middle of their work."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+import gymnasium
+import numpy as np
+import pytest
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+from skincal.train.environments import end, parallel
+
+
+def make() -> gymnasium.Env:
+    return gymnasium.make("Pendulum-v1")
+
+
+@pytest.mark.parametrize("answered", [0, 1])
+def test_environments_end_though_an_answer_was_taken(answered: int):
+    environments = parallel(make, 2, processes=True)
+    assert isinstance(environments, SubprocVecEnv)
+    environments.reset()
+    environments.step_async(np.zeros((2, 1), dtype=np.float32))
+    for remote in environments.remotes[:answered]:
+        remote.recv()  # as far as an interrupted step came
+    processes = list(environments.processes)
+    end(environments)
+    assert not any(process.is_alive() for process in processes)
+    assert not set(processes) & set(multiprocessing.active_children())
+    environments.close()  # is closed already
+
+
+def test_environments_in_this_process_are_closed():
+    environments = parallel(make, 2)
+    assert isinstance(environments, DummyVecEnv)
+    end(environments)
