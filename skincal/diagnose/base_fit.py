@@ -31,7 +31,7 @@ from skincal.gap.robust import (
     without_jumps,
     without_presses,
 )
-from skincal.gap.silent import Silent, presses_of, silent_taxels, without_silent
+from skincal.gap.silent import MOST_SILENT, Silent, presses_of, silent_taxels, without_silent
 from skincal.gap.twin import twins_for
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -83,13 +83,20 @@ def fit_base(ready: Prepared, *, leave_out: bool = True, late: Sequence[Silent] 
         # They have drawn sensor and places after them: from the beginning, without them.
         first = _first_look(ready, reading, beside)
     gone = dead_taxels(first.slopes.values, reading, session)
-    silent = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
-    silent += [one for one in late if one.dead.taxel not in {s.dead.taxel for s in silent}]
-    suspected = np.intersect1d(wild, presses_of(silent))
-    if silent:
-        wild = np.setdiff1d(wild, suspected)
+    new = silent_taxels(first.hypothesis, session, whole, ready.options, wild, gone)
+    new += [one for one in late if one.dead.taxel not in {s.dead.taxel for s in new}]
+    silent: list[Silent] = []
+    doubted = wild
+    while new and len(silent) + len(new) <= reading.trust.shape[1] // MOST_SILENT:
+        silent += new
+        wild = np.setdiff1d(doubted, presses_of(silent))
         reading = without_presses(whole, session.press, wild)
         first = _first_look(ready, without_silent(reading, silent, session), beside)
+        # One that fell silent beside another shows once that one draws no press elsewhere any more.
+        believed = without_silent(whole, silent, session)
+        dumb = [*gone, *(one.dead for one in silent)]
+        new = silent_taxels(first.hypothesis, session, believed, ready.options, wild, dumb)
+    suspected = np.intersect1d(doubted, presses_of(silent))
     reading = reading.with_further(alone + force_variance(first.hypothesis, session, ready.force_noise_n))
     values, quiet = first.slopes.values, without_silent(reading, silent, session)
     if not rests_rarely(session):

@@ -108,11 +108,21 @@ def _doubted(base: Base) -> IntArray:
 
 
 def _silent(base: Base, after: Model) -> list[Silent]:
-    """Taxels that fall silent under a model, among all that was read."""
-    m = base.material
-    heard = with_silent_values(m.reading, base.silent, m.session)
-    whole = with_presses(heard, m.session.press, base.glitches)
-    return silent_taxels(after.hypothesis, m.session, whole, m.options, _doubted(base), base.dead)
+    """Taxels that fall silent under a model, among all that was read.
+
+    Each is listened to by itself: others that are silent would draw presses elsewhere.
+    """
+    m, known = base.material, {one.dead.taxel for one in base.silent}
+    whole = with_presses(
+        with_silent_values(m.reading, base.silent, m.session), m.session.press, base.glitches
+    )
+    found: dict[int, Silent] = {}
+    for taxel in known or {None}:
+        others = [one for one in base.silent if one.dead.taxel != taxel]
+        reading = without_silent(whole, others, m.session)
+        seen = silent_taxels(after.hypothesis, m.session, reading, m.options, _doubted(base), base.dead)
+        found |= {s.dead.taxel: s for s in seen if s.dead.taxel == taxel or s.dead.taxel not in known}
+    return [found[taxel] for taxel in sorted(found)]
 
 
 def _with(base: Base, presses: IntArray) -> Reading:

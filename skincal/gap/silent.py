@@ -56,7 +56,7 @@ _IN_THE_DARK = 3
 """So many presses at least that show nothing at all have not missed the sensor, and so many times those that have."""
 _MIDDLE = 2 * np.log(2.0)
 """The median of the squared distance of places that scatter by one in both directions."""
-_MOST = 3
+MOST_SILENT = 3
 """No more taxels than one in so many fall silent; where they do, it is something else."""
 
 
@@ -126,7 +126,7 @@ def silent_taxels(
         seen = [one for one in ways if one is not None]
         found_silent += [max(seen, key=lambda one: (len(one.presses), one.fall))] if seen else []
     best = _best_of_each_press(found_silent)
-    return best if len(best) <= values.shape[1] // _MOST else []
+    return best if len(best) <= values.shape[1] // MOST_SILENT else []
 
 
 def _best_of_each_press(silent: Sequence[Silent]) -> list[Silent]:

@@ -408,6 +408,20 @@ def test_a_taxel_that_dies_before_the_last_presses_is_named(kind: str, fitted_la
     )
 
 
+@pytest.mark.parametrize(("taxels", "begin"), [((5, 6), 12), ((5, 10), 16)])
+def test_taxels_that_die_together_are_all_named(taxels: tuple[int, int], begin: int, fitted_law: None):
+    data = session({})
+
+    def die(counts: np.ndarray, presses: np.ndarray, time_s: np.ndarray) -> None:
+        late = time_s >= time_s[presses == data.presses.press[begin]].min()
+        counts[np.ix_(late, taxels)] = 0.0
+
+    found = diagnose(spoilt(data, die), calibration(), OPTIONS, 1)
+    assert found.verdict == "effects" and [e.name for e in found.effects] == ["dead_taxel"]
+    assert np.flatnonzero(found.effects[0].parameters["answer"] < 0.5).tolist() == list(taxels)
+    assert sum(f.code == "dead_taxel" for f in found.findings) == 2
+
+
 def test_the_end_shows_a_silent_taxel_only_where_others_have_shown_it_before():
     ready = prepare(session({}), calibration(), OPTIONS, np.random.default_rng(0))
     end = np.flatnonzero(ready.split.part == FINAL)

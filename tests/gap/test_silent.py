@@ -390,6 +390,26 @@ def test_a_press_that_was_left_out_is_heard_again_for_its_silent_taxel():
     assert again.material.reading.seen[rows_of(int(found.presses[0]))].any()
 
 
+def test_each_of_several_silent_taxels_is_heard_again_by_itself(monkeypatch: pytest.MonkeyPatch):
+    """With two believed that are silent, presses lie elsewhere, and neither may be seen any more."""
+    _, found = silence()
+    other = (found.dead.taxel + 1) % values().shape[1]
+    both = (found, replace(found, dead=replace(found.dead, taxel=other)))
+    late = times(one().session) >= found.between_s[1]
+    told: list[tuple[bool, bool]] = []
+
+    def look(here: Hypothesis, session: object, reading: Reading, *rest: object) -> list[Silent]:
+        believed = [bool(reading.seen[late, s.dead.taxel].any()) for s in both]
+        told.append((believed[0], believed[1]))
+        return [s for s, heard in zip(both, believed, strict=True) if heard]
+
+    monkeypatch.setattr("skincal.diagnose.second_look.silent_taxels", look)
+    base, model = base_of(without_silent(one().reading, both, one().session), silent=both)
+    again = heard_again(base, model)
+    assert sorted(told) == [(False, True), (True, False)]
+    assert {s.dead.taxel for s in again.silent} == {s.dead.taxel for s in both}
+
+
 def test_without_doubt_nothing_is_heard_again():
     base, model = base_of(one().reading)
     assert heard_again(base, model) is base
