@@ -87,7 +87,7 @@ def fit_base(ready: Prepared, *, leave_out: bool = True, late: Sequence[Silent] 
     new += [one for one in late if one.dead.taxel not in {s.dead.taxel for s in new}]
     silent: list[Silent] = []
     doubted = wild
-    while new and len(silent) + len(new) <= reading.trust.shape[1] // MOST_SILENT:
+    while new:
         silent += new
         wild = np.setdiff1d(doubted, presses_of(silent))
         reading = without_presses(whole, session.press, wild)
@@ -96,6 +96,8 @@ def fit_base(ready: Prepared, *, leave_out: bool = True, late: Sequence[Silent] 
         believed = without_silent(whole, silent, session)
         dumb = [*gone, *(one.dead for one in silent)]
         new = silent_taxels(first.hypothesis, session, believed, ready.options, wild, dumb)
+        if len(silent) + len(new) > reading.trust.shape[1] // MOST_SILENT:
+            break  # So many more are something else; those that were found before stay.
     suspected = np.intersect1d(doubted, presses_of(silent))
     reading = reading.with_further(alone + force_variance(first.hypothesis, session, ready.force_noise_n))
     values, quiet = first.slopes.values, without_silent(reading, silent, session)

@@ -110,18 +110,24 @@ def _doubted(base: Base) -> IntArray:
 def _silent(base: Base, after: Model) -> list[Silent]:
     """Taxels that fall silent under a model, among all that was read.
 
-    Each is listened to by itself: others that are silent would draw presses elsewhere.
+    Of several that are silent each draws presses elsewhere while it is believed: so each is listened to by itself, too,
+    and others are looked for without them.
     """
-    m, known = base.material, {one.dead.taxel for one in base.silent}
-    whole = with_presses(
-        with_silent_values(m.reading, base.silent, m.session), m.session.press, base.glitches
-    )
-    found: dict[int, Silent] = {}
-    for taxel in known or {None}:
-        others = [one for one in base.silent if one.dead.taxel != taxel]
-        reading = without_silent(whole, others, m.session)
-        seen = silent_taxels(after.hypothesis, m.session, reading, m.options, _doubted(base), base.dead)
-        found |= {s.dead.taxel: s for s in seen if s.dead.taxel == taxel or s.dead.taxel not in known}
+    m, press, doubted = base.material, base.material.session.press, _doubted(base)
+    whole = with_presses(with_silent_values(m.reading, base.silent, m.session), press, base.glitches)
+
+    def seen(without: list[Silent]) -> list[Silent]:
+        reading = without_silent(whole, without, m.session)
+        return silent_taxels(after.hypothesis, m.session, reading, m.options, doubted, base.dead)
+
+    found = {one.dead.taxel: one for one in seen([])}
+    if len(base.silent) > 1:
+        known = [one.dead.taxel for one in base.silent]
+        found = {taxel: one for taxel, one in found.items() if taxel in known}
+        for taxel in known:
+            others = [one for one in base.silent if one.dead.taxel != taxel]
+            found |= {one.dead.taxel: one for one in seen(others) if one.dead.taxel == taxel}
+        found |= {one.dead.taxel: one for one in seen(list(base.silent)) if one.dead.taxel not in known}
     return [found[taxel] for taxel in sorted(found)]
 
 
