@@ -15,6 +15,8 @@ from multiprocessing.process import BaseProcess
 from skincal.fit.tasks import Mapper
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What may interrupt the first process, if it has handlers for it."""
 
 
 def available_cores() -> int:
@@ -60,10 +62,6 @@ def _end_with_first() -> None:
     if first is not None:
         first.join()
         os._exit(1)
-
-
-_REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What may interrupt the first process, if it has handlers for it."""
 
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
