@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from skincal import __version__
+from skincal.bounded import read_arrays
 from skincal.fit.grid import GridSlab
 from skincal.fit.options import FitOptions, SearchBox
 
@@ -48,11 +48,10 @@ class Checkpoint:
         slabs: dict[int, GridSlab] = {}
         for file in sorted(self.folder.glob("turn-*.npz")) if self.folder.is_dir() else []:
             try:
-                # Opened here, as numpy does not close a file that turns out to be damaged.
-                with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                    if str(arrays["key"]) == self.key:
-                        slabs[int(arrays["turn"])] = GridSlab(*(arrays[name] for name in _FIELDS))
-            except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+                arrays = read_arrays(file)
+                if str(arrays["key"]) == self.key:
+                    slabs[int(arrays["turn"])] = GridSlab(*(arrays[name] for name in _FIELDS))
+            except (OSError, KeyError, TypeError, ValueError):
                 continue
         return slabs
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from skincal.bounded import parse_csv, read_text
 from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json, progress
 from skincal.errors import InputError, Problem
 
@@ -163,12 +164,11 @@ def _whole(value: float) -> float:
 
 def _targets(path: Path) -> list[list[float]]:
     """A trajectory from a file."""
-    import csv
-
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-        return [[float(row["u_m"]), float(row["v_m"])] for row in rows]
-    except (OSError, KeyError, ValueError, TypeError, UnicodeDecodeError) as error:
+        header, *rows = parse_csv(read_text(path)) or [[]]
+        u, v = (header.index(name) for name in ("u_m", "v_m"))
+        return [[float(row[u]), float(row[v])] for row in rows if row]
+    except (OSError, ValueError, IndexError) as error:
         got = (error.strerror or str(error)).lower() if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
         raise InputError([Problem(f"--trajectory {path}", expected, got)]) from error

@@ -10,14 +10,15 @@ import hashlib
 import json
 import os
 import shutil
-import zipfile
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import UnreadableError, parse_json, read_arrays, read_text
 from skincal.errors import InputError, Problem
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -76,29 +77,32 @@ class Journal:
         if not folder.exists():
             return None
         try:
-            head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
-            if isinstance(head, dict) and isinstance(head.get("key"), dict):  # pyright: ignore[reportUnknownMemberType]
-                return cls(folder, head)  # pyright: ignore[reportUnknownArgumentType]
+            head = parse_json(read_text(folder / HEAD))
+            datetime.fromisoformat(head["created"])
+            if isinstance(head["key"], dict):
+                return cls(folder, head)
         except FileNotFoundError:
             if not any(folder.glob("*.npz")):
                 return None  # interrupted before it began
-        except (OSError, ValueError):
+        except (OSError, LookupError, TypeError, ValueError):
             pass
-        fix = "Add --restart to begin anew; it removes the folder."
-        raise InputError([Problem(str(folder / HEAD), "what an interrupted session is", "no such file", fix)])
+        raise _damaged(folder / HEAD, "what an interrupted session is")
 
     def presses(self) -> dict[int, dict[str, NDArray[Any]]]:
         """Every finished press, by its number."""
-        return {int(path.stem.split("-")[1]): arrays for path, arrays in self._read("press-*.npz")}
+        return {int(path.stem.removeprefix("press-")): arrays for path, arrays in self._read("press")}
 
     def rests(self) -> list[dict[str, NDArray[Any]]]:
         """What was recorded between presses: before the first, after the last, and where the session went on."""
-        return [arrays for _, arrays in self._read("rest-*.npz")]
+        return [arrays for _, arrays in self._read("rest")]
 
     def connections(self) -> list[dict[str, Any]]:
-        """When the session was begun or went on, in order: see :meth:`connected`."""
-        paths = sorted(self.folder.glob("connection-*.json"))
-        return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+        """When the session was begun or went on, in order: see :meth:`connected`.
+
+        Raises:
+            InputError: a file is damaged.
+        """
+        return [_connection(path) for path in sorted(self.folder.glob("connection-*.json"))]
 
     def connected(self, what: Mapping[str, Any]) -> None:
         """Keeps that the hand was connected, and what is to be known of it."""
@@ -128,16 +132,37 @@ class Journal:
         np.savez(buffer, **dict(arrays))  # pyright: ignore[reportArgumentType]
         _durably(self.folder / name, buffer.getvalue())
 
-    def _read(self, pattern: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
+    def _read(self, kind: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
         """The files that are whole, in the order of their names."""
         found: list[tuple[Path, dict[str, NDArray[Any]]]] = []
-        for path in sorted(self.folder.glob(pattern)):
+        for path in sorted(self.folder.glob(f"{kind}-*.npz")):
+            if not path.stem.removeprefix(f"{kind}-").isdecimal():
+                continue
             try:
-                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                    found.append((path, dict(arrays)))
-            except (OSError, ValueError, zipfile.BadZipFile, EOFError):
+                found.append((path, read_arrays(path)))
+            except (OSError, UnreadableError):
                 continue
         return found
+
+
+def _connection(path: Path) -> dict[str, Any]:
+    try:
+        found = parse_json(read_text(path))
+        return {
+            **found,
+            "first": int(found["first"]),
+            "shift_s": float(found["shift_s"]),
+            "resumed": found["resumed"],
+        }
+    except (OSError, LookupError, TypeError, ValueError):
+        raise _damaged(path, "when an interrupted session went on") from None
+
+
+def _damaged(path: Path, expected: str) -> InputError:
+    got = "a damaged file" if path.exists() else "no such file"
+    return InputError(
+        [Problem(str(path), expected, got, "Add --restart to begin anew; it removes the folder.")]
+    )
 
 
 def journal_folder(out: Path) -> Path:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from skincal.bounded import UnreadableError, parse_csv, parse_toml, read_text
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.protocols import FullProtocol
 from skincal.collect.sites import Mount
@@ -55,7 +54,7 @@ def read_plan(path: Path, mount: Mount) -> Plan:
         name, poses, rows = read(path, findings)
     except FileNotFoundError:
         raise InputError([Problem(str(path), "a plan", "no such file")]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, csv.Error) as error:
+    except UnreadableError as error:
         raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
     presses = [_press(TomlTable(findings, path.name, place, row, _known(row)), mount) for place, row in rows]
     if not rows:
@@ -113,7 +112,7 @@ Poses = dict[str, Sequence[float]]
 
 
 def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
-    values = tomllib.loads(path.read_text(encoding="utf-8"))
+    values = parse_toml(read_text(path))
     top = TomlTable(findings, path.name, "", values, ("format", "name", "poses", "press"))
     top.choice("format", (FORMAT,))
     name = top.text("name", "a name", default=path.stem)
@@ -151,8 +150,7 @@ def _poses(top: TomlTable) -> Poses:
 
 
 def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = list(csv.reader(file, strict=True))
+    lines = parse_csv(read_text(path, encoding="utf-8-sig"))
     header = [name.strip() for name in lines[0]] if lines else []
     while (
         header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of
 from skincal.collect.journal import Journal, digest_of, journal_folder
 from skincal.collect.options import CollectOptions
@@ -165,11 +166,9 @@ def _sweep(out: Path) -> None:
 
 def _written(folder: Path, out: Path) -> bool:
     """Whether ``out`` is the dataset of this very session, which was cut off before the journal was removed."""
-    import tomllib
-
     try:
         journal = Journal.find(folder)
-        created = tomllib.loads((out / MARKER).read_text(encoding="utf-8"))["created"]
+        created = parse_toml(read_text(out / MARKER))["created"]
         return journal is not None and created == datetime.fromisoformat(journal.head["created"])
     except (OSError, InputError, KeyError, ValueError):
         return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from skincal.bounded import MOST_MESH_BYTES, read_bytes
 from skincal.dataset.findings import Findings
 from skincal.dataset.model_objects import mesh_arrays
 from skincal.dataset.position_table import positions_from
@@ -57,8 +58,8 @@ def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: 
     if Path(spec.file).name != spec.file or not path.is_file():
         findings.error(place, "a file in the same folder", f'"{spec.file}": no such file', COPY)
         return None
-    content = path.read_bytes()
     try:
+        content = read_bytes(path, MOST_MESH_BYTES)
         vertices, _ = mesh_arrays(content, spec.file)
     except ValueError as error:
         findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", str(error)[:200], EXPORT)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from pathlib import Path
 
+from skincal.bounded import parse_toml, read_text
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.table_file import SUFFIXES
 
@@ -37,7 +37,7 @@ def dataset_hash(path: str | Path) -> str:
 
 
 def _names(folder: Path) -> set[str]:
-    values = tomllib.loads((folder / FILE).read_text(encoding="utf-8"))
+    values = parse_toml(read_text(folder / FILE))
     named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
     named.append(values.get("sensor", {}).get("positions"))
     tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from skincal.bounded import MOST_TAXELS, UnreadableError, parse_toml, read_text
 from skincal.dataset.findings import Findings
 from skincal.dataset.spec import (
     ClockSpec,
@@ -45,15 +45,15 @@ KNOWN = {
 def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | None:
     """The content of a TOML file that describes ``what``; None, and an error, where there is none."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(read_text(path))
     except FileNotFoundError:
         fix = "" if what == "mapping" else f"Is this a {what}'s folder?"
         findings.error(str(path), f"the description of the {what}", "no such file", fix)
-    except tomllib.TOMLDecodeError as error:
+    except UnreadableError as error:
         # The message holds the line and the column.
         fix = "Correct that line: texts stand in quotes, lists in brackets, every key and table once."
-        findings.error(str(path), "TOML", str(error), fix)
-    except (OSError, UnicodeDecodeError) as error:
+        findings.error(str(path), error.expected, error.got, fix if error.expected == "TOML" else "")
+    except OSError as error:
         findings.error(str(path), "a readable text file", str(error), "Save it as text in UTF-8.")
     return None
 
@@ -125,9 +125,13 @@ def sensor_from(table: TomlTable) -> SensorSpec:
         else _side(table, "taxel_size_m", "the side of a taxel")
     )
     pitch = None if listed and not table.has("pitch_m") else _side(table, "pitch_m", "the distance of taxels")
+    rows, cols = (table.whole(key, "a whole number, at least 1", low=1) for key in ("rows", "cols"))
+    if rows * cols > MOST_TAXELS:
+        table.error("rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{rows} x {cols}")
+        rows, cols = 0, 0
     sensor = SensorSpec(
-        rows=table.whole("rows", "a whole number, at least 1", low=1),
-        cols=table.whole("cols", "a whole number, at least 1", low=1),
+        rows=rows,
+        cols=cols,
         taxel_size_m=size,
         pitch_m=pitch,
         value_min=table.number("value_min", default=None),

@@ -75,6 +75,10 @@ def converter_of(sensor: SensorSpec) -> Converter:
     return Converter(value_min=sensor.value_min, value_max=sensor.value_max, integer=sensor.integer)
 
 
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
+"""Formats of meshes: those that hold nothing but triangles, and are not packed."""
+
+
 def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices [m], shape (V, 3), and faces, shape (F, 3), of a mesh file.
 
@@ -87,12 +91,17 @@ def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray
     """
     import trimesh
 
+    kind = Path(name).suffix.lower()
+    if kind not in MESH_SUFFIXES:
+        raise ValueError(f"a file name that ends in {kind or 'nothing'}, not in {', '.join(MESH_SUFFIXES)}")
     try:
-        mesh = trimesh.load(io.BytesIO(content), file_type=Path(name).suffix.lstrip("."), force="mesh")
+        mesh = trimesh.load(io.BytesIO(content), file_type=kind.lstrip("."), force="mesh")
         vertices = np.asarray(mesh.vertices, dtype=np.float64)  # type: ignore[union-attr]
         faces = np.asarray(mesh.faces, dtype=np.int64)  # type: ignore[union-attr]
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise ValueError(f"{type(error).__name__}: {error}") from error
-    if not len(faces):
+    if faces.ndim != 2 or not len(faces):
         raise ValueError("no triangles")
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError("corners that are no numbers, or of no triangle")
     return vertices, faces

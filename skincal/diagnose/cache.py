@@ -11,25 +11,21 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-import zlib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import cast
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal import __version__
+from skincal.bounded import UnreadableError, read_arrays
 from skincal.model import MeshIndenter, MeshSurface
 
 Arrays = Mapping[str, NDArray[np.float64]]
-
-_DAMAGED = (OSError, ValueError, EOFError, RuntimeError, MemoryError, BadZipFile, zlib.error)
-"""What reading a file ends in that is not there, was cut off, or is not what was written."""
 
 
 def default_folder() -> Path:
@@ -79,11 +75,10 @@ class Cache:
         except _UnknownPartError:
             return make()
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                found = {name: stored[name] for name in stored.files}
+            found = read_arrays(path)
             path.touch()
             return found
-        except _DAMAGED:
+        except (OSError, UnreadableError, MemoryError):  # not there, cut off, or not what was written
             pass
         made = make()
         with suppress(OSError):

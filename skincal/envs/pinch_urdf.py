@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import parse_xml, read_text
 from skincal.envs.pinch import Pinch
 from skincal.robot.urdf import rotation_of
 
@@ -24,7 +25,7 @@ def pinch_urdf(pinch: Pinch, *, visible: bool) -> str:
         pinch: the hand; its URDF is read.
         visible: whether links get shapes to look at; physics needs none.
     """
-    robot = ElementTree.fromstring(pinch.description.urdf.read_text(encoding="utf-8"))
+    robot = parse_xml(read_text(pinch.description.urdf))
     for element in [*robot.findall("joint"), *robot.findall("link")]:
         child = element.find("child")
         name = element.get("name") if child is None else child.get("link")

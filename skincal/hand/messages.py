@@ -46,6 +46,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import UnreadableError, parse_json
+from skincal.bounded import decode as decode_text
 from skincal.hand.driver import HandState
 from skincal.hand.errors import KINDS, HandError, HandErrorKind
 
@@ -94,8 +96,8 @@ def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
     if len(data) > MAX_BYTES:
         raise MessageError(f"expected at most {MAX_BYTES} bytes; got {len(data)}")
     try:
-        content: object = json.loads(data.decode(), parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
+        content: object = parse_json(decode_text(data), parse_constant=_no_constant)
+    except UnreadableError as error:
         raise MessageError(f"expected JSON; got {data[:40]!r} ({error})") from None
     if not isinstance(content, dict):
         raise MessageError(f"expected a JSON object; got {type(content).__name__}")
@@ -142,7 +144,7 @@ def refusal_of(message: Message) -> HandError:
     body = message.body
     kind, joint = body.get("error"), body.get("joint")
     value, limit = (
-        float(x) if isinstance(x, int | float) else None for x in map(body.get, ("value", "limit"))
+        float(x) if x is not None and _is_number(x) else None for x in map(body.get, ("value", "limit"))
     )
     return HandError(
         f"the hand's side: {body.get('text')}",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from skincal.bounded import read_text
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.errors import InputError, Problem, WorkError
 
@@ -109,7 +110,7 @@ def _types(name: str, file: Path) -> Any:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     try:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file)
         parts = name.split("/")
         full = name if len(parts) == 3 else f"{parts[0]}/msg/{parts[1]}"
         return get_types_from_idl(text) if file.suffix == ".idl" else get_types_from_msg(text, full)

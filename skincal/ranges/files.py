@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, cast
@@ -12,6 +11,7 @@ from typing import Any, Final, cast
 import tomli_w
 import yaml
 
+from skincal.bounded import UnreadableError, checked, parse_json, parse_toml, parsed, read_text
 from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 from skincal.ranges.plain import from_plain, to_plain
@@ -77,15 +77,15 @@ def _dump_json(plain: Plain) -> str:
 
 
 def _load_yaml(text: str) -> object:
-    return yaml.load(text, _YamlLoader)
+    return checked(parsed("YAML", lambda given: yaml.load(given, _YamlLoader), text))
 
 
 def _load_json(text: str) -> object:
-    return json.loads(text, object_pairs_hook=_json_table)
+    return parse_json(text, object_pairs_hook=_json_table)
 
 
 _LOAD: Final[dict[str, Callable[[str], object]]] = {
-    ".toml": tomllib.loads, ".json": _load_json, ".yaml": _load_yaml, ".yml": _load_yaml,
+    ".toml": parse_toml, ".json": _load_json, ".yaml": _load_yaml, ".yml": _load_yaml,
 }  # fmt: skip
 _DUMP: Final[dict[str, Callable[[Plain], str]]] = {
     ".toml": _dump_toml, ".json": _dump_json, ".yaml": _dump_yaml, ".yml": _dump_yaml,
@@ -117,14 +117,13 @@ def read_ranges(path: str | Path) -> Ranges:
     path = Path(path)
     suffix = file_format(path)
     try:
-        values = _LOAD[suffix](path.read_text(encoding="utf-8"))
+        values = _LOAD[suffix](read_text(path))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError([Problem(str(path), "a ranges file", reason)]) from error
-    except (ValueError, yaml.YAMLError, RecursionError) as error:
+    except UnreadableError as error:
         # The parser's message holds the line and the column.
-        kind = suffix.removeprefix(".").upper()
-        raise InputError([Problem(str(path), kind, " ".join(str(error).split()))]) from error
+        raise InputError([Problem(str(path), error.expected, error.got)]) from error
     if not isinstance(values, Mapping):
         got = type(values).__name__
         raise InputError([Problem(str(path), "tables: format, finger, object, skin", f"a {got}")])

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import UnreadableError, parse_xml, read_text
 from skincal.dataset.findings import Findings, did_you_mean
 
 FloatArray = NDArray[np.float64]
@@ -79,11 +80,11 @@ def read_urdf(path: Path, findings: Findings) -> Urdf | None:
         The tree; None, and errors, where there is none.
     """
     try:
-        robot = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+        robot = parse_xml(read_text(path))
     except FileNotFoundError:
         findings.error(str(path), "the URDF that the hand's description names", "no such file")
         return None
-    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as error:
+    except (OSError, UnreadableError) as error:
         findings.error(path.name, "a URDF (XML)", str(error))
         return None
     before = len(findings.errors)
@@ -108,7 +109,7 @@ def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
         link: the link.
         radius_m: radius of the sphere [m].
     """
-    robot = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    robot = parse_xml(read_text(path))
     for element in robot.findall("link"):
         if element.get("name") == link:
             for shape in element.findall("collision"):
@@ -134,7 +135,23 @@ def _root(file: str, links: tuple[str, ...], joints: dict[str, UrdfJoint], findi
     if len(roots) != 1:
         findings.error(file, "one link without a parent", ", ".join(roots) or "none")
         return ""
+    _check_tree(file, roots[0], joints, findings)
     return roots[0]
+
+
+def _check_tree(file: str, root: str, joints: dict[str, UrdfJoint], findings: Findings) -> None:
+    """Every link leads to the root; a loop of links is named."""
+    for link in joints:
+        way = [link]
+        while way[-1] in joints and joints[way[-1]].parent not in way:
+            way.append(joints[way[-1]].parent)
+        if way[-1] in joints:
+            loop = way[way.index(joints[way[-1]].parent) :]
+            shown = " on ".join([*loop[:8], *(["..."] if len(loop) > 8 else []), loop[0]])
+            findings.error(
+                file, f"links that all hang on {root}", f"a loop: {shown}", "Correct a joint's parent."
+            )
+            return
 
 
 def _joint(element: ElementTree.Element, file: str, findings: Findings) -> UrdfJoint | None:

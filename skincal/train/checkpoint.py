@@ -12,6 +12,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from skincal.bounded import parse_json, read_arrays, read_text
 from skincal.errors import InputError, Problem
 from skincal.files import whole_folder
 from skincal.train.learner import Learner
@@ -54,10 +55,9 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         InputError: the checkpoint is damaged, or of another task or backend.
     """
     try:
-        state: dict[str, Any] = json.loads((folder / STATE).read_text(encoding="utf-8"))
+        state: dict[str, Any] = parse_json(read_text(folder / STATE))
         learner.load_weights(folder / learner.weights_file)
-        with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
-            learner.restore(dict(arrays))
+        learner.restore(read_arrays(folder / ARRAYS))
         learner.restore_random(state["random"])
         return Progress(**state["progress"])
     except _DAMAGE as error:

@@ -11,6 +11,7 @@ from typing import IO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import parse_csv, read_text
 from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 from skincal.train.watch import COLUMNS, Round
@@ -63,7 +64,7 @@ def _rows(path: Path) -> list[list[str]]:
     """Whole rows below the head; the last line of a killed run may be cut off."""
     if not path.is_file():
         return []
-    head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines()) or [[]]
+    head, *rows = parse_csv(read_text(path)) or [[]]
     if tuple(head) != COLUMNS:
         raise InputError([Problem(str(path), f"the columns {', '.join(COLUMNS)}", ", ".join(head))])
     return [row for row in rows if len(row) == len(COLUMNS) and all(row)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-import tomllib
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Final
 import numpy as np
 import tomli_w
 
+from skincal.bounded import parse_toml, read_text
 from skincal.errors import InputError, Problem, WorkError
 from skincal.files import whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
@@ -74,7 +74,7 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
     """
     place = folder / MARKER
     try:
-        table = tomllib.loads(place.read_text(encoding="utf-8"))
+        table = parse_toml(read_text(place))
         if table.get("format") != FORMAT:
             raise ValueError(f'the format "{table.get("format")}"')
         work = Work.from_table(table)

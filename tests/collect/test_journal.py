@@ -15,20 +15,22 @@ KEY = {"plan": "full", "seed": 7}
 
 
 def open_journal(path: Path, *, restart: bool = False, **changes: object) -> Journal:
-    return Journal.open(path / ".run.collect", {**KEY, **changes}, {"created": "now"}, restart=restart)
+    return Journal.open(
+        path / ".run.collect", {**KEY, **changes}, {"created": "2026-11-20T12:00:00Z"}, restart=restart
+    )
 
 
 def test_what_is_kept_comes_back(tmp_path: Path):
     journal = open_journal(tmp_path)
     journal.keep_press(3, {"a": np.arange(3.0), "text": np.array("A")})
     journal.keep_rest({"b": np.ones(2)})
-    journal.connected({"first": 0, "resumed": False})
+    journal.connected({"first": 0, "resumed": False, "shift_s": 0.0})
     again = open_journal(tmp_path)
-    assert again.head["created"] == "now"
+    assert again.head["created"] == "2026-11-20T12:00:00Z"
     assert list(again.presses()) == [3]
     np.testing.assert_array_equal(again.presses()[3]["a"], np.arange(3.0))
     assert str(again.presses()[3]["text"]) == "A"
-    assert len(again.rests()) == 1 and again.connections() == [{"first": 0, "resumed": False}]
+    assert len(again.rests()) == 1 and again.connections() == [{"first": 0, "resumed": False, "shift_s": 0.0}]
 
 
 def test_another_session_is_refused_with_the_choices(tmp_path: Path):

@@ -230,7 +230,7 @@ def test_a_file_that_is_none_is_refused(tmp_path, name, text, words):
 def test_figures_must_be_finite_numbers(tmp_path, number):
     table = f'{{"distribution": "constant", "value": {number}, "mode": "episode", "source": "assumed"}}'
     (tmp_path / "r.json").write_text(f'{{"format": "skincal-ranges/1", "skin": {{"y_m": {table}}}}}')
-    with pytest.raises(InputError, match=r"\[skin.y_m\] value"):
+    with pytest.raises(InputError, match=r"skin\.y_m\W+value"):
         read_ranges(tmp_path / "r.json")
 
 
@@ -241,7 +241,7 @@ def test_files_that_are_not_there_or_no_files(tmp_path):
     with pytest.raises(InputError, match="is a directory"):
         read_ranges(tmp_path / "folder.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="TOML"):
+    with pytest.raises(InputError, match="UTF-8"):
         read_ranges(tmp_path / "binary.toml")
     with pytest.raises(InputError, match=r"\.toml, \.json, \.yaml, \.yml"):
         read_ranges(tmp_path / "ranges.ini")

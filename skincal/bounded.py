@@ -1,0 +1,280 @@
+"""Bounds on what comes from files: bytes, nesting, numbers, names and array sizes.
+
+Every reader takes its bytes and its parsed values from here, so that no file can exhaust the memory, the stack or the
+range of a float, whatever it holds. What a value means is checked by the reader.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+import tomllib
+import xml.etree.ElementTree as ElementTree
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_TEXT_BYTES: Final = 8 << 20
+"""Of a description, a plan, ranges, a URDF. A plan of 10^4 presses is 2 MB, ranges with 10^4 draws 2 MB."""
+
+MOST_ARRAY_BYTES: Final = 4 << 30
+"""Of the arrays in one ``.npz``. The replay buffer of a training run, the largest, is 0.4 GB."""
+
+MOST_MESH_BYTES: Final = 256 << 20
+"""Of a mesh: two million triangles of binary STL are 100 MB."""
+
+MOST_NESTING: Final = 32
+"""Tables and lists within each other; ours need 6."""
+
+MOST_VALUES: Final = 2_000_000
+"""Values in one description, those that YAML repeats by reference counted each time."""
+
+MOST_TAXELS: Final = 1 << 14
+"""Of one sensor: 128 x 128, ten times the largest skins that are sold as one array."""
+
+MOST_ROWS: Final = 50_000_000
+"""Of a table: a session of 14 hours at 1 kHz."""
+
+MOST_COLUMNS: Final = 1 << 15
+"""Of a table: the taxels, and as many others."""
+
+_LARGEST_WHOLE: Final = 2**63
+"""TOML's own bound on whole numbers; below it all of them are floats as well."""
+
+_LONG_KEY: Final = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){64,}""")
+"""A dotted key so long that tomllib takes a time for it that grows with the square of its length."""
+
+Value = TypeVar("Value")
+
+
+class UnreadableError(ValueError):
+    """Bytes that are not what they should be, or beyond a bound.
+
+    Attributes:
+        expected: what should have been there.
+        got: what was there.
+    """
+
+    def __init__(self, expected: str, got: str) -> None:
+        self.expected, self.got = expected, got
+        super().__init__(f"expected {expected}; got {got}")
+
+
+def read_bytes(path: Path, most: int = MOST_TEXT_BYTES) -> bytes:
+    """The content of a file of at most so many bytes.
+
+    Raises:
+        UnreadableError: it is larger; it is not read to its end then.
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:
+        raise UnreadableError(f"a file of at most {_size(most)}", "a larger one")
+    return content
+
+
+def read_text(path: Path, most: int = MOST_TEXT_BYTES, encoding: str = "utf-8") -> str:
+    """The content of a text file of at most so many bytes.
+
+    Raises:
+        UnreadableError: it is larger, or no text in this encoding.
+        OSError: it cannot be read.
+    """
+    return decode(read_bytes(path, most), encoding)
+
+
+def decode(content: bytes, encoding: str = "utf-8") -> str:
+    """Bytes as text.
+
+    Raises:
+        UnreadableError: they are none in this encoding.
+    """
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise UnreadableError(
+            f"a readable text file in {encoding.upper()}", f"byte {error.start}: {error.reason}"
+        ) from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        UnreadableError: it is none, or beyond a bound; the message holds line and column.
+    """
+    if _LONG_KEY.search(text):
+        raise UnreadableError(f"keys of at most {MOST_NESTING} parts", "a longer one")
+    return checked(parsed("TOML", tomllib.loads, text))
+
+
+def parse_json(text: str, **options: Any) -> Any:
+    """The value of a JSON text.
+
+    Args:
+        text: the text.
+        options: of :func:`json.loads`.
+
+    Raises:
+        UnreadableError: it is none, or beyond a bound.
+    """
+    return checked(parsed("JSON", lambda given: json.loads(given, **options), text))
+
+
+def parse_xml(text: str) -> ElementTree.Element:
+    """The root element of an XML text.
+
+    Raises:
+        UnreadableError: it is none, or nested too deep.
+    """
+    root = parsed("XML", ElementTree.fromstring, text)
+    level = [root]
+    for _ in range(MOST_NESTING):
+        level = [inner for element in level for inner in element]
+        if not level:
+            return root
+    raise UnreadableError(f"elements nested at most {MOST_NESTING} deep", "deeper ones")
+
+
+def parse_csv(text: str, delimiter: str = ",") -> list[list[str]]:
+    """The rows of a CSV text.
+
+    Raises:
+        UnreadableError: a quote is not closed, or a cell is endless.
+    """
+    return parsed(
+        "CSV", lambda given: list(csv.reader(io.StringIO(given), delimiter=delimiter, strict=True)), text
+    )
+
+
+def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
+    """What a parser makes of a text; whatever it raises says that the text is none of its kind.
+
+    Args:
+        kind: what the text should be, for the message.
+        parse: a parser, of a library.
+        text: the text.
+
+    Raises:
+        UnreadableError: the parser failed.
+    """
+    try:
+        return parse(text)
+    except RecursionError:
+        raise UnreadableError(
+            f"{kind} nested at most {MOST_NESTING} deep", "deeper tables or lists"
+        ) from None
+    except MemoryError:
+        raise
+    except Exception as error:  # libraries raise whatever their code runs into
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise UnreadableError(kind, _cut(reason)) from error
+
+
+def checked(value: Value) -> Value:
+    """A parsed value, if its numbers, its texts, its depth and its size are within the bounds.
+
+    Raises:
+        UnreadableError: they are not; the message names the key.
+    """
+    count = 0
+    stack: list[tuple[object, tuple[str, ...]]] = [(value, ())]
+    while stack:
+        item, place = stack.pop()
+        count += 1
+        if isinstance(item, Mapping):
+            table = cast("Mapping[object, object]", item)
+            if not all(isinstance(key, str) for key in table):
+                raise _beyond(place, "keys that are texts", "a key that is none")
+            stack += [(key, place) for key in table]
+            stack += [(inner, (*place, cast(str, key))) for key, inner in table.items()]
+        elif isinstance(item, list | tuple):
+            stack += [(inner, (*place, str(i))) for i, inner in enumerate(cast("list[object]", item))]
+        elif isinstance(item, str):
+            _check_text(item, place)
+        elif isinstance(item, int) and not -_LARGEST_WHOLE <= item < _LARGEST_WHOLE:
+            raise _beyond(place, "whole numbers of 64 bits", f"one of {item.bit_length()} bits")
+        if len(place) > MOST_NESTING:
+            raise _beyond(place[:3], f"tables and lists nested at most {MOST_NESTING} deep", "deeper ones")
+        if count + len(stack) > MOST_VALUES:
+            raise _beyond((), f"at most {MOST_VALUES} values", "more")
+    return value
+
+
+def _check_text(text: str, place: tuple[str, ...]) -> None:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise _beyond(place, "text in UTF-8", "half of a surrogate pair") from None
+
+
+def _beyond(place: tuple[str, ...], expected: str, got: str) -> UnreadableError:
+    return UnreadableError(expected, f"{got} in {_cut('.'.join(place), 80)}" if place else got)
+
+
+def read_arrays(path: Path, most: int = MOST_ARRAY_BYTES) -> dict[str, NDArray[Any]]:
+    """The arrays of an ``.npz`` file, by name; nothing in it is executed.
+
+    Raises:
+        UnreadableError: it is none, is cut short, or is larger than ``most`` bytes when unpacked.
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as stream:
+        try:
+            with zipfile.ZipFile(stream) as archive:
+                members = archive.infolist()
+                if sum(member.file_size for member in members) > most:
+                    raise UnreadableError(f"arrays of at most {_size(most)}", "larger ones")
+                return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
+        except (MemoryError, UnreadableError):
+            raise
+        except Exception as error:  # zipfile, zlib and numpy have no common class for what they raise
+            raise UnreadableError("a whole .npz file", _cut(f"{type(error).__name__}: {error}")) from error
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """One array; its header's shape has to be that of the bytes that follow."""
+    with archive.open(member) as stream:
+        version = np.lib.format.read_magic(stream)
+        read_header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }
+        shape, by_columns, kind = read_header[version](stream)
+        data = stream.read()
+    if kind.hasobject or math.prod(shape) * kind.itemsize != len(data):
+        raise UnreadableError(f"numbers of shape {shape}", f"{len(data)} bytes of {kind}")
+    return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")
+
+
+def check_table_size(rows: int, columns: int) -> None:
+    """Checks the size of a table before any of it is read.
+
+    Raises:
+        UnreadableError: it is beyond the bounds.
+    """
+    if rows > MOST_ROWS:
+        raise UnreadableError(f"at most {MOST_ROWS} rows", f"{rows}")
+    if columns > MOST_COLUMNS:
+        raise UnreadableError(f"at most {MOST_COLUMNS} columns", f"{columns}")
+
+
+def finite(values: Iterable[float]) -> bool:
+    """Whether all numbers are finite."""
+    return all(map(math.isfinite, values))
+
+
+def _size(count: int) -> str:
+    return f"{count >> 20} MiB"
+
+
+def _cut(text: str, most: int = 200) -> str:
+    return text if len(text) <= most else f"{text[: most - 1]}…"
