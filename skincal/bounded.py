@@ -14,7 +14,7 @@ import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -44,9 +44,6 @@ MOST_ROWS: Final = 50_000_000
 
 MOST_COLUMNS: Final = 1 << 15
 """Of a table: the taxels, and as many others."""
-
-_LARGEST_WHOLE: Final = 2**63
-"""TOML's own bound on whole numbers; below it all of them are floats as well."""
 
 _LONG_KEY: Final = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){64,}""")
 """A dotted key so long that tomllib takes a time for it that grows with the square of its length."""
@@ -116,17 +113,18 @@ def parse_toml(text: str) -> dict[str, Any]:
     return checked(parsed("TOML", tomllib.loads, text))
 
 
-def parse_json(text: str, **options: Any) -> Any:
+def parse_json(text: str, *, bits: int = 64, **options: Any) -> Any:
     """The value of a JSON text.
 
     Args:
         text: the text.
+        bits: of the largest whole number.
         options: of :func:`json.loads`.
 
     Raises:
         UnreadableError: it is none, or beyond a bound.
     """
-    return checked(parsed("JSON", lambda given: json.loads(given, **options), text))
+    return checked(parsed("JSON", lambda given: json.loads(given, **options), text), bits)
 
 
 def parse_xml(text: str) -> ElementTree.Element:
@@ -179,8 +177,12 @@ def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
         raise UnreadableError(kind, _cut(reason)) from error
 
 
-def checked(value: Value) -> Value:
+def checked(value: Value, bits: int = 64) -> Value:
     """A parsed value, if its numbers, its texts, its depth and its size are within the bounds.
+
+    Args:
+        value: tables, lists, texts and numbers.
+        bits: of the largest whole number. TOML's own bound is 64; all such numbers are floats as well.
 
     Raises:
         UnreadableError: they are not; the message names the key.
@@ -200,8 +202,8 @@ def checked(value: Value) -> Value:
             stack += [(inner, (*place, str(i))) for i, inner in enumerate(cast("list[object]", item))]
         elif isinstance(item, str):
             _check_text(item, place)
-        elif isinstance(item, int) and not -_LARGEST_WHOLE <= item < _LARGEST_WHOLE:
-            raise _beyond(place, "whole numbers of 64 bits", f"one of {item.bit_length()} bits")
+        elif isinstance(item, int) and item.bit_length() > bits:
+            raise _beyond(place, f"whole numbers of {bits} bits", f"one of {item.bit_length()} bits")
         if len(place) > MOST_NESTING:
             raise _beyond(place[:3], f"tables and lists nested at most {MOST_NESTING} deep", "deeper ones")
         if count + len(stack) > MOST_VALUES:
@@ -265,11 +267,6 @@ def check_table_size(rows: int, columns: int) -> None:
         raise UnreadableError(f"at most {MOST_ROWS} rows", f"{rows}")
     if columns > MOST_COLUMNS:
         raise UnreadableError(f"at most {MOST_COLUMNS} columns", f"{columns}")
-
-
-def finite(values: Iterable[float]) -> bool:
-    """Whether all numbers are finite."""
-    return all(map(math.isfinite, values))
 
 
 def _size(count: int) -> str:

@@ -6,9 +6,7 @@ import json
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any, Final
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -19,9 +17,6 @@ from skincal.train.learner import Learner
 
 STATE: Final = "state.json"
 ARRAYS: Final = "arrays.npz"
-
-# torch reads with a pickle that builds nothing but tensors, and has its own way to say that it found something else.
-_DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, BadZipFile, UnpicklingError)
 
 
 @dataclass(frozen=True)
@@ -37,6 +32,18 @@ class Progress:
     rounds: int = 0
     steps: int = 0
     wall_s: float = 0.0
+
+    @classmethod
+    def of(cls, table: dict[str, Any]) -> Progress:
+        """Progress from plain values.
+
+        Raises:
+            LookupError, TypeError, ValueError: a number is missing or out of bounds.
+        """
+        found = cls(int(table["rounds"]), int(table["steps"]), float(table["wall_s"]))
+        if not (0 <= found.rounds < 2**53 and 0 <= found.steps < 2**53 and 0.0 <= found.wall_s < np.inf):
+            raise ValueError(f"{found}")
+        return found
 
 
 def save_checkpoint(learner: Learner, progress: Progress, folder: Path) -> None:
@@ -55,12 +62,12 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         InputError: the checkpoint is damaged, or of another task or backend.
     """
     try:
-        state: dict[str, Any] = parse_json(read_text(folder / STATE))
+        state: dict[str, Any] = parse_json(read_text(folder / STATE), bits=128)
         learner.load_weights(folder / learner.weights_file)
         learner.restore(read_arrays(folder / ARRAYS))
         learner.restore_random(state["random"])
-        return Progress(**state["progress"])
-    except _DAMAGE as error:
+        return Progress.of(state["progress"])
+    except Exception as error:  # torch, msgpack and the learners have no common class for what they raise
         got = " ".join(f"one with a fault ({error}".split())[:100] + ")"
         fix = f"Begin anew with another --out, or remove {folder.parent}."
         raise InputError([Problem(str(folder), "a whole checkpoint of this run", got, fix)]) from error

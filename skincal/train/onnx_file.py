@@ -1,8 +1,9 @@
-"""Writes a policy as an ONNX file: normalisation, layers and a description; no code is in it."""
+"""A policy as an ONNX file: normalisation, layers and a description; no code is in it."""
 
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from skincal.bounded import UnreadableError, parse_json
 from skincal.files import whole_file
 from skincal.train.network import Network
 from skincal.train.policy_file import DESCRIPTION_KEY, INPUT, OUTPUT, Description
@@ -50,6 +52,70 @@ def as_onnx(network: Network, description: Description) -> onnx.ModelProto:
     helper.set_model_props(model, {DESCRIPTION_KEY: json.dumps(description.as_table())})
     onnx.checker.check_model(model)
     return model
+
+
+def parse_policy(content: bytes) -> tuple[Network, Description]:
+    """The network and the description in an ONNX file: the inverse of :func:`as_onnx`.
+
+    No operator of the file is run: its graph has to be the one that :func:`as_onnx` writes, and its numbers then are
+    all that the network needs.
+
+    Raises:
+        UnreadableError: it is another file, its numbers are not finite, or its description has a fault.
+    """
+    model = onnx.ModelProto()
+    try:
+        model.ParseFromString(content)
+        properties = {item.key: item.value for item in model.metadata_props}
+        numbers = {item.name: _array(item) for item in model.graph.initializer}
+    except Exception as error:  # protobuf has several classes for what it raises
+        raise UnreadableError(
+            "a policy", f"no ONNX model of a policy ({' '.join(str(error).split())[:150]})"
+        ) from error
+    if not model.graph.node:
+        raise UnreadableError("a policy", "no ONNX model of a policy")
+    layers = sum(node.op_type == "Gemm" for node in model.graph.node)
+    if model.functions or model.graph.sparse_initializer or list(model.graph.node) != _nodes(layers):
+        raise UnreadableError("a policy", "an ONNX model with other operators than those of a policy")
+    if DESCRIPTION_KEY not in properties:
+        raise UnreadableError("a policy", "an ONNX model without a description")
+    try:
+        description = Description.from_table(parse_json(properties[DESCRIPTION_KEY]))
+    except (LookupError, TypeError, ValueError) as error:
+        raise UnreadableError("a policy", f"a description with a fault: {error}") from error
+    return _network(numbers, layers), description
+
+
+def _array(tensor: onnx.TensorProto) -> NDArray[np.float32]:
+    """The numbers of an initializer that stand in the file itself."""
+    if tensor.data_type != TensorProto.FLOAT or tensor.data_location != TensorProto.DEFAULT:
+        raise ValueError(f"{tensor.name}: other numbers than float32 of this file")
+    return np.frombuffer(tensor.raw_data, dtype="<f4").reshape(tuple(tensor.dims))
+
+
+def _network(numbers: dict[str, NDArray[np.float32]], layers: int) -> Network:
+    """A network of initializers, whose shapes fit and whose numbers are finite."""
+    names = [f"{kind}_{i}" for i in range(layers) for kind in ("weight", "bias")]
+    if set(numbers) != {"mean", "scale", "low", "high", *names} or not layers:
+        raise UnreadableError(
+            "a policy", f"an ONNX model with the numbers {', '.join(sorted(numbers))[:150]}"
+        )
+    if bad := [name for name, values in numbers.items() if not np.isfinite(values).all()]:
+        raise UnreadableError("a policy", f"numbers that are not finite in {', '.join(bad)}")
+    weights, biases = (tuple(numbers[f"{kind}_{i}"] for i in range(layers)) for kind in ("weight", "bias"))
+    sizes = [numbers["mean"].size, *(bias.size for bias in biases)]
+    shapes = {"mean": (sizes[0],), "scale": (sizes[0],)} | {
+        f"bias_{i}": (n,) for i, n in enumerate(sizes[1:])
+    }
+    shapes |= {f"weight_{i}": pair for i, pair in enumerate(pairwise(sizes))}
+    if bad := [name for name, shape in shapes.items() if numbers[name].shape != shape]:
+        raise UnreadableError(
+            "a policy", f"numbers of other shapes than those of a network in {', '.join(bad)}"
+        )
+    clip = numbers["high"]
+    if clip.size != 1 or not clip.item() > 0 or not np.array_equal(numbers["low"], -clip):
+        raise UnreadableError("a policy", "bounds of an observation that are not those of a policy")
+    return Network(numbers["mean"], numbers["scale"], clip.item(), weights, biases)
 
 
 def _numbers(network: Network) -> dict[str, NDArray[Any]]:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.errors import InputError, Problem
+from skincal.bounded import UnreadableError, read_bytes
+from skincal.errors import InputError, Problem, WorkError
+from skincal.train.network import Network
 from skincal.train.settings import PolicyKind, Task
-
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession
 
 FORMAT: Final = "skincal-policy/1"
 DESCRIPTION_KEY: Final = "skincal"
@@ -62,7 +59,7 @@ class Description:
     @property
     def size(self) -> int:
         """Length of an observation."""
-        return sum(int(part["size"]) for part in self.observation)
+        return sum(part["size"] for part in self.observation)
 
     def as_table(self) -> dict[str, Any]:
         """Plain values, with the format's name."""
@@ -81,6 +78,9 @@ class Description:
         known: dict[str, Any] = {part.name: table[part.name] for part in fields(cls)}
         known["observation"] = tuple(dict(part) for part in known["observation"])
         known |= {"task": Task(known["task"]), "policy": PolicyKind(known["policy"])}
+        for size in (known["actions"], *(part["size"] for part in known["observation"])):
+            if type(size) is not int or not 0 < size < 2**20:
+                raise ValueError(f"a size of {size!r:.40}")
         return cls(**known)
 
 
@@ -88,12 +88,13 @@ class Policy:
     """A policy that is ready to act.
 
     Attributes:
+        network: what it computes.
         description: what it is for.
         file: where it was read from.
     """
 
-    def __init__(self, session: InferenceSession, description: Description, file: str) -> None:
-        self._session, self.description, self.file = session, description, file
+    def __init__(self, network: Network, description: Description, file: str) -> None:
+        self.network, self.description, self.file = network, description, file
 
     def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Acts.
@@ -103,11 +104,15 @@ class Policy:
 
         Returns:
             Actions in [-1, 1], shape (A,) or (N, A).
+
+        Raises:
+            WorkError: the observation is not finite, or too large for the network.
         """
-        batch = np.atleast_2d(np.asarray(observation, dtype=np.float32))
-        (actions,) = self._session.run([OUTPUT], {INPUT: batch})
-        found = np.asarray(actions, dtype=np.float32)
-        return found[0] if np.ndim(observation) == 1 else found
+        with np.errstate(over="ignore", invalid="ignore"):
+            actions = self.network(np.atleast_2d(np.asarray(observation, dtype=np.float32)))
+        if not np.isfinite(actions).all():
+            raise WorkError(f"{self.file}: expected actions within [-1, 1]; got some that are no numbers")
+        return actions[0] if np.ndim(observation) == 1 else actions
 
 
 def read_policy(path: str | Path) -> Policy:
@@ -116,57 +121,20 @@ def read_policy(path: str | Path) -> Policy:
     Raises:
         InputError: it cannot be read, is no policy of skincal's, or does not hang together.
     """
+    from skincal.train.onnx_file import parse_policy
+
     path = Path(path)
-    content = _content(path)
-    session = _session(path, content)
-    description = _description(path, session)
-    _check_shapes(path, session, description)
-    return Policy(session, description, str(path))
-
-
-def _content(path: Path) -> bytes:
     try:
-        size = path.stat().st_size
-        if size > LARGEST_BYTES:
-            raise _refused(path, f"a file of {size / 1e6:.0f} MB")
-        return path.read_bytes()
+        network, description = parse_policy(read_bytes(path, LARGEST_BYTES))
     except OSError as error:
         raise _refused(path, (error.strerror or str(error)).lower()) from error
-
-
-def _session(path: Path, content: bytes) -> InferenceSession:
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    # Weights may stand in other files beside an ONNX file; where these are looked for there is nothing.
-    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
-    try:
-        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # the library has no common class for what it raises
-        reason = " ".join(str(error).split())[:200]
-        raise _refused(path, f"something that is no ONNX model ({reason})") from error
-
-
-def _description(path: Path, session: InferenceSession) -> Description:
-    text = session.get_modelmeta().custom_metadata_map.get(DESCRIPTION_KEY)
-    if text is None:
-        raise _refused(path, "an ONNX model without a description")
-    try:
-        return Description.from_table(json.loads(text))
-    except (KeyError, TypeError, ValueError) as error:
-        raise _refused(path, f"a description with a fault: {error}") from error
-
-
-def _check_shapes(path: Path, session: InferenceSession, description: Description) -> None:
-    inputs = {part.name: part.shape[-1] for part in session.get_inputs() if part.shape}
-    outputs = {part.name: part.shape[-1] for part in session.get_outputs() if part.shape}
-    told = {INPUT: description.size}, {OUTPUT: description.actions}
-    if (inputs, outputs) != told:
-        raise _refused(
-            path, f"a graph from {inputs} to {outputs}, described as one from {told[0]} to {told[1]}"
-        )
+    except UnreadableError as error:
+        raise _refused(path, error.got) from error
+    told = description.size, description.actions
+    if (network.observations, network.actions) != told:
+        made = f"{network.observations} values to {network.actions} actions"
+        raise _refused(path, f"a network from {made}, described as one from {told[0]} to {told[1]}")
+    return Policy(network, description, str(path))
 
 
 def _refused(path: Path, got: str) -> InputError:

@@ -17,6 +17,7 @@ from sbx.common.policies import SquashedGaussianActor
 from sbx.sac.policies import SACPolicy
 from stable_baselines3.common.vec_env import VecNormalize
 
+from skincal.bounded import MOST_ARRAY_BYTES, read_bytes
 from skincal.train.learner import ACTOR_KEY, Learner, published
 from skincal.train.settings import Settings
 
@@ -58,7 +59,7 @@ class SbxLearner(Learner):
 
     def load_weights(self, path: Path) -> None:
         """Reads them; the file holds numbers only."""
-        kept = serialization.from_bytes(self._state(), path.read_bytes())
+        kept = serialization.from_bytes(self._state(), read_bytes(path, MOST_ARRAY_BYTES))
         policy = self.model.policy
         policy.actor_state, policy.qf_state = kept["actor"], kept["critic"]
         self.model.ent_coef_state = kept["entropy"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any, Final, cast
 
 
 class Task(StrEnum):
@@ -119,13 +119,37 @@ class Work:
             KeyError, TypeError, ValueError: something is missing, unknown or of a wrong kind.
         """
         settings: dict[str, Any] = {**table["settings"], "hidden": tuple(table["settings"]["hidden"])}
+        whole = {name: table[name] for name in ("seed", "steps", "rounds_per_checkpoint")}
+        for name, value in (settings | whole).items():
+            numbers: tuple[object, ...] = cast("tuple[object, ...]", value) if name == "hidden" else (value,)
+            for number in numbers:
+                _check(name, number)
         return cls(
-            Task(table["task"]),
-            PolicyKind(table["policy"]),
-            int(table["seed"]),
-            int(table["steps"]),
-            BackendName(table["backend"]),
-            Settings(**settings),
-            int(table["rounds_per_checkpoint"]),
-            dict(table["environment"]),
+            task=Task(table["task"]),
+            policy=PolicyKind(table["policy"]),
+            backend=BackendName(table["backend"]),
+            settings=Settings(**settings),
+            environment=dict(table["environment"]),
+            **whole,
         )
+
+
+_BOUNDS: Final[dict[str, tuple[float, float]]] = {
+    "environments": (1, 4096), "buffer_size": (1, 10**9), "learning_starts": (0, 10**12), "train_every": (1, 10**6),
+    "gradient_steps": (1, 10**6), "discount": (0.0, 1.0), "polyak": (0.0, 1.0), "target_entropy": (-1e6, 1e6),
+    "entropy_coefficient": (0.0, 1e6), "learning_rate": (0.0, 1.0), "batch_size": (1, 10**7), "hidden": (1, 10**5),
+    "observation_clip": (1e-6, 1e6), "seed": (0, 2**63), "steps": (1, 10**12), "rounds_per_checkpoint": (1, 10**9),
+}  # fmt: skip
+"""What a file may say: beyond it a run would not begin, or never end."""
+
+
+def _check(name: str, value: object) -> None:
+    """Checks a number of a file; those with whole bounds are whole.
+
+    Raises:
+        KeyError, ValueError: there is no such setting, or it is out of bounds.
+    """
+    low, high = _BOUNDS[name]
+    kinds = int if isinstance(low, int) else int | float
+    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"{name} = {value!r:.40}, not within {low:g} to {high:g}")

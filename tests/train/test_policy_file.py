@@ -13,8 +13,10 @@ pytest.importorskip("onnx", reason="needs skincal[train]")
 pytest.importorskip("onnxruntime", reason="needs skincal[policy]")
 
 import onnx
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
 
-from skincal.errors import InputError
+from skincal.errors import InputError, WorkError
 from skincal.train import Description, Network, PolicyKind, Task, bundled_policies, policy_path, read_policy
 from skincal.train.evaluate import check_task
 from skincal.train.onnx_file import as_onnx, write_policy
@@ -49,7 +51,10 @@ def file(tmp_path: Path) -> Path:
 
 def test_the_graph_computes_what_the_network_does(file):
     observations = 3.0 * np.random.default_rng(2).normal(size=(50, 6))
-    np.testing.assert_allclose(read_policy(file)(observations), network()(observations), atol=1e-6)
+    np.testing.assert_array_equal(read_policy(file)(observations), network()(observations))
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    (actions,) = session.run(None, {"observation": observations.astype(np.float32)})
+    np.testing.assert_allclose(actions, network()(observations), atol=1e-6)
 
 
 def test_it_holds_nothing_but_plain_operators(file):
@@ -106,6 +111,9 @@ def _changed(path: Path, **about: object) -> None:
         ({"actions": 3}, "described as one from"),
         ({"observation": [{"name": "policy", "size": 7}]}, "described as one from"),
         ({"observation": 7}, "a description with a fault"),
+        ({"observation": [{"name": "policy"}]}, "a description with a fault"),
+        ({"observation": [{"name": "policy", "size": 10**400}]}, "a description with a fault"),
+        ({"observation": [{"name": "policy", "size": -6}, {"name": "x", "size": 12}]}, "a size of -6"),
     ],
 )
 def test_descriptions_with_a_fault(tmp_path, about, got):
@@ -138,6 +146,69 @@ def test_a_file_that_points_to_other_files_is_refused(tmp_path, monkeypatch):
         weight.external_data[0].value = str(tmp_path / "secret.bin")
         (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
         read_policy(tmp_path / "p.onnx")
+
+
+def _numbers(model: onnx.ModelProto, name: str) -> onnx.TensorProto:
+    return next(value for value in model.graph.initializer if value.name == name)
+
+
+def _not_finite(model: onnx.ModelProto) -> None:
+    _numbers(model, "bias_1").raw_data = np.array([0.0, np.nan], np.float32).tobytes()
+
+
+def _without_tanh(model: onnx.ModelProto) -> None:
+    model.graph.node[-1].op_type = "Identity"
+
+
+def _with_loop(model: onnx.ModelProto) -> None:
+    body = helper.make_graph([], "body", [], [])
+    model.graph.node.append(helper.make_node("Loop", ["rounds", ""], ["more"], body=body))
+    model.graph.initializer.append(numpy_helper.from_array(np.array(10**12), "rounds"))
+
+
+def _with_attribute(model: onnx.ModelProto) -> None:
+    model.graph.node[3].attribute.append(helper.make_attribute("alpha", 1e30))
+
+
+def _too_few_numbers(model: onnx.ModelProto) -> None:
+    _numbers(model, "weight_0").dims[0] = 2**40
+
+
+def _of_other_shape(model: onnx.ModelProto) -> None:
+    _numbers(model, "weight_0").dims[:] = [5, 6]
+
+
+def _with_function(model: onnx.ModelProto) -> None:
+    model.functions.append(helper.make_function("other", "f", [], [], [], []))
+
+
+def _with_other_clip(model: onnx.ModelProto) -> None:
+    _numbers(model, "low").CopyFrom(helper.make_tensor("low", TensorProto.FLOAT, [1], b"\0\0\0\0", raw=True))
+
+
+CHANGES = (_not_finite, _without_tanh, _with_loop, _with_attribute, _too_few_numbers, _of_other_shape,
+           _with_function, _with_other_clip)  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_only_what_train_writes_is_read(tmp_path, change):
+    model = as_onnx(network(), ABOUT)
+    change(model)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(InputError, match=r"p\.onnx: expected a policy written by `skincal train`"):
+        read_policy(tmp_path / "p.onnx")
+
+
+def test_a_description_that_is_no_text(tmp_path):
+    content = as_onnx(network(), ABOUT).SerializeToString()
+    (tmp_path / "p.onnx").write_bytes(content.replace(b'"created"', b'"crea\xffed"'))
+    with pytest.raises(InputError, match=r"p\.onnx"):
+        read_policy(tmp_path / "p.onnx")
+
+
+def test_actions_are_numbers(file):
+    with pytest.raises(WorkError, match="actions within"):
+        read_policy(file)(np.full(6, np.nan))
 
 
 def test_a_policy_of_another_task(file):
