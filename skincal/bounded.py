@@ -257,14 +257,19 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")
 
 
-def check_table_size(rows: int, columns: int) -> None:
+def check_table_size(rows: int, columns: int, most_rows: int = MOST_ROWS) -> None:
     """Checks the size of a table before any of it is read.
+
+    Args:
+        rows: number of rows.
+        columns: number of columns.
+        most_rows: how many rows it may have.
 
     Raises:
         UnreadableError: it is beyond the bounds.
     """
-    if rows > MOST_ROWS:
-        raise UnreadableError(f"at most {MOST_ROWS} rows", f"{rows}")
+    if rows > most_rows:
+        raise UnreadableError(f"at most {most_rows} rows", f"{rows}")
     if columns > MOST_COLUMNS:
         raise UnreadableError(f"at most {MOST_COLUMNS} columns", f"{columns}")
 

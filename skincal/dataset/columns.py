@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,9 @@ TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
 
 GIVE_OR_DROP = "Give the number, or leave the row out."
 CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
+
+MOST_HINTS = 100
+"""Columns that are not known of which it is said what they may stand for."""
 
 LARGEST = 1e15
 """No measurement is larger in SI units; below it whole numbers are exact, and squares do not overflow."""
@@ -123,13 +126,15 @@ class ColumnReader:
     def text(self, name: str) -> NDArray[Any]:
         """A column as text, shape (rows,); '' where a cell is empty or NaN."""
         column = self._table.columns[name]
-        if column.dtype == object:
-            cells = ["" if cell in ("NaN", "nan") else _as_whole(str(cell)) for cell in column]
-        elif column.dtype.kind == "f":
-            cells = ["" if np.isnan(cell) else _as_whole(repr(float(cell))) for cell in column]
-        else:
-            cells = [str(cell) for cell in column]
-        return np.array(cells, dtype=object)
+        known: dict[object, str] = {}  # a column of a million rows has few different words
+        cells = np.empty(self.rows, dtype=object)
+        for i, cell in enumerate(column.tolist()):
+            text = known.get(cell)
+            if text is None:
+                plain = "" if cell != cell or cell in ("NaN", "nan") else str(cell)
+                text = known[cell] = plain if isinstance(cell, bool | int) else _as_whole(plain)
+            cells[i] = text
+        return cells
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Several columns side by side, shape (rows, columns); missing ones are NaN."""
@@ -138,30 +143,37 @@ class ColumnReader:
             matrix[:, j] = self.numbers(name)
         return matrix
 
-    def said(self, names: Sequence[str]) -> BoolArray:
-        """Which cells of some columns were already reported as no numbers at all, shape (rows, columns)."""
-        none = np.zeros(self.rows, dtype=bool)
-        return np.column_stack([self._said.get(name, none) for name in names])
+    def said(self, name: str) -> BoolArray:
+        """Which cells of a column were already reported as no numbers at all, shape (rows,)."""
+        return self._said.get(name, np.zeros(self.rows, dtype=bool))
 
     def taxel_columns(self) -> list[str]:
         """The columns that are named as taxels are, for where the description does not say which there are."""
         return [name for name in self._table.columns if TAXEL.fullmatch(name)]
 
-    def optional(self, known: Mapping[str, str], taken: Collection[str]) -> dict[str, NDArray[Any]]:
+    def optional(
+        self, known: Mapping[str, str], taken: Collection[str]
+    ) -> Iterator[tuple[str, NDArray[Any]]]:
         """Every column that is not ``taken``, in the file's order: known ones checked, others as they are."""
-        columns: dict[str, NDArray[Any]] = {}
+        hinted = 0
         for name in self._table.columns:
             if name in taken:
                 continue
-            kind = ANY if JOINT.fullmatch(name) else known.get(name)
-            if kind is None:
-                columns[name] = self._table.columns[name]
+            if self._kind(name, known) is None and hinted < MOST_HINTS:
+                hinted += 1
                 self._hint_unknown(name, known)
-            elif kind == TEXT:
-                columns[name] = self.text(name)
-            else:
-                columns[name] = self.checked(name, kind)
-        return columns
+            yield name, self.one_optional(name, known)
+
+    def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
+        """One column: checked where it is known, as it is where not."""
+        kind = self._kind(name, known)
+        if kind is None:
+            return self._table.columns[name]
+        return self.text(name) if kind == TEXT else self.checked(name, kind)
+
+    @staticmethod
+    def _kind(name: str, known: Mapping[str, str]) -> str | None:
+        return ANY if JOINT.fullmatch(name) else known.get(name)
 
     def _hint_unknown(self, name: str, known: Iterable[str]) -> None:
         findings, place = self.sheet.findings, self.sheet.column(name)
@@ -186,7 +198,7 @@ class ColumnReader:
         if column.dtype != object and column.dtype != np.bool_:
             return column.astype(np.float64, copy=False), text
         values = np.full(self.rows, np.nan)
-        for i, cell in enumerate(column):
+        for i, cell in enumerate(column.tolist()):
             value = _number(cell)
             text[i] = value is None
             values[i] = np.nan if value is None else value

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.columns import GIVE_OR_DROP, ColumnReader, is_number
-from skincal.dataset.findings import Sheet
+from skincal.dataset.findings import BadCells, Sheet
 from skincal.dataset.spec import SensorSpec
 
 FloatArray = NDArray[np.float64]
@@ -18,30 +20,41 @@ DEAD_STRETCH = 3
 """NaN in this many rows on end is a taxel that is dead for a part of the session; fewer are a mistake."""
 
 
-def check_counts(reader: ColumnReader, sensor: SensorSpec, counts: FloatArray, *, whole: bool) -> None:
-    """Adds what is wrong with the counts.
+def check_counts(
+    reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
+) -> None:
+    """Adds what is wrong with the counts, one column after the other.
 
     Args:
         reader: the table.
         sensor: its taxels and converter.
-        counts: the taxel columns, shape (rows, J), in the order of the session.
+        columns: the taxel columns (rows,) that are there, in the order of the flat index, rows in that of the session.
         whole: whether they must be whole numbers (frames must, means over a hold are not).
     """
-    present = [j for j, name in enumerate(sensor.taxel_columns()) if reader.has(name)]
-    names = [sensor.taxel_columns()[j] for j in present]
-    sheet, counts = reader.sheet, counts[:, present]
-    finite = np.isfinite(counts)
-    if not finite.all():
-        _check_missing(sheet, names, counts, reader.said(names))
-    infinite = ~is_number(counts) & ~np.isnan(counts)
-    sheet.bad_cells(names, infinite, counts, "a finite number of counts", GIVE_OR_DROP)
+    names = [name for name in sensor.taxel_columns() if reader.has(name)]
+    stray, infinite, outside, broken = (BadCells() for _ in range(4))
+    dead, partly = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
     low, high = _bounds(sensor)
-    outside = finite & ((counts < low) | (counts > high))
+    for j, (name, counts) in enumerate(zip(names, columns, strict=True)):
+        missing = np.isnan(counts)
+        dead[j] = missing.all()
+        if missing.any() and not dead[j]:
+            stretches = long_stretches(missing, DEAD_STRETCH)
+            partly[j] = stretches.any()
+            stray.add(name, missing & ~(stretches | reader.said(name)), counts)
+        infinite.add(name, ~is_number(counts) & ~missing, counts)
+        outside.add(name, np.isfinite(counts) & ((counts < low) | (counts > high)), counts)
+        if whole and sensor.integer and sensor.baseline == "raw":
+            broken.add(name, np.isfinite(counts) & (counts != np.rint(counts)), counts)
+    sheet = reader.sheet
+    expected = f"a number of counts (a dead taxel is NaN throughout, or {DEAD_STRETCH} rows or more on end)"
+    sheet.bad_cells(stray, expected, GIVE_OR_DROP)
+    _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
+    _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")
+    sheet.bad_cells(infinite, "a finite number of counts", GIVE_OR_DROP)
     expected = f"counts within [{low:g}, {high:g}] (value_min, value_max)"
-    sheet.bad_cells(names, outside, counts, expected, "Correct value_min and value_max, or the counts.")
-    if whole and sensor.integer and sensor.baseline == "raw":
-        broken = finite & (counts != np.rint(counts))
-        sheet.bad_cells(names, broken, counts, "whole numbers, as [sensor] integer = true says", NO_INTEGERS)
+    sheet.bad_cells(outside, expected, "Correct value_min and value_max, or the counts.")
+    sheet.bad_cells(broken, "whole numbers, as [sensor] integer = true says", NO_INTEGERS)
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:
@@ -49,18 +62,6 @@ def _bounds(sensor: SensorSpec) -> tuple[float, float]:
     low = -np.inf if sensor.value_min is None else sensor.value_min
     high = np.inf if sensor.value_max is None else sensor.value_max
     return (low, high) if sensor.baseline == "raw" else (low - high, high - low)
-
-
-def _check_missing(sheet: Sheet, names: list[str], counts: FloatArray, said: BoolArray) -> None:
-    missing = np.isnan(counts)
-    dead = np.asarray(missing.all(axis=0))
-    stretches = long_stretches(missing, DEAD_STRETCH)
-    stray = missing & ~stretches & ~dead
-    expected = f"a number of counts (a dead taxel is NaN throughout, or {DEAD_STRETCH} rows or more on end)"
-    sheet.bad_cells(names, stray & ~said, counts, expected, GIVE_OR_DROP)
-    _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
-    partly = np.asarray((stretches & ~dead).any(axis=0))
-    _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")
 
 
 def _warn_dead(sheet: Sheet, names: list[str], dead: BoolArray, what: str, fix: str) -> None:
@@ -76,7 +77,7 @@ def named(names: list[str], index: NDArray[np.int64], shown: int = 6) -> str:
 
 
 def long_stretches(mask: BoolArray, length: int) -> BoolArray:
-    """The cells of ``mask``, shape (rows, J), that belong to a run of at least ``length`` down a column."""
+    """The cells of ``mask``, shape (rows,), that belong to a run of at least ``length``."""
     result = np.zeros_like(mask)
     starts_at = len(mask) - length + 1
     if starts_at < 1:

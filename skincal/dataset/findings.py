@@ -20,6 +20,13 @@ SHOWN = 3
 """How many rows of one kind are named before the rest is only counted."""
 
 
+MOST_PROBLEMS = 1000
+"""Of a kind that are kept: a file may have a mistake in every line."""
+
+LONGEST_NAME = 64
+"""A longer word is no known name with a slip in it."""
+
+
 class Findings:
     """The errors and warnings found so far, in the order of the files.
 
@@ -34,11 +41,16 @@ class Findings:
 
     def error(self, place: str, expected: str, got: object, fix: str = "") -> None:
         """Adds an error."""
-        self.errors.append(Problem(self._whole(place), expected, str(got), fix))
+        self._add(self.errors, Problem(self._whole(place), expected, str(got), fix))
 
     def warn(self, place: str, expected: str, got: object, fix: str = "") -> None:
         """Adds a warning."""
-        self.warnings.append(Problem(self._whole(place), expected, str(got), fix))
+        self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix))
+
+    def _add(self, problems: list[Problem], problem: Problem) -> None:
+        """Adds one to the others, as long as somebody may read them."""
+        if len(problems) < MOST_PROBLEMS:
+            problems.append(problem)
 
     def _whole(self, place: str) -> str:
         folder = str(self._folder or "")
@@ -74,15 +86,16 @@ class Sheet:
         """The place of a column."""
         return f"{self.file}, column {name}"
 
-    def rows(self, name: str, rows: ArrayLike) -> str:
-        """The place of some rows (counted from 0) of a column; people count from 1."""
+    def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
+        """The place of some rows (counted from 0) of a column, the first of ``total``; people count from 1."""
         index = np.asarray(rows)
-        if index.size == 1:
+        count = index.size if total is None else total
+        if count == 1:
             row = int(index[0]) + 1
             line = "" if self._header_lines is None else f" (line {row + self._header_lines})"
             return f"{self.column(name)}, row {row}{line}"
         named = ", ".join(str(int(row) + 1) for row in index[:SHOWN])
-        more = f" and {index.size - SHOWN} more" if index.size > SHOWN else ""
+        more = f" and {count - SHOWN} more" if count > SHOWN else ""
         return f"{self.column(name)}, rows {named}{more}"
 
     def bad_rows(
@@ -101,21 +114,35 @@ class Sheet:
             add = self.findings.warn if warning else self.findings.error
             add(self.rows(name, index), expected, listed([values[i] for i in index[:SHOWN]], index.size), fix)
 
-    def bad_cells(
-        self, names: list[str], bad: NDArray[np.bool_], values: NDArray[Any], expected: str, fix: str = ""
-    ) -> None:
-        """Adds one problem for all cells of some columns where ``bad`` holds, shape (rows, columns)."""
-        if not bad.any():
+    def bad_cells(self, cells: BadCells, expected: str, fix: str = "") -> None:
+        """Adds one problem for all cells of some columns that are wrong in the same way."""
+        if not cells.counts:
             return
-        columns = np.flatnonzero(bad.any(axis=0))
-        if columns.size == 1:
-            self.bad_rows(names[columns[0]], bad[:, columns[0]], values[:, columns[0]], expected, fix)
+        total, first = sum(cells.counts.values()), sorted(cells.first)[:SHOWN]
+        got = listed([value for *_, value in first], total)
+        if len(cells.counts) == 1:
+            ((name, _),) = cells.counts.items()
+            rows = np.array([row for row, *_ in first])
+            self.findings.error(self.rows(name, rows, total), expected, got, fix)
             return
-        cells = np.argwhere(bad)
-        named = ", ".join(f"{names[c]} row {r + 1}" for r, c in cells[:SHOWN])
-        more = f" and {len(cells) - SHOWN} more cells" if len(cells) > SHOWN else ""
-        got = listed([values[r, c] for r, c in cells[:SHOWN]], len(cells))
-        self.findings.error(f"{self.file}, {columns.size} columns: {named}{more}", expected, got, fix)
+        named = ", ".join(f"{name} row {row + 1}" for row, _, name, _ in first)
+        more = f" and {total - SHOWN} more cells" if total > SHOWN else ""
+        self.findings.error(f"{self.file}, {len(cells.counts)} columns: {named}{more}", expected, got, fix)
+
+
+class BadCells:
+    """Cells that are wrong in the same way, found column by column: how many, and the first of each column."""
+
+    def __init__(self) -> None:
+        self.counts: dict[str, int] = {}
+        self.first: list[tuple[int, int, str, Any]] = []
+
+    def add(self, name: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> None:
+        """Adds the rows of a column where ``bad`` holds, shape (rows,)."""
+        if bad.any():
+            index = np.flatnonzero(bad)
+            self.first += [(int(row), len(self.counts), name, values[row]) for row in index[:SHOWN]]
+            self.counts[name] = index.size
 
 
 def listed(values: Iterable[Any], count: int) -> str:
@@ -128,6 +155,8 @@ def listed(values: Iterable[Any], count: int) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """The known name that a mistyped one comes closest to; None where none is close."""
+    if len(name) > LONGEST_NAME:
+        return None
     # One wrong letter weighs more in a short word.
     spelling = {word.lower(): word for word in known}
     close = difflib.get_close_matches(name.lower(), spelling, n=1, cutoff=0.6 if len(name) < 6 else 0.75)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from skincal.dataset.columns import ANY, OPTIONAL, POSITION, ColumnReader
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable
-from skincal.dataset.tables import IDLE, PHASES, Frames, Presses
+from skincal.dataset.tables import IDLE, PHASES, FrameColumns, Frames, Presses
 
 REQUIRED = ("press", "phase", "time_s", "force_n", *POSITION)
 
@@ -32,17 +34,24 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
     press = reader.whole("press", "a whole number, 0 or more, or -1 where nothing touches", low=-1)
     phase = _phase(reader)
     unmeasured = (phase == IDLE) | math.isinf(meta.position.sigma_m)
-    counts = reader.matrix(taxels)
-    frames = Frames(
-        press=press,
-        phase=phase,
-        time_s=reader.checked("time_s", ANY, may_be_nan=False),
-        force_n=reader.checked("force_n", ANY, may_be_nan=False),
-        position_m=np.column_stack([reader.checked(name, ANY, may_be_nan=unmeasured) for name in POSITION]),
-        counts=counts,
-        columns=reader.optional(OPTIONAL, {*REQUIRED, *(taxels or reader.taxel_columns())}),
-    )
-    check_counts(reader, meta.sensor, counts, whole=True)
+    optional = reader.optional(OPTIONAL, {*REQUIRED, *(taxels or reader.taxel_columns())})
+    own = {
+        "press": press,
+        "phase": phase,
+        "time_s": reader.checked("time_s", ANY, may_be_nan=False),
+        "force_n": reader.checked("force_n", ANY, may_be_nan=False),
+        "position_m": _position(reader, unmeasured),
+    }
+    present = [j for j, name in enumerate(taxels) if reader.has(name)]
+    if table.is_large:
+        # One column at a time is read and checked; what is asked for later is read again.
+        check_counts(reader, meta.sensor, (reader.numbers(taxels[j]) for j in present), whole=True)
+        names = tuple(name for name, _ in optional)
+        frames = Frames.stored(StoredColumns(table, taxels, names), **own)
+    else:
+        counts = reader.matrix(taxels)
+        frames = Frames(**own, counts=counts, columns=dict(optional))
+        check_counts(reader, meta.sensor, counts[:, present].T, whole=True)
     _check_order(reader, frames)
     if reader.has("press"):
         _check_presses(reader, frames, presses)
@@ -53,13 +62,47 @@ def _phase(reader: ColumnReader) -> np.ndarray:
     """Index into PHASES, shape (rows,); idle stands where it is none of them."""
     if not reader.has("phase"):
         return np.zeros(reader.rows, dtype=np.int8)
-    # Only the few different words are compared, not a million cells.
-    words, inverse = np.unique(reader.text("phase").astype(str), return_inverse=True)
-    codes = np.array([PHASES.index(word) if word in PHASES else -1 for word in words], dtype=np.int8)
-    phase = codes[inverse] if len(words) else np.zeros(reader.rows, dtype=np.int8)
-    if (phase < 0).any():
-        reader.sheet.bad_rows("phase", phase < 0, words[inverse].tolist(), f"one of {', '.join(PHASES)}")
+    codes, words = {word: i for i, word in enumerate(PHASES)}, reader.text("phase")
+    phase = np.fromiter((codes.get(word, -1) for word in words), np.int8, reader.rows)
+    reader.sheet.bad_rows("phase", phase < 0, words, f"one of {', '.join(PHASES)}")
     return np.where(phase < 0, np.int8(IDLE), phase)
+
+
+def _position(reader: ColumnReader, unmeasured: np.ndarray) -> np.ndarray:
+    position = np.empty((reader.rows, len(POSITION)))
+    for j, name in enumerate(POSITION):
+        position[:, j] = reader.checked(name, ANY, may_be_nan=unmeasured)
+    return position
+
+
+@dataclass(frozen=True, eq=False)
+class StoredColumns(FrameColumns):
+    """The columns of a table that is too large to be held; they have been checked, and are read again.
+
+    Attributes:
+        table: the file's.
+        taxels: names of the taxels' columns.
+        names: of the others.
+    """
+
+    table: RawTable
+    taxels: tuple[str, ...]
+    names: tuple[str, ...]
+
+    def taxel(self, j: int) -> np.ndarray:
+        """Counts of the taxel of flat index ``j``, shape (M,)."""
+        return ColumnReader(self.table).numbers(self.taxels[j])
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.names:
+            raise KeyError(name)
+        return ColumnReader(self.table).one_optional(name, OPTIONAL)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
 
 
 def _check_order(reader: ColumnReader, frames: Frames) -> None:

@@ -43,14 +43,17 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
         force_n=reader.checked("force_n", ANY, may_be_nan=False),
         counts=counts,
         normals=_normals(reader),
-        columns=reader.optional(
-            {**OPTIONAL, **dict.fromkeys(TIMES, ANY)},
-            {*REQUIRED, *NORMAL, *(taxels or reader.taxel_columns())},
+        columns=dict(
+            reader.optional(
+                {**OPTIONAL, **dict.fromkeys(TIMES, ANY)},
+                {*REQUIRED, *NORMAL, *(taxels or reader.taxel_columns())},
+            )
         ),
     )
     if reader.has("press"):
         _check_unique(reader, press)
-    check_counts(reader, meta.sensor, counts, whole=False)
+    present = [j for j, name in enumerate(taxels) if reader.has(name)]
+    check_counts(reader, meta.sensor, counts[:, present].T, whole=False)
     _check_branch(reader, presses)
     _check_times(reader, presses)
     return presses

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skincal.bounded import MOST_ROWS
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
@@ -16,8 +17,8 @@ from skincal.dataset.meta_file import FILE, read_meta
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.press_table import presses_from
 from skincal.dataset.remarks import add_remarks
-from skincal.dataset.table_file import RawTable, find_table, read_table
-from skincal.errors import Problem
+from skincal.dataset.table_file import MOST_ROWS_HELD, RawTable, find_table, read_table
+from skincal.errors import InputError, Problem
 
 NO_TABLE = (
     "Is this the folder of a session? `skincal import` makes one of a table with other names and units."
@@ -62,7 +63,11 @@ def read_dataset(path: str | Path) -> Dataset:
 def check_dataset(path: str | Path) -> Check:
     """Reads a dataset's folder and reports everything that was found instead of raising it."""
     findings = Findings(Path(path))
-    dataset = _read(Path(path), findings)
+    dataset = None
+    try:
+        dataset = _read(Path(path), findings)
+    except InputError as error:  # a column that cannot be read
+        findings.errors.extend(error.problems)
     return Check(tuple(findings.errors), tuple(findings.warnings), None if findings.errors else dataset)
 
 
@@ -78,7 +83,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
     meshes = read_meshes(folder, FILE, meta.surface, meta.indenter, findings)
     positions = read_positions(folder, FILE, meta.sensor, findings)
     described = not findings.errors
-    press_table = _table(folder, "presses", findings, required=True)
+    press_table = _table(folder, "presses", findings)
     presses = None if press_table is None else presses_from(press_table, meta)
     frame_table = _table(folder, "frames", findings)
     frames = None if frame_table is None else frames_from(frame_table, meta, presses)
@@ -97,11 +102,12 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
     return replace(dataset, sha256=dataset_hash(folder), warnings=tuple(findings.warnings))
 
 
-def _table(folder: Path, stem: str, findings: Findings, *, required: bool = False) -> RawTable | None:
+def _table(folder: Path, stem: str, findings: Findings) -> RawTable | None:
     path = find_table(folder, stem, findings)
-    if path is None and required:
+    if path is None and stem == "presses":
         findings.error(str(folder), f"{stem}.csv or {stem}.parquet", "neither", NO_TABLE)
-    return None if path is None else read_table(path, findings)
+    most_rows = MOST_ROWS if stem == "frames" else MOST_ROWS_HELD
+    return None if path is None else read_table(path, findings, most_rows=most_rows)
 
 
 def _check_model(dataset: Dataset, findings: Findings) -> bool:

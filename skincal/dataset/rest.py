@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,14 +37,11 @@ def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
     """
     if dataset.meta.sensor.baseline == "subtracted":
         return np.zeros(dataset.meta.sensor.taxels)
-    counts = _idle_counts(dataset)
-    if counts is None:
+    levels = _of_idle_frames(dataset, np.nanmedian)
+    if levels is None:
         from skincal.model.rest import rest_from_presses
 
         return rest_from_presses(dataset.presses.counts)[0]
-    levels = np.full(counts.shape[1], np.nan)
-    alive = np.isfinite(counts).any(axis=0)
-    levels[alive] = np.nanmedian(counts[:, alive], axis=0)
     return levels
 
 
@@ -52,7 +51,7 @@ def rest_in_doubt(dataset: Dataset) -> bool:
     It is taken from the presses where there are too few idle frames; that of a taxel then should not stand clearly
     above that of most others. Presses that all lie at one place, with one force, make it do so.
     """
-    if dataset.meta.sensor.baseline == "subtracted" or _idle_counts(dataset) is not None:
+    if dataset.meta.sensor.baseline == "subtracted" or _idle(dataset) is not None:
         return False
     levels = rest_levels(dataset)
     levels = levels[np.isfinite(levels)]
@@ -68,21 +67,26 @@ def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
     Returns:
         Means [counts], shape (J,), NaN for a taxel that is dead throughout; None where there are too few idle frames.
     """
-    counts = _idle_counts(dataset)
-    if counts is None:
-        return None
-    means = np.full(counts.shape[1], np.nan)
-    alive = np.isfinite(counts).any(axis=0)
-    means[alive] = np.nanmean(counts[:, alive], axis=0)
-    return means
+    return _of_idle_frames(dataset, np.nanmean)
 
 
-def _idle_counts(dataset: Dataset) -> NDArray[np.float64] | None:
-    """Counts of the idle frames (N, J); None where there are too few."""
+def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:
+    """Which frames are idle (M,); None where there are too few."""
     frames = dataset.frames
     if frames is None or np.sum(idle := frames.phase == IDLE) < FEWEST_IDLE:
         return None
-    return frames.counts[idle]
+    return idle
+
+
+def _of_idle_frames(
+    dataset: Dataset, statistic: Callable[[NDArray[np.float64]], np.floating]
+) -> NDArray[np.float64] | None:
+    """A statistic of each taxel's counts over the idle frames (J,), NaN for a dead one; None where they are too few."""
+    idle = _idle(dataset)
+    if idle is None or dataset.frames is None:
+        return None
+    columns = (counts[idle] for counts in dataset.frames.taxel_columns())
+    return np.array([statistic(c) if np.isfinite(c).any() else np.nan for c in columns], dtype=np.float64)
 
 
 def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> NDArray[np.bool_]:

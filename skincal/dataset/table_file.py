@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,14 +12,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
+from skincal.errors import InputError, Problem
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Column = NDArray[Any]
 
+MOST_ROWS_HELD = 1_000_000
+"""Rows of a table all of which is held in memory: presses, draws, taxels."""
+
+MOST_CELLS_HELD = 20_000_000
+"""Cells of a table of frames that are held in memory (160 MB); of a larger one the columns at work are."""
+
+MOST_COLUMN_BYTES = 1 << 30
+"""Of one column of a Parquet file, unpacked: twice that of 5 x 10^7 numbers."""
+
+MOST_CSV_BYTES = 1 << 30
+"""Of a CSV file, all of which is read at once: 10^7 rows of 100 letters."""
+
 SUFFIXES = (".csv", ".parquet")
+_TEXTS = ("string", "large_string")
+
 TEXT_COLUMNS = ("phase", "pose", "branch")
 """Columns that are text even where they look like numbers."""
 
@@ -31,6 +48,11 @@ class RawTable:
     rows: int
     columns: Mapping[str, Column]
 
+    @property
+    def is_large(self) -> bool:
+        """Whether only the columns at work should be held in memory."""
+        return self.rows * len(self.columns) > MOST_CELLS_HELD
+
 
 def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
     """The file of a table: ``stem.csv`` or ``stem.parquet``; None where there is none."""
@@ -42,31 +64,116 @@ def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
     return found[0] if found else None
 
 
-def read_table(path: Path, findings: Findings) -> RawTable | None:
-    """Reads a table; adds an error and returns None where the file cannot be read as one."""
+def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HELD) -> RawTable | None:
+    """Reads a table; adds an error and returns None where the file cannot be read as one.
+
+    The columns of a Parquet file are read when they are asked for; none of them is kept.
+
+    Args:
+        path: the file.
+        findings: where errors go.
+        most_rows: how many it may have.
+    """
     import pyarrow as pa
 
-    reader = _read_csv if path.suffix == ".csv" else _read_parquet
+    sheet = Sheet(findings, path.name, 1 if path.suffix == ".csv" else None)
     try:
-        table = reader(path, findings)
+        if path.suffix == ".csv":
+            table = _read_csv(path, findings)
+            if table is None:
+                return None
+            rows, names = table.num_rows, table.column_names
+            columns: Mapping[str, Column] = {
+                name: _to_numpy(table.column(i), sheet, name) for i, name in enumerate(names)
+            }
+        else:
+            columns = ParquetColumns(path, sheet)
+            rows, names = columns.rows, columns.names
+        check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
         reason = " ".join(str(error).split())[:200].rstrip(".")
         findings.error(path.name, what, reason, "Was it cut short while it was copied or written?")
         return None
-    if table is None:
+    except UnreadableError as error:
+        findings.error(path.name, error.expected, error.got)
         return None
-    sheet = Sheet(findings, path.name, 1 if path.suffix == ".csv" else None)
-    doubled = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
-    for name in doubled:
-        findings.error(
-            sheet.column(name),
-            "each column once",
-            f"{table.column_names.count(name)} of that name",
-            "Rename or remove the others.",
-        )
-    columns = {name: _to_numpy(table.column(i)) for i, name in enumerate(table.column_names)}
-    return RawTable(sheet, table.num_rows, columns)
+    for name, count in Counter(names).items():
+        if count > 1:
+            findings.error(
+                sheet.column(name),
+                "each column once",
+                f"{count} of that name",
+                "Rename or remove the others.",
+            )
+    return RawTable(sheet, rows, columns)
+
+
+class ParquetColumns(Mapping[str, Column]):
+    """The columns of a Parquet file, each read when it is asked for.
+
+    Args:
+        path: the file. It has to stay as it is as long as its columns are read.
+        sheet: where what is wrong with a column goes.
+
+    Raises:
+        UnreadableError: a column is too large.
+        OSError, pyarrow.ArrowException: it is no whole Parquet file.
+    """
+
+    def __init__(self, path: Path, sheet: Sheet) -> None:
+        import pyarrow.parquet as pq
+
+        self._path, self._sheet, self._state = path, sheet, _state(path)
+        with pq.ParquetFile(path) as file:
+            self.rows, self.names = file.metadata.num_rows, file.schema_arrow.names
+            self._texts = [
+                name
+                for name, kind in zip(self.names, file.schema_arrow.types, strict=True)
+                if str(kind) in _TEXTS
+            ]
+            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
+            for j in range(file.metadata.num_columns):
+                size = sum(group.column(j).total_uncompressed_size for group in groups)
+                if size > MOST_COLUMN_BYTES:
+                    expected = f"columns of at most {MOST_COLUMN_BYTES >> 20} MiB"
+                    raise UnreadableError(expected, f"one of {size >> 20} MiB")
+
+    def __getitem__(self, name: str) -> Column:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if name not in self.names:
+            raise KeyError(name)
+        if _state(self._path) != self._state:
+            got = "another one: it was replaced meanwhile"
+            raise InputError([Problem(str(self._path), "the file that was checked", got, "Run again.")])
+        try:
+            # Texts come as numbers of a dictionary: a word that repeats a million times is there once.
+            with pq.ParquetFile(self._path, read_dictionary=self._texts) as file:
+                column = file.read(columns=[name], use_threads=False).column(name)
+            if len(column) != self.rows:
+                raise pa.ArrowInvalid(f"{len(column)} of {self.rows} rows in column {name}")
+            return _to_numpy(column, self._sheet, name)
+        except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
+            reason = " ".join(str(error).split())[:200].rstrip(".")
+            fix = "Was it cut short while it was copied or written?"
+            raise InputError([Problem(str(self._path), "a whole Parquet file", reason, fix)]) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys(self.names))
+
+    def __len__(self) -> int:
+        return len(set(self.names))
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    """What tells a file from another that takes its place."""
+    stat = path.stat()
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 def write_table(path: Path, columns: Mapping[str, Column]) -> None:
@@ -91,12 +198,6 @@ def write_table(path: Path, columns: Mapping[str, Column]) -> None:
         pcsv.write_csv(table, file, pcsv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
-def _read_parquet(path: Path, findings: Findings) -> pa.Table:
-    import pyarrow.parquet as pq
-
-    return pq.ParquetFile(path).read()
-
-
 def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     import pyarrow as pa
     import pyarrow.csv as pcsv
@@ -116,6 +217,10 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
             pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"]),
         )
 
+    if path.stat().st_size > MOST_CSV_BYTES:
+        raise UnreadableError(
+            f"a CSV file of at most {MOST_CSV_BYTES >> 20} MiB", "a larger one; write it as Parquet"
+        )
     if not path.stat().st_size:
         findings.error(path.name, "a header line and rows", "an empty file", "Write it again.")
         return None
@@ -154,13 +259,17 @@ def _report_ragged(file: str, bad: Sequence[Any], findings: Findings) -> None:
     )
 
 
-def _to_numpy(column: pa.ChunkedArray) -> Column:
+def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     import pyarrow as pa
     import pyarrow.compute as pc
 
     kind = column.type
     if pa.types.is_dictionary(kind):
-        column, kind = column.cast(kind.value_type), kind.value_type
+        one = column.unify_dictionaries().combine_chunks()
+        if str(kind.value_type) not in _TEXTS or not isinstance(one, pa.DictionaryArray):
+            return _to_numpy(column.cast(kind.value_type), sheet, name)
+        words = np.array([word or "" for word in (*one.dictionary.to_pylist(), "")], dtype=object)
+        return words[pc.fill_null(one.indices, len(words) - 1).to_numpy(zero_copy_only=False)]
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(kind) and not column.null_count:
@@ -169,9 +278,11 @@ def _to_numpy(column: pa.ChunkedArray) -> Column:
         return column.cast(pa.float64(), safe=False).to_numpy().astype(np.float64, copy=False)
     if pa.types.is_boolean(kind) and not column.null_count:
         return column.to_numpy()
-    if not (pa.types.is_nested(kind) or pa.types.is_binary(kind)):
-        column = pc.fill_null(column.cast(pa.string()), "")
-    return np.array(column.to_pylist(), dtype=object)
+    try:
+        return np.array(pc.fill_null(column.cast(pa.string()), "").to_pylist(), dtype=object)
+    except (pa.ArrowException, UnicodeDecodeError):
+        sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Take the column out.")
+        return np.full(len(column), "", dtype=object)
 
 
 def _to_arrow(column: Column) -> pa.Array:

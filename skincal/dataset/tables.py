@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any, Self
@@ -96,6 +98,16 @@ class Presses(_Table):
         )
 
 
+class FrameColumns(Mapping[str, NDArray[Any]]):
+    """Columns of frames that lie in a file; the mapping is that of the columns that are no taxels."""
+
+    taxels: tuple[str, ...]
+
+    @abstractmethod
+    def taxel(self, j: int) -> FloatArray:
+        """Counts of the taxel of flat index ``j``, shape (M,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frames(_Table):
     """One row a time sample, ordered in time over the session.
@@ -106,7 +118,7 @@ class Frames(_Table):
         time_s: session clock [s], shape (M,).
         force_n: normal force [N], shape (M,).
         position_m: contact point, fingertip frame [m], shape (M, 3); NaN in idle frames.
-        counts: image [counts], shape (M, J); NaN where a taxel is dead.
+        counts: image [counts], shape (M, J); NaN where a taxel is dead. :meth:`taxel_columns` needs less memory.
         columns: every other column, known to skincal or not.
     """
 
@@ -129,6 +141,45 @@ class Frames(_Table):
                 "counts": (np.float64, (None,)),
             }
         )
+
+    @classmethod
+    def stored(cls, source: FrameColumns, **own: NDArray[Any]) -> Self:
+        """Frames of which counts and columns are read from a file when they are asked for.
+
+        Args:
+            source: the file's columns.
+            own: the attributes before ``counts``.
+        """
+        frames = cls(**own, counts=np.empty((len(own["press"]), 0)))  # type: ignore[arg-type]
+        object.__delattr__(frames, "counts")
+        object.__setattr__(frames, "columns", source)
+        return frames
+
+    def __getattr__(self, name: str) -> Any:
+        source = self.__dict__.get("columns")
+        if name != "counts" or not isinstance(source, FrameColumns):
+            raise AttributeError(name)
+        counts = np.empty((len(self), len(source.taxels)))
+        for j in range(len(source.taxels)):
+            counts[:, j] = source.taxel(j)
+        object.__setattr__(self, "counts", _read_only(counts))
+        return self.counts
+
+    def taxel_columns(self) -> Iterator[FloatArray]:
+        """Counts (M,) of one taxel after the other, in the order of the flat index."""
+        source = self.columns
+        if "counts" in self.__dict__ or not isinstance(source, FrameColumns):
+            yield from self.counts.T
+            return
+        for j in range(len(source.taxels)):
+            yield source.taxel(j)
+
+    def moved(self, position_m: FloatArray, force_n: FloatArray) -> Self:
+        """The same frames with other contacts; what lies in a file stays there."""
+        frames = copy(self)
+        for name, values in (("position_m", position_m), ("force_n", force_n)):
+            object.__setattr__(frames, name, _read_only(_shaped(name, values, getattr(self, name).shape)))
+        return frames
 
 
 @dataclass(frozen=True, eq=False)

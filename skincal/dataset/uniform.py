@@ -73,6 +73,6 @@ def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     if frames is not None:
         # One punch stands for the pressure of all frames; those of no press have no force.
         force = frames.force_n * float(np.median(share))
-        frames = replace(frames, position_m=placed(frames.position_m), force_n=force)
+        frames = frames.moved(placed(frames.position_m), force)
     presses = replace(presses, position_m=placed(presses.position_m), force_n=presses.force_n * share)
     return replace(dataset, presses=presses, frames=frames)
