@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
@@ -70,10 +71,27 @@ def _start(pool: ProcessPoolExecutor, count: int) -> None:
     with _interrupt_afterwards():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            for _ in range(count):  # each makes one process
-                pool.submit(os.getpid)
+            with _without_main():
+                for _ in range(count):  # each makes one process
+                    pool.submit(os.getpid)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _without_main() -> Generator[None]:
+    """Hide the main module's file from workers that start now.
+
+    A worker would run it again: a script without an ``if __name__ == "__main__"`` would begin anew in each of them.
+    All work that is sent to workers is a function of an installed module, so none needs it.
+    """
+    main = sys.modules["__main__"]
+    hidden = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(hidden)
 
 
 def _begin_tracker() -> None:

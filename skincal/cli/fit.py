@@ -22,10 +22,10 @@ from skincal.cli.common import (
     example,
     print_json,
     say,
-    stage_bars,
     warn,
 )
 from skincal.cli.fit_ranges import Pair, searched
+from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
     from skincal.calibrate import Method, Way
