@@ -26,16 +26,23 @@ def available_cores() -> int:
 
 
 @contextmanager
-def mapper(workers: int | None = None) -> Generator[Mapper]:
-    """A mapper that spreads work over processes.
+def mapper(workers: int | None = None, scheduler: str | None = None) -> Generator[Mapper]:
+    """Yield a mapper that spreads work over processes of this machine, or over a cluster.
 
     Args:
         workers: how many processes; None for one a core; 1 for none but this one.
+        scheduler: address of a Dask scheduler, whose workers are used instead; None: none.
 
     Yields:
         The mapper. Results come in the order of the arguments and do not depend on the number of workers. With several
         processes work begins at once, and what nobody has waited for at the end is dropped, errors in it included.
     """
+    if scheduler is not None:
+        from skincal.calibrate.cluster import cluster_mapper
+
+        with cluster_mapper(scheduler) as spread:
+            yield spread
+        return
     count = available_cores() if workers is None else workers
     if count <= 1:
         yield map

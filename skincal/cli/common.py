@@ -27,6 +27,19 @@ SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")
 ]
 
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes of this machine.",
+        show_default=False,
+    ),
+]
+
 
 def example(*commands: str) -> str:
     """The end of a verb's help: what a person types."""
