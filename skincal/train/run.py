@@ -182,7 +182,7 @@ def _backend(name: BackendName) -> type[Learner]:
 
         return Sb3Learner
     except ModuleNotFoundError as error:
-        fix = "pip install 'skincal[train]'"
+        fix = f"pip install 'skincal[{'sbx' if name is BackendName.sbx else 'train'}]'"
         raise InputError(
             [Problem(f"--backend {name}", f"the package {error.name}", "nothing", fix)]
         ) from error

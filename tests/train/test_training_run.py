@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,14 @@ from skincal.ranges import preset
 from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
 from skincal.train.environments import segment_seed
 
-JAX = pytest.param("sbx", marks=[pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning")])
+JAX = pytest.param(
+    "sbx",
+    marks=[
+        pytest.mark.slow,
+        pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+        pytest.mark.skipif(find_spec("sbx") is None, reason="needs skincal[sbx]"),
+    ],
+)
 
 
 class KilledError(Exception):
