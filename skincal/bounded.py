@@ -71,6 +71,8 @@ def read_bytes(path: Path, most: int = MOST_TEXT_BYTES) -> bytes:
         UnreadableError: it is larger; it is not read to its end then.
         OSError: it cannot be read.
     """
+    if "\0" in str(path):
+        raise UnreadableError("the name of a file", "one with a character NUL")
     with path.open("rb") as stream:
         content = stream.read(most + 1)
     if len(content) > most:

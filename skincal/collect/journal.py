@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import shutil
 from collections.abc import Mapping
@@ -148,13 +149,11 @@ class Journal:
 def _connection(path: Path) -> dict[str, Any]:
     try:
         found = parse_json(read_text(path))
-        return {
-            **found,
-            "first": int(found["first"]),
-            "shift_s": float(found["shift_s"]),
-            "resumed": found["resumed"],
-        }
-    except (OSError, LookupError, TypeError, ValueError):
+        first, shift_s, resumed = int(found["first"]), float(found["shift_s"]), bool(found["resumed"])
+        if not math.isfinite(shift_s):
+            raise ValueError("shift_s")
+        return {**found, "first": first, "shift_s": shift_s, "resumed": resumed}
+    except (OSError, ArithmeticError, LookupError, TypeError, ValueError):
         raise _damaged(path, "when an interrupted session went on") from None
 
 

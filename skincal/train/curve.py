@@ -11,7 +11,7 @@ from typing import IO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.bounded import parse_csv, read_text
+from skincal.bounded import UnreadableError, parse_csv, read_text
 from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 from skincal.train.watch import COLUMNS, Round
@@ -64,10 +64,24 @@ def _rows(path: Path) -> list[list[str]]:
     """Whole rows below the head; the last line of a killed run may be cut off."""
     if not path.is_file():
         return []
-    head, *rows = parse_csv(read_text(path)) or [[]]
-    if tuple(head) != COLUMNS:
-        raise InputError([Problem(str(path), f"the columns {', '.join(COLUMNS)}", ", ".join(head))])
-    return [row for row in rows if len(row) == len(COLUMNS) and all(row)]
+    try:
+        head, *rows = parse_csv(read_text(path)) or [[]]
+        if tuple(head) != COLUMNS:
+            raise UnreadableError(f"the columns {', '.join(COLUMNS)}", ", ".join(head)[:200])
+    except UnreadableError as error:
+        raise InputError([Problem(str(path), error.expected, error.got)]) from None
+    whole = [row for row in rows if len(row) == len(COLUMNS) and all(map(_is_number, row))]
+    if len(whole) < len(rows) - 1:
+        raise InputError([Problem(str(path), f"{len(COLUMNS)} numbers in every row", "other rows")])
+    return whole
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _text(rows: list[list[str]]) -> str:
