@@ -33,7 +33,7 @@ MOST_MESH_BYTES: Final = 256 << 20
 MOST_NESTING: Final = 32
 """Tables and lists within each other; ours need 6."""
 
-MOST_VALUES: Final = 2_000_000
+MOST_VALUES: Final = 500_000
 """Values in one description, those that YAML repeats by reference counted each time."""
 
 MOST_TAXELS: Final = 1 << 14

@@ -27,10 +27,20 @@ class Problem:
     fix: str = ""
 
     def __str__(self) -> str:
-        text = f"{self.place}: expected {self.expected}; got {self.got}"
+        text = _shown(f"{self.place}: expected {self.expected}; got {_cut(self.got)}")
         if not self.fix:
             return text
         return f"{text}{'' if text.endswith((*'.?…',)) else '.'} {self.fix}"
+
+
+def _cut(text: str, most: int = 500) -> str:
+    """A text of a file, of a length that can be read."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def _shown(text: str) -> str:
+    """A text without what would steer a terminal; no name or value of a file can."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 class SkincalError(Exception):

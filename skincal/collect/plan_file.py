@@ -27,6 +27,9 @@ COLUMNS = tuple(field.name for field in fields(PlannedPress))
 OTHER_SITES = ("beta_deg", "x_m", "y_m")
 LARGEST_FORCE_N = 100.0
 
+MOST_PRESSES, MOST_COLUMNS = 20_000, 100
+"""Of a plan: a session of a week; and of a table that lists one."""
+
 
 def read_plan(path: Path, mount: Mount) -> Plan:
     """Reads a plan.
@@ -124,12 +127,20 @@ def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
             "a table [[press]] for each press",
             "nothing" if given is None else str(given),
         )
-    for i, row in enumerate(cast("list[Any]", given) if isinstance(given, list) else []):
+    presses = cast("list[Any]", given) if isinstance(given, list) else []
+    _check_count(path.name, len(presses), findings)
+    for i, row in enumerate(presses[:MOST_PRESSES]):
         if isinstance(row, dict):
             rows.append((f"press {i}", cast("Mapping[str, Any]", row)))
         else:
             top.error(f"press {i}", "a table", row)
     return name, _poses(top), rows
+
+
+def _check_count(file: str, presses: int, findings: Findings) -> None:
+    if presses > MOST_PRESSES:
+        findings.error(file, f"at most {MOST_PRESSES} presses", presses, "Cut it into several plans.")
+        findings.raise_errors()
 
 
 def _poses(top: TomlTable) -> Poses:
@@ -151,7 +162,8 @@ def _poses(top: TomlTable) -> Poses:
 
 def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
     lines = parse_csv(read_text(path, encoding="utf-8-sig"))
-    header = [name.strip() for name in lines[0]] if lines else []
+    _check_count(path.name, len(lines) - 1, findings)
+    header = [name.strip() for name in lines[0]][:MOST_COLUMNS] if lines else []
     while (
         header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])
     ):

@@ -126,7 +126,7 @@ def sensor_from(table: TomlTable) -> SensorSpec:
     )
     pitch = None if listed and not table.has("pitch_m") else _side(table, "pitch_m", "the distance of taxels")
     rows, cols = (table.whole(key, "a whole number, at least 1", low=1) for key in ("rows", "cols"))
-    if rows * cols > MOST_TAXELS:
+    if max(rows, cols, rows * cols) > MOST_TAXELS:
         table.error("rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{rows} x {cols}")
         rows, cols = 0, 0
     sensor = SensorSpec(

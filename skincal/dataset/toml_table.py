@@ -14,6 +14,9 @@ TWICE = "It looks as if millimetres had been turned into metres twice; multiply 
 
 KEPT = "It is kept and not used."
 
+MOST_UNKNOWN = 100
+"""Keys of a table that are not known of which it is said so."""
+
 NOT_SET = object()
 
 
@@ -40,7 +43,7 @@ class TomlTable:
         self._values = values
         self.extra = {key: value for key, value in values.items() if key not in known}
         missing = [key for key in known if key not in values]
-        for key in self.extra:
+        for key in list(self.extra)[:MOST_UNKNOWN]:
             self._report_unknown(key, missing or known, known)
 
     def place(self, key: str) -> str:

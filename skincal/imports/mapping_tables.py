@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import math
 from typing import Any, cast
 
@@ -130,8 +129,8 @@ def read_csv_format(table: StrictTable) -> CsvFormat:
     if found.delimiter == found.decimal:
         table.error("decimal", "another character than the delimiter", f'"{found.decimal}"')
     try:
-        codecs.lookup(found.encoding)
-    except LookupError:
+        "".encode(found.encoding)  # a codec that is none of text is refused as an unknown one is
+    except (LookupError, ValueError):
         table.error("encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{found.encoding}"')
     return found
 

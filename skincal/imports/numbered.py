@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +29,7 @@ def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings)
     edges = np.concatenate([[0], changes, [len(series)]]).astype(np.int64)
     stretches = [(int(a), int(b)) for a, b in pairwise(edges) if series.press[a] >= 0]
     numbers = [int(series.press[start]) for start, _ in stretches]
-    again = sorted({number for number in numbers if numbers.count(number) > 1})
+    again = sorted(number for number, count in Counter(numbers).items() if count > 1)
     if again:
         fix = "Number them anew, or leave [columns.press] out and cut by force."
         findings.error(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -10,10 +9,14 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skincal.bounded import UnreadableError, parse_csv, read_bytes
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
 from skincal.imports.mapping import CsvFormat
 
 Column = NDArray[Any]
+
+MOST_LOG_BYTES = 1 << 30
+"""Of a text file, which is read at once."""
 
 
 class SourceSheet(Sheet):
@@ -23,12 +26,13 @@ class SourceSheet(Sheet):
         super().__init__(findings, file, None)
         self._lines = lines
 
-    def rows(self, name: str, rows: ArrayLike) -> str:
-        """The place of some rows (counted from 0) of a column: the lines of the file."""
+    def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
+        """The place of some rows (counted from 0) of a column, the first of ``total``: the lines of the file."""
         index = np.atleast_1d(np.asarray(rows))
+        count = index.size if total is None else total
         named = ", ".join(f"{int(row) + 1} (line {self._lines[row]})" for row in index[:SHOWN])
-        more = f" and {index.size - SHOWN} more" if index.size > SHOWN else ""
-        return f'{self.file}, column "{name}", {"row" if index.size == 1 else "rows"} {named}{more}'
+        more = f" and {count - SHOWN} more" if count > SHOWN else ""
+        return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}{more}'
 
 
 class TextTable:
@@ -96,7 +100,11 @@ def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, s
     """The lines that are neither skipped, empty nor comments, with their numbers."""
     encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
     try:
-        text = path.read_bytes().decode(encoding)
+        text = read_bytes(path, MOST_LOG_BYTES).decode(encoding)
+    except UnreadableError as error:
+        fix = "Cut it into several files, which are read one after the other."
+        findings.error(path.name, error.expected, error.got, fix)
+        return None
     except OSError as error:
         findings.error(str(path), "a text file", (error.strerror or str(error)).lower())
         return None
@@ -118,11 +126,11 @@ def _header(
         findings.error(file, "a header line and rows" if form.header else "rows", "nothing")
         return [], []
     first = lines[0][1]
-    cells = (
-        first.split()
-        if form.delimiter == "whitespace"
-        else next(csv.reader([first], delimiter=form.delimiter))
-    )
+    try:
+        cells = first.split() if form.delimiter == "whitespace" else parse_csv(first, form.delimiter)[0]
+    except UnreadableError as error:
+        findings.error(f"{file}, line {lines[0][0]}", error.expected, error.got)
+        return [], []
     names = [cell.strip() for cell in cells] if form.header else [str(i + 1) for i in range(len(cells))]
     rows = lines[(1 if form.header else 0) + form.skip_after_header :]
     if not rows:
@@ -201,6 +209,10 @@ def _parse(
         return None
     if bad:
         _report_ragged(sheet, bad, lines)
+        return None
+    if table.num_rows != len(lines):
+        got = f"{table.num_rows} rows in {len(lines)} lines"
+        sheet.findings.error(sheet.file, "a row in every line", got, "Is there a quote that is not closed?")
         return None
     return {name: _column(table.column(name), types[name], form) for name in types}
 

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from skincal.bounded import UnreadableError, read_bytes
 from skincal.dataset import DatasetMeta
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
@@ -252,6 +253,9 @@ def _digest(*paths: Path) -> str:
     """SHA-256 of some files, of those that can be read."""
     digest = hashlib.sha256()
     for path in paths:
-        content = path.read_bytes() if path.is_file() else b""
+        try:
+            content = read_bytes(path)
+        except (OSError, UnreadableError):  # which has been said
+            content = b""
         digest.update(len(content).to_bytes(8, "big") + content)
     return digest.hexdigest()

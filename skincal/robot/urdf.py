@@ -15,6 +15,12 @@ from skincal.dataset.findings import Findings, did_you_mean
 
 FloatArray = NDArray[np.float64]
 
+MOST_PARTS = 2000
+"""Links and joints of a hand, with the arm that carries it."""
+
+LARGEST = 1e4
+"""No length [m] and no angle [rad] of a hand is larger."""
+
 MOVING = ("revolute", "continuous", "prismatic")
 """Kinds of joints that can be driven."""
 
@@ -89,6 +95,9 @@ def read_urdf(path: Path, findings: Findings) -> Urdf | None:
         return None
     before = len(findings.errors)
     links = tuple(link.get("name", "") for link in robot.findall("link"))
+    if len(robot.findall("joint")) + len(links) > MOST_PARTS:
+        findings.error(path.name, f"at most {MOST_PARTS} links and joints", "more")
+        return None
     joints: dict[str, UrdfJoint] = {}
     for element in robot.findall("joint"):
         joint = _joint(element, path.name, findings)
@@ -196,7 +205,10 @@ def _joint(element: ElementTree.Element, file: str, findings: Findings) -> UrdfJ
 def _limit(limit: ElementTree.Element | None, key: str, missing: float, kind: str) -> float:
     if limit is None or kind == "continuous" or limit.get(key) is None:
         return missing
-    return float(limit.get(key, ""))
+    value = float(limit.get(key, ""))
+    if math.isnan(value):
+        raise ValueError(f'{key}="nan"')
+    return value
 
 
 def _numbers(
@@ -206,7 +218,7 @@ def _numbers(
     if text is None:
         return default
     values = tuple(float(word) for word in text.split())
-    if len(values) != 3 or not all(math.isfinite(v) for v in values):
+    if len(values) != 3 or not all(abs(v) <= LARGEST for v in values):
         raise ValueError(f'{key}="{text}"')
     return values
 

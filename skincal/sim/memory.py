@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import UnreadableError, read_bytes
 from skincal.errors import InputError, Problem
 from skincal.sim.touch import TrueContact
 
@@ -15,6 +16,9 @@ FloatArray = NDArray[np.float64]
 
 MAGIC = b"skinmem1"
 """The file begins with this; rows of float64 follow."""
+
+MOST_BYTES = 1 << 30
+"""Of the file: four million looks."""
 
 _FIXED = 11
 """Numbers of a row that every hand has: time, point, normal, force, shear (u, v), gap."""
@@ -48,7 +52,10 @@ class SkinMemory:
 
     def __init__(self, path: Path, joints: int) -> None:
         width = _FIXED + 3 * joints
-        content = path.read_bytes() if path.is_file() else b""
+        try:
+            content = read_bytes(path, MOST_BYTES) if path.exists() else b""
+        except UnreadableError as error:
+            raise InputError([Problem(str(path), error.expected, error.got)]) from None
         if not MAGIC.startswith(content[: len(MAGIC)]):
             raise InputError([Problem(str(path), "what a simulated skin remembers", "another file")])
         # The last row may have been cut off.
