@@ -22,14 +22,16 @@ import time
 import traceback
 import warnings
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(1, str(Path(__file__).parents[1] / "tests"))
 
-from benchmarks.fuzz_readers import Reader, damaged, readers
+if TYPE_CHECKING:
+    from benchmarks.fuzz_readers import Reader
 
 LIMIT_S, LIMIT_BYTES = 10, 4 << 30
 BATCH = 200
@@ -90,7 +92,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     signal.signal(signal.SIGALRM, _too_long)
     resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
-    chosen = readers()
+    chosen = load(coverage=arguments.coverage)
     if arguments.reader:
         chosen = {arguments.reader: chosen[arguments.reader]}
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -100,8 +102,22 @@ def main() -> None:
         unguided(arguments, list(chosen.values()))
 
 
+def load(*, coverage: bool) -> dict[str, Reader]:
+    """All readers; what they import of skincal tells its lines to atheris."""
+    with ExitStack() as stack:
+        if coverage:
+            import atheris  # pyright: ignore[reportMissingImports]
+
+            stack.enter_context(atheris.instrument_imports(include=["skincal"]))
+        from benchmarks.fuzz_readers import readers
+
+        return readers()
+
+
 def unguided(arguments: argparse.Namespace, chosen: list[Reader]) -> None:
     """Inputs of all readers in turn, quick ones more often, until there are enough."""
+    from benchmarks.fuzz_readers import damaged
+
     file = arguments.out / "progress.json"
     kept: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else {}
     done, faults, spent = (Counter(kept.get(name, {})) for name in ("inputs", "faults", "cpu_s"))
@@ -147,7 +163,6 @@ def guided(arguments: argparse.Namespace, reader: Reader) -> None:
             if trace is not None:
                 keep_fault(arguments.out, reader, name, data[1:], trace)
 
-        atheris.instrument_all()
         atheris.Setup([sys.argv[0], f"-runs={arguments.inputs}", "-max_len=20000", str(corpus)], attack)
         atheris.Fuzz()
 

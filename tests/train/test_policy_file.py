@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("onnx", reason="needs skincal[train]")
-pytest.importorskip("onnxruntime", reason="needs skincal[policy]")
 
 import onnx
-import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
 from skincal.errors import InputError, WorkError
@@ -52,6 +50,7 @@ def file(tmp_path: Path) -> Path:
 def test_the_graph_computes_what_the_network_does(file):
     observations = 3.0 * np.random.default_rng(2).normal(size=(50, 6))
     np.testing.assert_array_equal(read_policy(file)(observations), network()(observations))
+    onnxruntime = pytest.importorskip("onnxruntime")
     session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
     (actions,) = session.run(None, {"observation": observations.astype(np.float32)})
     np.testing.assert_allclose(actions, network()(observations), atol=1e-6)
