@@ -80,7 +80,7 @@ test-lowest: $(UV) ## the tests of the core with the lowest versions that pyproj
 	$(UV) venv -q --clear -p $(PYTHON) $(LOWEST)
 	$(UV) pip install -q -p $(LOWEST) --resolution lowest-direct -e '.[remote,policy,ros]' \
 		'pytest>=8' 'hypothesis>=6.100' 'pandas>=2.2.2'
-	$(LOWEST)/bin/python -m pytest -q -m "not slow" -p no:cacheprovider $(or $(TESTS),tests)
+	$(LOWEST)/bin/python -m pytest -q -m "not slow" -W ignore -p no:cacheprovider $(or $(TESTS),tests)
 
 COMPILE = $(UV) pip compile -q pyproject.toml --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
 	--no-emit-find-links --index-strategy unsafe-best-match

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.bounded import parse_csv, read_text
 from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json
 from skincal.errors import InputError, Problem
 from skincal.progress import progress
@@ -165,6 +164,8 @@ def _whole(value: float) -> float:
 
 def _targets(path: Path) -> list[list[float]]:
     """A trajectory from a file."""
+    from skincal.bounded import parse_csv, read_text
+
     try:
         header, *rows = parse_csv(read_text(path)) or [[]]
         u, v = (header.index(name) for name in ("u_m", "v_m"))

@@ -192,7 +192,7 @@ def test_evaluation_of_a_bolt(tmp_path, capsys):
         (("marble", "no.onnx"), "no.onnx: expected a policy file"),
         (
             ("marble", "bad.onnx"),
-            "bad.onnx: expected a policy written by `skincal train` (.onnx); got something that",
+            "bad.onnx: expected a policy written by `skincal train` (.onnx); got no ONNX model",
         ),
         (("marble", "bolt.onnx"), "bolt.onnx: expected a policy for marble; got one for bolt"),
         (
