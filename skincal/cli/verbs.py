@@ -8,6 +8,7 @@ from skincal.cli import (
     audit,
     collect,
     dataset,
+    deploy,
     diagnose,
     export_dr,
     fit,
@@ -35,6 +36,7 @@ def register(app: typer.Typer) -> None:
         ("export-dr", export_dr.export_dr, export_dr.EPILOG, "Write the ranges to train a policy over."),
         ("train", train.train, train.EPILOG, "Train a policy with soft actor-critic."),
         ("eval", evaluation.evaluate, evaluation.EPILOG, "Evaluate policies side by side, as published."),
+        ("deploy", deploy.deploy, deploy.EPILOG, "Run a policy on a hand, through its driver."),
         (
             "serve-hand",
             serve_hand.serve_hand,
