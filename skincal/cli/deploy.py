@@ -28,8 +28,8 @@ EPILOG = example(
 
 MARKER = "deploy.json"
 SESSION = "session"
-WIDTH_M = {"marble": 0.012, "bolt": 0.008}
-"""Width of the published objects [m]."""
+WIDTH_MM = 12.0
+"""Width of the published marble and bolt."""
 
 
 def deploy(
@@ -77,11 +77,8 @@ def deploy(
         ),
     ] = None,
     width_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--width-mm", min=1.0, max=40.0, help="Width of the object.", show_default="12 marble, 8 bolt"
-        ),
-    ] = None,
+        float, typer.Option("--width-mm", min=1.0, max=40.0, help="Width of the object.")
+    ] = WIDTH_MM,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
@@ -103,7 +100,7 @@ def deploy(
     _check_task(chosen.description.task, task, policy)
     targets = _targets(task, trajectory, write, frequency_hz, duration_s)
     made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
-    hand, width = read_pinch(pinch), WIDTH_M[task] if width_mm is None else 1e-3 * width_mm
+    hand, width = read_pinch(pinch), 1e-3 * width_mm
     speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
     with _progress(hand.description) as watch:
         found = run(chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, watch=watch)

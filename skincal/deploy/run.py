@@ -108,10 +108,10 @@ def deploy(
             )
         command = take(motion, pinch, postures, forces, object_width_m, options)
         loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
-        found = loop.run(command)
-        if found.lost_s is None:
+        loop.run(command)
+        if loop.lost_s is None:
             let_go(motion, postures, object_width_m, options)
-    return found
+    return loop.found()
 
 
 class _PolicyLoop:
@@ -137,18 +137,20 @@ class _PolicyLoop:
         self._step_rad, self._options = speed_rad_per_s / POLICY_HZ, options
         self._limits = pinch.description.limits
         self._share = -math.expm1(-2 * math.pi * options.low_pass_hz * motion.period_s)
+        self.lost_s: float | None = None
+        self._first = 0
+        self._errors: list[float] = []
         self._begun: list[float] = []
         self._own: list[float] = []
         self._inference: list[float] = []
 
-    def run(self, command_rad: FloatArray) -> Deployed:
+    def run(self, command_rad: FloatArray) -> None:
         """Act until the targets are at their end, or the object is lost."""
         motion = self._motion
         motion.doing = "acting"
         desired, sent = command_rad.copy(), command_rad.copy()
-        start_s, first = motion.now.time_s, len(motion.states) - 1
-        lost_s, empty_s = None, 0.0
-        errors: list[float] = []
+        start_s, self._first = motion.now.time_s, len(motion.states) - 1
+        empty_s = 0.0
         for k in range(len(self._targets) - 1):
             desired = self._clipped(desired + self._step_rad * self._action(k, desired))
             end_s = start_s + (k + 1) / POLICY_HZ
@@ -161,17 +163,19 @@ class _PolicyLoop:
                     f"policy loop: expected step {k + 1} at {end_s:.3f} s of the hand's clock; got to it at "
                     f"{motion.now.time_s:.3f} s. The hand was stopped. Is the link to the hand too slow?"
                 )
-            errors.append(self._error(k + 1))
+            self._errors.append(self._error(k + 1))
             if empty_s >= self._options.lost_s:
-                lost_s = motion.now.time_s - start_s - empty_s
+                self.lost_s = motion.now.time_s - start_s - empty_s
                 break
-        record = Record.of(motion, first, self._forces)
+
+    def found(self) -> Deployed:
+        """What came of it."""
         return Deployed(
-            record,
+            Record.of(self._motion, self._first, self._forces),
             self._targets,
-            len(errors),
-            lost_s,
-            np.array(errors),
+            len(self._errors),
+            self.lost_s,
+            np.array(self._errors),
             np.diff(self._begun),
             np.diff(self._own),
             np.array(self._inference),

@@ -77,5 +77,5 @@ def polyline(corners_m: FloatArray, speed_m_per_s: float) -> FloatArray:
     way = np.concatenate([[0.0], np.cumsum(lengths)])
     keep = np.concatenate([[True], lengths > 0])
     count = int(np.ceil(way[-1] / speed_m_per_s * POLICY_HZ)) + 1
-    at = np.linspace(0.0, way[-1], count)
+    at: FloatArray = np.linspace(0.0, float(way[-1]), count)
     return np.stack([np.interp(at, way[keep], corners_m[keep, axis]) for axis in (0, 1)], axis=1)

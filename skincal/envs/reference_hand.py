@@ -75,7 +75,7 @@ class ReferenceHand(HandDriver):
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
     ) -> None:
-        kind = next((name for name in _OBJECTS if name == task), None)
+        kind: ObjectName | None = next((name for name in _OBJECTS if name == task), None)
         if kind is None:
             raise InputError([Problem('driver "reference", option task', " or ".join(_OBJECTS), repr(task))])
         if not 0 < rate_hz <= PHYSICS_HZ or PHYSICS_HZ % rate_hz:
