@@ -1,4 +1,4 @@
-"""Runs of the shipped policies on reference hands, each with another hidden truth: ``python -m benchmarks.deploy_runs``.
+"""Runs of the shipped policies on reference hands with hidden truths: ``python -m benchmarks.deploy_runs``.
 
 Every finished run is kept in a file beside the results, so that an interrupted benchmark goes on.
 """

@@ -13,6 +13,7 @@ from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
+from skincal.model.arrays import as_floats
 from skincal.robot import Kinematics
 
 FloatArray = NDArray[np.float64]
@@ -47,8 +48,8 @@ class PinchForces:
         skin, thumb = chains.frames(chains.link_angles(state.q_rad, torque))
         on_skin = chains.skin.jacobian(skin, skin.to_root(self._foot))[0]
         on_thumb = chains.indenter.jacobian(thumb, thumb.to_root(self._end))[0]
-        by_skin: FloatArray = np.linalg.pinv(on_skin.T) @ torque[chains.skin.columns]
-        by_thumb: FloatArray = np.linalg.pinv(on_thumb.T) @ torque[chains.indenter.columns]
+        by_skin = _force(on_skin, torque[chains.skin.columns])
+        by_thumb = _force(on_thumb, torque[chains.indenter.columns])
         return by_skin, by_thumb, skin.rotations[0] @ self._out
 
     def normal_n(self, state: HandState) -> tuple[float, float]:
@@ -72,6 +73,12 @@ class PinchForces:
             -chains.indenter.jacobian(thumb, thumb.to_root(self._end))[0].T @ force
         )
         return torque
+
+
+def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
+    """The force (3,) that torques (3,) exert [N]; the smallest one where a finger is stretched out."""
+    square = jacobian @ jacobian.T
+    return as_floats(np.linalg.solve(square + 1e-12 * np.eye(3), jacobian @ torque_nm))
 
 
 def take(

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.deploy.options import POLICY_HZ
 from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED
 from skincal.errors import InputError, Problem
+from skincal.model.arrays import as_floats
 
 FloatArray = NDArray[np.float64]
 
@@ -74,8 +75,7 @@ def letters(
 def polyline(corners_m: FloatArray, speed_m_per_s: float) -> FloatArray:
     """Points (N, 2) at 10 Hz along straight lines between corners (K, 2), at constant speed [m]."""
     lengths = np.linalg.norm(np.diff(corners_m, axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(lengths)])
-    keep = np.concatenate([[True], lengths > 0])
+    way = as_floats(np.concatenate([[0.0], np.cumsum(lengths)]))
     count = int(np.ceil(way[-1] / speed_m_per_s * POLICY_HZ)) + 1
-    at: FloatArray = np.linspace(0.0, float(way[-1]), count)
-    return np.stack([np.interp(at, way[keep], corners_m[keep, axis]) for axis in (0, 1)], axis=1)
+    at = as_floats(np.linspace(0.0, float(way[-1]), count))
+    return np.stack([np.interp(at, way, corners_m[:, axis]) for axis in (0, 1)], axis=1)

@@ -90,7 +90,9 @@ class ReferenceHand(HandDriver):
         self._grasp = Grasp(self._pinch, Kinematics(self._pinch.description), self._drawer.nominal, grasp)
         truth_rng, effect_rng = np.random.default_rng([seed, 0]).spawn(2)
         self._truth, self._sample = self._drawer.episode(truth_rng, None, {})
-        self._truth |= self._hidden(effects or {}, effect_rng)
+        # Whoever puts an object between the fingers knows its size.
+        radius = f"object.{kind}.radius_m"
+        self._truth |= {radius: self._drawer.nominal[radius]} | self._hidden(effects or {}, effect_rng)
         self._scene: Scene | None = None
         self._moving, self._halted = threading.Lock(), threading.Event()
 
