@@ -8,6 +8,7 @@ from skincal.cli import (
     audit,
     collect,
     dataset,
+    demo,
     deploy,
     diagnose,
     export_dr,
@@ -43,5 +44,6 @@ def register(app: typer.Typer) -> None:
             serve_hand.EPILOG,
             "Serve a hand to another computer or program.",
         ),
+        ("demo", demo.demo, demo.EPILOG, "Show the main job on a simulated hand."),
     ):
         app.command(verb, epilog=epilog, short_help=line)(function)
