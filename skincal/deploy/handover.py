@@ -131,7 +131,7 @@ def _close(
         free = np.array(forces.normal_n(motion.now)) < options.contact_n
         widths -= free * options.closing_m_per_s * motion.period_s
         # Fingers without an object meet each other at a width of zero; errors of the joints feign a few millimetres.
-        if widths.mean() < width_m / 2:
+        if widths.mean() < width_m / 4:
             raise WorkError(
                 f"pinch: expected an object about {1e3 * width_m:.0f} mm wide between the fingertips; got none: they "
                 "closed and neither pressed. Put it on the middle of the sensor before the fingers close."
@@ -145,12 +145,13 @@ def _close(
 def _squeeze(
     motion: Motion, pinch: Pinch, forces: PinchForces, command_rad: FloatArray, options: DeployOptions
 ) -> FloatArray:
-    """Let the normal force come up: the torques of both fingers over the stiffness of the joints."""
+    """Let the normal force come up: commands beyond the angles by the torques over the joints' stiffness."""
     motion.doing = "squeezing"
-    state = motion.now
-    torque = forces.torques_nm(state, options.squeeze_n) + forces.tare_nm
-    stiffness = pinch.description.gains.stiffness_nm_per_rad
-    goal = state.q_rad + torque / stiffness
+    # The mean of some states: noise of one would be a torque of its own, and push the object aside.
+    still = motion.hold(command_rad, options.squeeze_s)
+    measured = np.mean([state.q_rad for state in still], axis=0)
+    torque = forces.torques_nm(still[-1], options.squeeze_n) + forces.tare_nm
+    goal = measured + torque / pinch.description.gains.stiffness_nm_per_rad
     count = max(1, round(options.squeeze_s / motion.period_s))
     for k in range(1, count + 1):
         motion.step(command_rad + (goal - command_rad) * k / count)
