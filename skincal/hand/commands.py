@@ -22,14 +22,13 @@ class CommandCheck:
     A command may step from the one before by velocity times time at most. The time is what has passed since that one
     was sent, on the hand's clock and on ours, whichever is less, and one period at most: a state that comes early,
     twice or with a clock that leaps earns no larger step. A simulated clock has nothing to do with ours, and counts
-    alone. Before the first command the hand holds to what it says.
+    alone. Before the first command the hand holds to what it says, and the time is that since the first state.
 
     Args:
         driver: the hand, connected.
-        now_s: our clock [s].
     """
 
-    def __init__(self, driver: HandDriver, now_s: float) -> None:
+    def __init__(self, driver: HandDriver) -> None:
         description = driver.description
         self._joints, self._limits = description.joints, description.limits
         self._low = self._limits.lower_rad - ROUNDING_RAD
@@ -37,16 +36,14 @@ class CommandCheck:
         self._real_time, self._period_s = driver.real_time, driver.period_s
         self._base_rad: FloatArray | None = None
         self._sent = False
-        self._sent_hand_s, self._sent_own_s = math.nan, now_s
-        self._hand_s = math.nan
+        self._hand_s = self._sent_hand_s = self._sent_own_s = math.nan
 
-    def observed(self, state: HandState) -> None:
-        """Takes a state that is sound."""
+    def observed(self, state: HandState, now_s: float) -> None:
+        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
         self._hand_s = float(state.time_s)
+        if self._base_rad is None:
+            self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
         if not self._sent:
-            if self._base_rad is None:
-                # It has held its angle since it was connected, which is a period ago at least.
-                self._sent_hand_s = self._hand_s - self._period_s
             self._base_rad = state.q_desired_rad.copy()
 
     def sent(self, command: HandCommand, now_s: float) -> None:

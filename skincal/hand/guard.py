@@ -116,7 +116,7 @@ class GuardedHand:
                 )
                 self._fail("driver", text)
             self._check_state = StateCheck(self._driver, options, self._contact_force)
-            self._check_command = CommandCheck(self._driver, self._clock())
+            self._check_command = CommandCheck(self._driver)
         except BaseException as error:
             # A `with` block that was not entered does not leave.
             told = isinstance(error, HandError) and error.stopped is not None
@@ -135,7 +135,7 @@ class GuardedHand:
         violation = self._check_state(state, now_s, now_s - start_s)
         if violation is not None:
             self._violated(violation)
-        self._check_command.observed(state)
+        self._check_command.observed(state, now_s)
         return state
 
     def act(self, command: HandCommand) -> None:

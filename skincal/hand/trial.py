@@ -58,7 +58,7 @@ class Trial:
         self.call(self.driver.connect, timeout_s=CONNECT_S)
         force = self.options.contact_force(self.driver.description)
         self._check_state = StateCheck(self.driver, self.options.guard, force)
-        self._check_command = CommandCheck(self.driver, time.monotonic())
+        self._check_command = CommandCheck(self.driver)
 
     def observe(self) -> HandState:
         """The next state, if it is sound; else the hand is stopped."""
@@ -67,7 +67,7 @@ class Trial:
         now = time.monotonic()
         if self._check_state is not None and self._check_command is not None:
             self._refuse(self._check_state(state, now, now - start))
-            self._check_command.observed(state)
+            self._check_command.observed(state, now)
         return state
 
     def act(self, command: HandCommand) -> None:
