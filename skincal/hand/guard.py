@@ -36,6 +36,9 @@ from skincal.robot import HandDescription, check_limits
 
 FloatArray = NDArray[np.float64]
 
+HURRY_S = 2.0
+"""Closing may take so long where somebody waits for the end [s]."""
+
 LONGEST_PERIOD_S = 1.0
 """A hand that is commanded less often than this is not controlled [s]."""
 
@@ -197,11 +200,12 @@ class GuardedHand:
 
     def _leave(self, error: BaseException | None, trouble: str) -> None:
         try:
-            if not trouble:
+            hurry = trouble or isinstance(error, KeyboardInterrupt)
+            if not hurry:
                 self.close()
             elif self._worker is not None and not self._closed:
-                # Whoever has to cut the power is not kept waiting.
-                self._give_back(self._worker, self._options.stop_timeout_s)
+                # Whoever has to cut the power, or wants an end, is not kept waiting.
+                self._give_back(self._worker, min(self._options.connect_timeout_s, HURRY_S))
         except HandError:
             # What ended the block is the news, not that closing failed after it.
             if error is None:
