@@ -26,20 +26,37 @@ def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
     Args:
         kept: what is left of the work, to be said at the end of an interrupted verb.
     """
+    from skincal.hand.errors import HandError
     from skincal.hand.halt import ENDING
 
     # The alarm is what `interruptible` looks again with.
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:
             yield
-        except KeyboardInterrupt as interrupt:
+        except (KeyboardInterrupt, HandError) as error:
+            danger, notes = _said(error)
+            if isinstance(error, HandError) and not danger:
+                raise
+            # The command ends now; whoever asks again must not keep it from saying this.
             for number in ENDING:
                 if signal.getsignal(number) is _interrupt:
                     signal.signal(number, signal.SIG_IGN)
-            # What the guard knows of the hand.
-            notes = getattr(interrupt, "__notes__", [])
-            say(" ".join(filter(None, ["skincal: interrupted.", *dict.fromkeys(notes), kept()])))
+            if danger:
+                say(f"skincal: error: {danger}")
+                raise SystemExit(1) from None
+            say(" ".join(filter(None, ["skincal: interrupted.", *notes, kept()])))
             raise SystemExit(130) from None
+
+
+def _said(error: BaseException | None) -> tuple[str, list[str]]:
+    """What is said of a hand that was not stopped, if any, and the notes of what ended a verb and what came before."""
+    danger, notes = "", list[str]()
+    while error is not None:
+        if getattr(error, "stopped", None) is False:
+            danger = danger or str(error)
+        notes += [note for note in getattr(error, "__notes__", []) if note not in notes]
+        error = error.__cause__ or error.__context__
+    return danger, notes
 
 
 @contextmanager

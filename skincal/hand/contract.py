@@ -16,7 +16,7 @@ from skincal.hand.checks import ContactForce
 from skincal.hand.contract_checks import CHECKS
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
-from skincal.hand.halt import STOPPED
+from skincal.hand.halt import HURRY_S, STOPPED, held_back
 from skincal.hand.hands import joint_contact_force
 from skincal.hand.options import GuardOptions
 from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
@@ -123,26 +123,30 @@ def _run(
 ) -> CheckResult:
     name, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
     start = time.monotonic()
-    status, got = FAILED, ""
     trial: Trial | None = None
+    status, got = FAILED, ""
     try:
-        trial = Trial(make(), options, make)
-        status, got = PASSED, check(trial) or ""
-    except SkippedCheckError as why:
-        status, got = SKIPPED, str(why)
-    except FailedCheckError as why:
-        got = str(why)
-    except CallTimeoutError:
-        got = f"a call that did not return within {options.call_s:g} s"
+        try:
+            trial = Trial(make(), options, make)
+            status, got = PASSED, check(trial) or ""
+        except SkippedCheckError as why:
+            status, got = SKIPPED, str(why)
+        except FailedCheckError as why:
+            got = str(why)
+        except CallTimeoutError:
+            got = f"a call that did not return within {options.call_s:g} s"
+        except (Exception, SystemExit) as error:
+            raised = error.__cause__ if isinstance(error, CallExitError) else error
+            got = f"{type(raised).__name__}: {raised}"
+        if trial is not None:
+            trial.end()
     except KeyboardInterrupt as interrupt:
-        trouble = "" if trial is None else trial.end()
+        with held_back() as came:
+            trouble = "" if trial is None else trial.end(HURRY_S)
+            # It ends already, and what there is to say must be said.
+            came.clear()
         if trouble:
             raise HandError(f"interrupted; {trouble}", "driver", stopped=False) from interrupt
         interrupt.add_note(STOPPED)
         raise
-    except (Exception, SystemExit) as error:
-        raised = error.__cause__ if isinstance(error, CallExitError) else error
-        got = f"{type(raised).__name__}: {raised}"
-    if trial is not None:
-        trial.end()
     return CheckResult(name, expected, status, got, time.monotonic() - start)

@@ -29,15 +29,12 @@ from skincal.hand.checks import ContactForce, StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
-from skincal.hand.halt import STOPPED, halt
+from skincal.hand.halt import HURRY_S, STOPPED, halt, held_back
 from skincal.hand.options import GuardOptions
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 from skincal.robot import HandDescription, check_limits
 
 FloatArray = NDArray[np.float64]
-
-HURRY_S = 2.0
-"""Closing may take so long where somebody waits for the end [s]."""
 
 LONGEST_PERIOD_S = 1.0
 """A hand that is commanded less often than this is not controlled [s]."""
@@ -122,8 +119,10 @@ class GuardedHand:
             self._check_command = CommandCheck(self._driver)
         except BaseException as error:
             # A `with` block that was not entered does not leave.
-            told = isinstance(error, HandError) and error.stopped is not None
-            self._leave(error, "" if told else self._halt())
+            if isinstance(error, HandError) and error.stopped is not None:
+                self._leave(error, "")
+            else:
+                self.__exit__(type(error), error, None)
             raise
 
     def observe(self) -> HandState:
@@ -196,12 +195,27 @@ class GuardedHand:
         Raises:
             HandError: it could not be stopped.
         """
-        self._leave(error, self._halt())
+        try:
+            with held_back() as came:
+                trouble = self._halt()
+                if trouble or isinstance(error, KeyboardInterrupt):
+                    try:
+                        self._leave(error, trouble)
+                    finally:
+                        # It ends already, and what there is to say must be said.
+                        came.clear()
+                    return
+        except KeyboardInterrupt as interrupt:
+            if not self._closed:
+                self._leave(interrupt, "")
+            raise
+        self._leave(error, trouble)
 
     def _leave(self, error: BaseException | None, trouble: str) -> None:
+        """Gives the hand back, and tells whether it was stopped."""
+        told = isinstance(error, HandError) and error.stopped is False
         try:
-            hurry = trouble or isinstance(error, KeyboardInterrupt)
-            if not hurry:
+            if not (trouble or told or isinstance(error, KeyboardInterrupt)):
                 self.close()
             elif self._worker is not None and not self._closed:
                 # Whoever has to cut the power, or wants an end, is not kept waiting.

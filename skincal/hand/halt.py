@@ -13,6 +13,9 @@ from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 STOPPED = "The hand was stopped."
 POWER = "Cut the hand's power."
 
+HURRY_S = 2.0
+"""Closing may take so long where somebody waits for the end [s]."""
+
 _OTHERS = {
     *(signal.SIGKILL, signal.SIGSTOP),  # cannot be caught
     *(signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH),  # do nothing of themselves
@@ -31,15 +34,18 @@ ENDING: tuple[int, ...] = tuple(sorted(signal.valid_signals() - _OTHERS))
 
 
 @contextmanager
-def held_back() -> Generator[None]:
+def held_back() -> Generator[list[int]]:
     """Keeps signals that would end the process, or interrupt it, from cutting a piece of work short.
 
     They come after it, to whoever handles them. The work must have an end of its own.
+
+    Yields:
+        The signals that have come; those that the work takes out do not come after it.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
 
     def note(number: int, frame: FrameType | None) -> None:
         came.append(number)
@@ -49,7 +55,7 @@ def held_back() -> Generator[None]:
     for number in taken:
         signal.signal(number, note)
     try:
-        yield
+        yield came
     finally:
         for number, handler in taken.items():
             signal.signal(number, handler)

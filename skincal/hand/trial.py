@@ -98,12 +98,12 @@ class Trial:
         """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
         return halt(self.driver.stop, self.options.stop_s, self.driver.name)
 
-    def end(self) -> str:
+    def end(self, close_s: float = CONNECT_S) -> str:
         """Stops the hand and gives it back, whatever state it is in. Returns what went wrong with stopping it."""
         trouble = self.halt()
         with suppress(Exception):
             # Behind a call that hangs there is no closing, and nothing to wait for.
-            self.call(self.driver.close, timeout_s=self._close_s)
+            self.call(self.driver.close, timeout_s=min(close_s, self._close_s))
         self._worker.end()
         return trouble
 

@@ -247,3 +247,55 @@ def test_no_joint_moves_further_than_stated() -> None:
     run_contract("fake", make, replace(GOOD, step_rad=0.015))
     angles = np.concatenate([hand.commands for hand in made if hand.commands])
     assert np.abs(angles).max() == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("raised", [SystemExit(0), KeyboardInterrupt(), BaseException("odd")], ids=repr)
+def test_a_driver_that_ends_the_process_fails(raised: BaseException) -> None:
+    report = run_contract("exits", lambda: FakeHand(raises={"observe": raised}, after=1), QUICK)
+    assert {"states are sound", "commands are followed"} <= failed(report)
+    assert type(raised).__name__ in next(r.got for r in report.results if r.name == "states are sound")
+
+    def exits() -> FakeHand:
+        raise SystemExit(0)
+
+    assert run_contract("exits", exits, QUICK).count("failed") > 10
+
+
+def test_a_force_above_the_limit_stops_the_hand_in_every_check() -> None:
+    made: list[FakeHand] = []
+
+    def make() -> FakeHand:
+        made.append(FakeHand(changed(tau_nm=np.array([0.0, 1.2])), after=15))
+        return made[-1]
+
+    options = replace(QUICK, contact_force=lambda description: lambda state: 10 * float(state.tau_nm.max()))
+    report = run_contract("spike", make, options)
+    texts = [result.got for result in report.results if result.status == "failed"]
+    assert "commands are followed" in failed(report)
+    assert all("contact force is 12 N, above the limit of 8 N" in text for text in texts)
+    assert all("The hand was stopped." in text for text in texts)
+    assert all(hand.ticks <= 16 for hand in made if hand.ticks > 15 and hand.commands)
+
+
+def test_a_clock_that_does_not_keep_pace_with_ours() -> None:
+    def make() -> FakeHand:
+        return FakeHand(real_time=True, pace_s=0.004)
+
+    report = run_contract("fast", make, QUICK)
+    result = next(r for r in report.results if r.name == "clock keeps the period")
+    assert result.status == "failed"
+    assert "times as fast as ours" in result.got
+
+
+def test_an_interrupted_test_says_that_the_hand_was_stopped() -> None:
+    def interrupt(result: object) -> None:
+        raise AssertionError("not reached")
+
+    class Pressed(FakeHand):
+        @property
+        def description(self) -> HandDescription:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run_contract("pressed", Pressed, QUICK, interrupt)
+    assert caught.value.__notes__ == ["The hand was stopped."]
