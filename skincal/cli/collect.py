@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.collect_plan import plan_of, show_plan
-from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
+from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say, warn
 from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
 from skincal.cli.interrupt import moving
 
@@ -136,8 +136,14 @@ def collect(
         )
     if as_json:
         print_json(_as_json(found, out))
-        return
-    _tell(found, out)
+    else:
+        _tell(found, out)
+    if found.problems:
+        warn(found.problems)
+        say(
+            f"skincal: error: {out}: expected a dataset that can be fitted; got the problems above. Nothing is lost."
+        )
+        raise typer.Exit(1)
 
 
 def _driver_options(
@@ -275,6 +281,7 @@ def _as_json(found: Collected, out: Path) -> dict[str, Any]:
         "status": found.statuses,
         "resumed": found.resumed,
         "session_s": round(found.session_s, 3),
+        "problems": [str(problem) for problem in found.problems],
     }
 
 

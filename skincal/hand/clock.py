@@ -13,6 +13,10 @@ DRIFT = 1e-3
 SLOWEST = 10.0
 """A simulated clock may run so many times slower than ours while we wait for it, and as fast as it likes."""
 
+JUMP_S = 0.1
+"""Between two states the hand's clock may go on by so much more than ours, or by five periods: a bus delivers in
+bursts, and a computer that is busy looks late [s]."""
+
 
 class ClockCheck:
     """Checks the time of each state, one after the other.
@@ -31,7 +35,7 @@ class ClockCheck:
         self, options: GuardOptions, *, real_time: bool, period_s: float, recorded: bool = False
     ) -> None:
         self._options, self._real_time, self._recorded = options, real_time, recorded
-        self._jump_s = max(options.stale_s, 2 * period_s)
+        self._jump_s = max(JUMP_S, 5 * period_s)
         lag_s = math.inf if options.lag_s is None else options.lag_s
         # Who waits longer for a simulated hand, over a bad network say, takes later states.
         self._lag_s = lag_s if real_time else max(lag_s, options.timeout_s / 2)

@@ -17,7 +17,7 @@ class GuardOptions:
         connect_timeout_s: the same for connecting and for closing [s].
         stop_timeout_s: ``stop`` is waited for so long [s].
         idle_s: the hand is stopped when nobody calls for so long [s]; None: never.
-        stale_s: the hand's clock must advance within this time, on our clock, and may not jump by more [s].
+        stale_s: the hand's clock must advance within this time, on our clock [s].
         lag_s: the clock of a hand that runs in real time may fall behind ours, or run ahead of it, by so much; that
             of a simulated one may be so late with a state [s]. None: not checked.
         taxel_age_s: a taxel value may be so old, on the hand's clock [s].
