@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.collect_plan import plan_of, show_plan
-from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
-from skincal.cli.hand import DriverOptionsOption, find_modules_here
+from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say, warn
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.interrupt import moving
 
 if TYPE_CHECKING:
     from skincal.collect import Collected, Need, Plan
@@ -90,6 +91,7 @@ def collect(
         ),
     ] = None,
     driver_option: DriverOptionsOption = None,
+    beyond_limits: BeyondLimitsOption = False,
     restart: Annotated[
         bool, typer.Option("--restart", help="Throw an interrupted session away and begin anew.")
     ] = False,
@@ -104,11 +106,14 @@ def collect(
     from skincal.collect import collect as run
     from skincal.collect import journal_folder
     from skincal.files import refuse_existing
+    from skincal.hand import GuardOptions
+    from skincal.robot import check_limits
 
-    find_modules_here()
+    find_modules_here(driver)
     options = _driver_options(driver, seed, effect, truth, hand, driver_option)
     made = _create(driver, options, {})
     description = made.description
+    check_limits(description, beyond=beyond_limits)
     chosen = plan_of(plan, protocol, seed, description, second_indenter_mm)
     if plan_only:
         show_plan(chosen, description, out, force, as_json)
@@ -116,13 +121,14 @@ def collect(
     if truth is not None and not journal_folder(out).exists():
         refuse_existing(truth, force=force)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
-    with _progress(len(chosen), description) as told, _resumable(out):
+    with _progress(len(chosen), description) as told, moving(lambda: _kept(out)), _resumable(out):
         found = run(
             chosen,
             description,
             _maker(driver, options, out, told.pause),
             out,
             key=key,
+            guard=GuardOptions(beyond_limits=beyond_limits),
             source=_source(driver, seed, chosen, effect, description),
             force=force,
             restart=restart,
@@ -130,8 +136,14 @@ def collect(
         )
     if as_json:
         print_json(_as_json(found, out))
-        return
-    _tell(found, out)
+    else:
+        _tell(found, out)
+    if found.problems:
+        warn(found.problems)
+        say(
+            f"skincal: error: {out}: expected a dataset that can be fitted; got the problems above. Nothing is lost."
+        )
+        raise typer.Exit(1)
 
 
 def _driver_options(
@@ -239,14 +251,11 @@ def _progress(total: int, hand: HandDescription) -> Generator[Any]:
 
 @contextmanager
 def _resumable(out: Path) -> Generator[None]:
-    """Whatever ends a session, it says what is kept and how to go on."""
+    """A session that ends early says what is kept and how to go on."""
     from skincal.errors import WorkError
 
     try:
         yield
-    except KeyboardInterrupt:
-        say(f"skincal: interrupted; the hand was stopped. {_kept(out)}")
-        raise SystemExit(130) from None
     except WorkError:
         say(f"skincal: the session ended early. {_kept(out)}")
         raise
@@ -272,6 +281,7 @@ def _as_json(found: Collected, out: Path) -> dict[str, Any]:
         "status": found.statuses,
         "resumed": found.resumed,
         "session_s": round(found.session_s, 3),
+        "problems": [str(problem) for problem in found.problems],
     }
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import ForceOption, JsonOption, example, print_json, say
+from skincal.cli.interrupt import moving
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -31,6 +32,11 @@ DriverOptionsOption = Annotated[
         help="An option of the driver; may be given several times. `skincal hand list` shows them.",
         show_default=False,
     ),
+]
+
+BeyondLimitsOption = Annotated[
+    bool,
+    typer.Option("--beyond-limits", help="Take limits of hand.toml that are beyond those of any finger."),
 ]
 
 
@@ -66,12 +72,15 @@ def show(
     hand: Annotated[
         str, typer.Argument(metavar="[HAND]", help="Name of a hand, or its hand.toml.")
     ] = "dlr_hand_2",
+    beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a hand's description says: joints, limits, fingers, sensor."""
     from skincal.hand.hands import hand_named
+    from skincal.robot import check_limits
 
     description = hand_named(hand)
+    check_limits(description, beyond=beyond_limits)
     if as_json:
         print_json(_hand_json(description))
         return
@@ -99,6 +108,7 @@ def test(
         float, typer.Option("--step-deg", min=0.1, max=5.0, help="Largest motion of a joint.")
     ] = 1.0,
     move: Annotated[bool, typer.Option("--move/--no-move", help="Whether the hand is moved at all.")] = True,
+    beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run the contract against a driver: is it what skincal takes a hand to be?
@@ -110,15 +120,17 @@ def test(
 
     from skincal.hand.contract import ContractOptions, run_contract
     from skincal.hand.registry import create_driver, parse_options
+    from skincal.robot import check_limits
 
-    find_modules_here()
+    find_modules_here(driver)
     options = parse_options(driver_option or [])
     # A wrong name or option is no failure of a check.
-    create_driver(driver, **options)
-    tried = ContractOptions(step_rad=math.radians(step_deg), move=move)
+    check_limits(create_driver(driver, **options).description, beyond=beyond_limits)
+    tried = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
     # A terminal sees it coming, and so does who takes JSON; else the table says all at the end.
     told = _told if as_json or sys.stderr.isatty() else _untold
-    report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
+    with moving():
+        report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
     if as_json:
         print_json(_report_json(report))
     else:
@@ -152,11 +164,11 @@ def keys(
     say("Whoever has client/ can move the hand: copy it by a way that nobody else can read.")
 
 
-def find_modules_here() -> None:
-    """Lets ``module:Class`` name a module of the working folder, as ``python -m`` does."""
+def find_modules_here(driver: str) -> None:
+    """Lets ``module:Class`` name a module of the working folder; it comes last, so that it hides nothing installed."""
     here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
+    if ":" in driver and here not in sys.path:
+        sys.path.append(here)
 
 
 def _told(result: CheckResult) -> None:

@@ -59,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # Several threads of linear algebra round otherwise than the one that worker processes have: results would
         # depend on which process they came from. It counts as long as nothing has imported numpy.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Worker processes look for modules where they are installed, not first in the folder that somebody works in.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     debug = "--debug" in arguments
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]

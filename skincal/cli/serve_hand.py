@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from skincal.cli.common import JsonOption, example, print_json, say
-from skincal.cli.hand import DriverOptionsOption, find_modules_here
-from skincal.cli.interrupt import REQUESTS
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
 
 if TYPE_CHECKING:
     from skincal.hand.serve import HandServer
@@ -40,10 +39,12 @@ def serve_hand(
     ] = None,
     watchdog_s: Annotated[
         float,
-        typer.Option("--watchdog-s", min=0.05, help="A client that is silent for so long loses the hand."),
+        typer.Option(
+            "--watchdog-s", min=0.05, max=60.0, help="A client that is silent for so long loses the hand."
+        ),
     ] = 2.0,
     timeout_s: Annotated[
-        float, typer.Option("--timeout-s", min=0.05, help="A call to the driver may take so long.")
+        float, typer.Option("--timeout-s", min=0.05, max=60.0, help="A call to the driver may take so long.")
     ] = 1.0,
     force_check: Annotated[
         bool,
@@ -54,6 +55,7 @@ def serve_hand(
     sessions: Annotated[
         int | None, typer.Option("--sessions", min=1, help="End after so many clients.", show_default=False)
     ] = None,
+    beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Serve a hand to another computer, or to another program on this one.
@@ -67,13 +69,15 @@ def serve_hand(
     from skincal.hand.serve import HandServer, ServeOptions
     from skincal.hand.sockets import hand_keys
 
-    find_modules_here()
+    find_modules_here(driver)
     options = parse_options(driver_option or [])
     server = HandServer(
         lambda: create_driver(driver, **options),
         bind,
         keys=None if keys is None else hand_keys(keys),
-        options=ServeOptions(watchdog_s=watchdog_s, guard=GuardOptions(timeout_s=timeout_s)),
+        options=ServeOptions(
+            watchdog_s=watchdog_s, guard=GuardOptions(timeout_s=timeout_s, beyond_limits=beyond_limits)
+        ),
         contact_force=joint_contact_force if force_check else None,
     )
     with server:
@@ -86,11 +90,12 @@ def serve_hand(
 
 
 def _end_on_signals(server: HandServer) -> None:
-    """Ctrl-C and other requests to end, if they are not ignored, end the loop, which stops the hand."""
+    """Every signal that would end or suspend the process, if it is not ignored, ends the loop, which stops the hand."""
+    from skincal.hand.halt import ENDING
 
     def end(number: int, frame: FrameType | None) -> None:
         server.end()
 
-    for number in (signal.SIGINT, *REQUESTS):
+    for number in ENDING:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, end)

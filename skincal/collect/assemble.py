@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from skincal.collect.journal import Journal
 from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
+from skincal.dataset.count_checks import DEAD_STRETCH, long_stretches
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -59,6 +60,8 @@ def _presses(rows: Sequence[Arrays]) -> Presses:
 
 def _frames(stretches: Sequence[Arrays]) -> Frames:
     table = {name: np.concatenate([s[name] for s in stretches]) for name in stretches[0]}
+    kept = _answered(table["counts"])
+    table = {name: column[kept] for name, column in table.items()}
     own = {name: table.pop(name) for name in OWN_OF_FRAMES}
     position = np.stack([own[name] for name in POSITION], axis=1)
     nothing = own["press"] < 0
@@ -71,6 +74,18 @@ def _frames(stretches: Sequence[Arrays]) -> Frames:
         own["counts"],
         columns=_given(table),
     )
+
+
+def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The frames (M,) that are kept: one in which a taxel failed to answer for a moment is no image."""
+    kept = np.ones(len(counts), dtype=bool)
+    while True:
+        missing = np.isnan(counts[kept])
+        # A taxel that is silent for long is dead, and its NaN stays.
+        moment = missing & ~long_stretches(missing, DEAD_STRETCH) & ~missing.all(axis=0)
+        if not moment.any():
+            return kept
+        kept[np.flatnonzero(kept)[moment.any(axis=1)]] = False
 
 
 def _names(rows: Sequence[Arrays]) -> list[str]:

@@ -26,7 +26,7 @@ from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
 from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.sites import Mount
-from skincal.dataset import Dataset, write_dataset
+from skincal.dataset import Dataset, check_dataset, write_dataset
 from skincal.errors import InputError, Problem
 from skincal.files import refuse_existing
 from skincal.hand import GuardOptions
@@ -45,12 +45,14 @@ class Collected:
         resumed: presses that were taken from an interrupted session.
         session_s: length of the session on its clock [s].
         interruptions: how often the session went on after an interruption.
+        problems: why the dataset cannot be used as it stands; empty: it can.
     """
 
     dataset: Dataset
     resumed: int
     session_s: float
     interruptions: int
+    problems: tuple[Problem, ...] = ()
 
     @property
     def missed_target(self) -> int:
@@ -127,11 +129,12 @@ def collect(
         dataset = dataset_of(journal, hand.meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
             write_dataset(dataset, out, force=force)
+        problems = check_dataset(out).errors
         assert dataset.frames is not None
         times = dataset.frames.time_s
         cuts = sum(bool(connection["resumed"]) for connection in journal.connections())
         journal.remove()
-    return Collected(dataset, resumed, float(times[-1] - times[0]), cuts)
+    return Collected(dataset, resumed, float(times[-1] - times[0]), cuts, problems)
 
 
 def _begun_or_gone(session: Session) -> None:

@@ -2,7 +2,8 @@
 
 Each check makes a driver of its own, and moves no joint by more than ``step_rad``; a hand must be where it can move
 that far without touching anything. Calls are made as the guard makes them, so that one that hangs fails its check
-and nothing else.
+and nothing else; every state and command is checked as the guard does, the contact force too, and a hand that breaks a
+limit is stopped.
 """
 
 from __future__ import annotations
@@ -11,10 +12,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from skincal.hand.checks import ContactForce
 from skincal.hand.contract_checks import CHECKS
 from skincal.hand.driver import HandDriver
+from skincal.hand.errors import HandError
+from skincal.hand.halt import HURRY_S, STOPPED, held_back
+from skincal.hand.hands import joint_contact_force
+from skincal.hand.options import GuardOptions
 from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
-from skincal.hand.worker import CallTimeoutError
+from skincal.hand.worker import CallExitError, CallTimeoutError
+from skincal.robot import HandDescription
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 
@@ -29,6 +36,8 @@ class ContractOptions:
         call_s: a call to the driver may take so long [s].
         stop_s: ``stop`` may take so long [s].
         move: whether the hand is moved at all.
+        beyond_limits: whether the limits of its description may pass those that any finger has.
+        contact_force: makes the function that tells the contact force of a state.
     """
 
     step_rad: float = 0.02
@@ -36,6 +45,15 @@ class ContractOptions:
     call_s: float = 1.0
     stop_s: float = 0.5
     move: bool = True
+    beyond_limits: bool = False
+    contact_force: Callable[[HandDescription], ContactForce] = joint_contact_force
+
+    @property
+    def guard(self) -> GuardOptions:
+        """Limits and times of the guard that the hand is tried under."""
+        return GuardOptions(
+            timeout_s=self.call_s, stop_timeout_s=self.stop_s, idle_s=None, beyond_limits=self.beyond_limits
+        )
 
 
 @dataclass(frozen=True)
@@ -105,20 +123,30 @@ def _run(
 ) -> CheckResult:
     name, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
     start = time.monotonic()
-    status, got = FAILED, ""
     trial: Trial | None = None
+    status, got = FAILED, ""
     try:
-        trial = Trial(make(), options, make)
-        status, got = PASSED, check(trial) or ""
-    except SkippedCheckError as why:
-        status, got = SKIPPED, str(why)
-    except FailedCheckError as why:
-        got = str(why)
-    except CallTimeoutError:
-        got = f"a call that did not return within {options.call_s:g} s"
-    except Exception as error:
-        got = f"{type(error).__name__}: {error}"
-    finally:
+        try:
+            trial = Trial(make(), options, make)
+            status, got = PASSED, check(trial) or ""
+        except SkippedCheckError as why:
+            status, got = SKIPPED, str(why)
+        except FailedCheckError as why:
+            got = str(why)
+        except CallTimeoutError:
+            got = f"a call that did not return within {options.call_s:g} s"
+        except (Exception, SystemExit) as error:
+            raised = error.__cause__ if isinstance(error, CallExitError) else error
+            got = f"{type(raised).__name__}: {raised}"
         if trial is not None:
             trial.end()
+    except KeyboardInterrupt as interrupt:
+        with held_back() as came:
+            trouble = "" if trial is None else trial.end(HURRY_S)
+            # It ends already, and what there is to say must be said.
+            came.clear()
+        if trouble:
+            raise HandError(f"interrupted; {trouble}", "driver", stopped=False) from interrupt
+        interrupt.add_note(STOPPED)
+        raise
     return CheckResult(name, expected, status, got, time.monotonic() - start)

@@ -71,6 +71,9 @@ class HandDriver(ABC):
     follows_commands: bool = True
     """Whether the hand does what it is told; one that plays a recording does not."""
 
+    real_time: bool = True
+    """Whether the hand's clock runs as fast as ours; that of a simulated or a recorded hand runs as it likes."""
+
     @property
     @abstractmethod
     def description(self) -> HandDescription:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from dataclasses import dataclass
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skincal.errors import SkincalError, WorkError
 
@@ -57,6 +61,17 @@ ADVICE: dict[HandErrorKind, str] = {
 """What to do about it, by kind."""
 
 
+@dataclass(frozen=True)
+class Violation:
+    """One thing that may not be, as :class:`HandError` tells it."""
+
+    kind: HandErrorKind
+    text: str
+    joint: str | None = None
+    value: float | None = None
+    limit: float | None = None
+
+
 class HandError(WorkError):
     """A hand cannot go on.
 
@@ -94,7 +109,7 @@ def again(failure: HandError) -> HandError:
     )
 
 
-def described(what: str, error: BaseException) -> tuple[HandErrorKind, str]:
+def described(what: str, error: BaseException | None) -> tuple[HandErrorKind, str]:
     """Kind and text of what a driver raised in a call."""
     if isinstance(error, HandError):
         return error.kind, str(error).rstrip(".")
@@ -102,3 +117,11 @@ def described(what: str, error: BaseException) -> tuple[HandErrorKind, str]:
         return "driver", str(error).rstrip(".")
     text = f"{what}() raised {type(error).__name__}: {error}".rstrip(".")
     return ("lost" if isinstance(error, ConnectionError | EOFError) else "driver"), text
+
+
+def shown(value: Any) -> str:
+    """A value of a wrong type or shape, briefly."""
+    if isinstance(value, np.ndarray):
+        array = cast(NDArray[Any], value)
+        return f"an array of {array.dtype} of shape {array.shape}"
+    return f"{type(value).__name__} {value!r:.60}"

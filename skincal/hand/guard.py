@@ -5,6 +5,9 @@ Every state is checked before it is handed on, every command before it is sent. 
 is not cut down to what is allowed, because then the hand would do something that nobody asked for, and whoever asked
 would not know. Who wants the nearest allowed command asks for it: :meth:`GuardedHand.nearest`.
 
+That the hand was stopped is said when ``stop`` returned, and only then; else the error says to cut its power. Signals
+that would end the process wait until that is known.
+
 Times: from a bad state, a bad command or an exception to the call of ``stop`` a millisecond passes; from a call that
 hangs, ``timeout_s``. Python cannot leave a driver that hangs in foreign code without releasing the interpreter lock.
 """
@@ -12,7 +15,7 @@ hangs, ``timeout_s``. Python cannot leave a driver that hangs in foreign code wi
 from __future__ import annotations
 
 import atexit
-import math
+import sys
 import time
 from collections.abc import Callable
 from threading import Lock
@@ -22,17 +25,19 @@ from typing import Any, NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.hand.checks import CommandCheck, StateCheck, Violation
+from skincal.hand.checks import ContactForce, StateCheck
+from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import ADVICE, HandError, HandErrorKind, again, described
+from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
+from skincal.hand.halt import HURRY_S, STOPPED, halt, held_back
 from skincal.hand.options import GuardOptions
-from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
-from skincal.robot.description import HandDescription
+from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
+from skincal.robot import HandDescription, check_limits
 
 FloatArray = NDArray[np.float64]
-ContactForce = Callable[[HandState], float]
 
-POWER = "Cut the hand's power."
+LONGEST_PERIOD_S = 1.0
+"""A hand that is commanded less often than this is not controlled [s]."""
 
 
 class GuardedHand:
@@ -44,6 +49,7 @@ class GuardedHand:
         driver: the hand.
         options: limits and times.
         contact_force: the contact force of a state [N], from its joint angles and torques; None: not checked.
+        clock: our clock [s].
     """
 
     def __init__(
@@ -51,10 +57,12 @@ class GuardedHand:
         driver: HandDriver,
         options: GuardOptions | None = None,
         contact_force: ContactForce | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._driver = driver
         self._options = options or GuardOptions()
         self._contact_force = contact_force
+        self._clock = clock
         self._worker: Worker | None = None
         self._lock = Lock()
         self._failure: HandError | None = None
@@ -77,6 +85,11 @@ class GuardedHand:
         return self._driver.period_s
 
     @property
+    def real_time(self) -> bool:
+        """Whether the hand's clock runs as fast as ours."""
+        return self._driver.real_time
+
+    @property
     def failure(self) -> HandError | None:
         """Why the hand was stopped by the guard; None while all is well."""
         return self._failure
@@ -85,23 +98,31 @@ class GuardedHand:
         """Takes the hand.
 
         Raises:
+            InputError: the limits of its description are beyond those of any finger.
             HandError: it does not answer, or has been connected before.
         """
         if self._worker is not None:
             raise HandError(f"{self.name}: a guarded hand is connected once; make a new one", "order")
-        description, options = self._driver.description, self._options
-        self._check_state = StateCheck(description, options)
-        self._max_force_n = options.max_force_n or description.max_force_n
-        self._sent: FloatArray | None = None
-        self._before: FloatArray | None = None
+        options = self._options
+        check_limits(self._driver.description, beyond=options.beyond_limits)
         self._worker = Worker(f"hand {self.name}", options.idle_s, self._idle)
-        atexit.register(self.stop)
+        atexit.register(self._at_exit)
         try:
             self._call("connect", self._driver.connect, timeout_s=options.connect_timeout_s)
-            self._check_command = CommandCheck(description, self._driver.period_s)
-        except BaseException:
+            period_s = self._driver.period_s
+            if not 0 < period_s <= LONGEST_PERIOD_S:
+                text = (
+                    f"period_s: expected a time above 0 s, {LONGEST_PERIOD_S:g} s at most; got {period_s!r}"
+                )
+                self._fail("driver", text)
+            self._check_state = StateCheck(self._driver, options, self._contact_force)
+            self._check_command = CommandCheck(self._driver)
+        except BaseException as error:
             # A `with` block that was not entered does not leave.
-            self._give_back()
+            if isinstance(error, HandError) and error.stopped is not None:
+                self._leave(error, "")
+            else:
+                self.__exit__(type(error), error, None)
             raise
 
     def observe(self) -> HandState:
@@ -110,12 +131,13 @@ class GuardedHand:
         Raises:
             HandError: something is wrong; the hand has been stopped.
         """
+        start_s = self._clock()
         state: HandState = self._call("observe", self._driver.observe, timeout_s=self._options.timeout_s)
-        violation = self._check_state(state, time.monotonic()) or self._check_force(state)
+        now_s = self._clock()
+        violation = self._check_state(state, now_s, now_s - start_s)
         if violation is not None:
             self._violated(violation)
-        # Before the first command, the hand holds to what it says.
-        self._before = state.q_desired_rad if self._sent is None else self._sent
+        self._check_command.observed(state, now_s)
         return state
 
     def act(self, command: HandCommand) -> None:
@@ -127,16 +149,16 @@ class GuardedHand:
         self._ready("act")
         if self._halted:
             raise HandError(f"{self.name}: the hand has been stopped; connect anew to move it", "stopped")
-        violation = self._check_command(command, self._base())
+        violation = self._check_command(command, self._clock())
         if violation is not None:
             self._violated(violation)
-        self._call("act", self._driver.act, command, timeout_s=self._options.timeout_s)
-        # A copy: whoever made the command may use its array again.
-        self._sent = command.q_desired_rad.copy()
+        self._call("act", self._send, command, timeout_s=self._options.timeout_s)
+        self._check_command.sent(command, self._clock())
 
     def nearest(self, q_desired_rad: FloatArray) -> HandCommand:
         """The allowed command that is nearest to these angles (n,) [rad], within joint limits and speed."""
-        return HandCommand(self._check_command.nearest(q_desired_rad, self._base()))
+        self._ready("nearest")
+        return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
 
     def stop(self) -> None:
         """Stops the hand; may be called at any time and from any thread. States can still be observed.
@@ -156,7 +178,7 @@ class GuardedHand:
         """
         if self._closed or self._worker is None:
             return
-        error = self._give_back()
+        error = self._give_back(self._worker)
         if error is not None and self._failure is None:
             raise error
 
@@ -168,16 +190,66 @@ class GuardedHand:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, whatever happened, and gives it back."""
-        trouble = self._halt()
+        """Stops the hand, whatever happened, and gives it back. What ended the block has a note that it was stopped.
+
+        Raises:
+            HandError: it could not be stopped.
+        """
         try:
-            self.close()
+            with held_back() as came:
+                trouble = self._halt()
+                if trouble or isinstance(error, KeyboardInterrupt):
+                    try:
+                        self._leave(error, trouble)
+                    finally:
+                        # It ends already, and what there is to say must be said.
+                        came.clear()
+                    return
+        except KeyboardInterrupt as interrupt:
+            if not self._closed:
+                self._leave(interrupt, "")
+            raise
+        self._leave(error, trouble)
+
+    def _leave(self, error: BaseException | None, trouble: str) -> None:
+        """Gives the hand back, and tells whether it was stopped."""
+        told = isinstance(error, HandError) and error.stopped is False
+        try:
+            if not (trouble or told or isinstance(error, KeyboardInterrupt)):
+                self.close()
+            elif self._worker is not None and not self._closed:
+                # Whoever has to cut the power, or wants an end, is not kept waiting.
+                self._give_back(self._worker, min(self._options.connect_timeout_s, HURRY_S))
         except HandError:
             # What ended the block is the news, not that closing failed after it.
             if error is None:
                 raise
-        if trouble and error is None:
-            raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
+        except BaseException as interrupt:
+            self._tell(interrupt, trouble)
+            raise
+        self._tell(error, trouble)
+
+    def _tell(self, error: BaseException | None, trouble: str) -> None:
+        """Notes at what ends the block that the hand was stopped; where it was not, that is what ends it."""
+        if isinstance(error, HandError) and error.stopped is not None:
+            return
+        if trouble:
+            reason = (
+                "interrupted; "
+                if isinstance(error, KeyboardInterrupt)
+                else ""
+                if error is None
+                else f"{error}; "
+            )
+            raise HandError(f"{self.name}: {reason}{trouble}", "driver", stopped=False) from error
+        if error is not None:
+            error.add_note(STOPPED)
+
+    def _at_exit(self) -> None:
+        """At the end of a process that forgot its hand."""
+        trouble = self._halt()
+        if trouble:
+            print(f"{self.name}: {trouble}", file=sys.stderr)
 
     def _ready(self, what: str) -> Worker:
         """The worker, where the hand is connected and nothing has gone wrong."""
@@ -187,12 +259,6 @@ class GuardedHand:
             raise HandError(f"{self.name}: {what}() of a hand that is not connected", "order")
         return self._worker
 
-    def _base(self) -> FloatArray:
-        """What was commanded when the last state came (n,) [rad]: the next command steps from there."""
-        if self._before is None:
-            raise HandError(f"{self.name}: observe a state before the first command", "order")
-        return self._before
-
     def _call(self, what: str, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
         """Makes a call to the driver; whatever goes wrong, the hand is stopped."""
         worker = self._ready(what)
@@ -201,12 +267,13 @@ class GuardedHand:
         except CallTimeoutError:
             text = f"{what}() did not return within {timeout_s:g} s"
             self._fail("timeout", text, value=timeout_s, limit=timeout_s)
-        except (Exception, SystemExit) as error:
+        except Exception as error:
             if self._failure is not None:
                 raise again(self._failure) from None
-            kind, text = described(what, error)
+            raised = error.__cause__ if isinstance(error, CallExitError) else error
+            kind, text = described(what, raised)
             own = error if isinstance(error, HandError) else HandError(text, kind)
-            self._fail(kind, text, own.joint, own.value, own.limit, cause=error)
+            self._fail(kind, text, own.joint, own.value, own.limit, cause=raised)
         except BaseException:
             self._halt()
             raise
@@ -217,20 +284,11 @@ class GuardedHand:
             raise self._failure
         return work(*arguments)
 
-    def _check_force(self, state: HandState) -> Violation | None:
-        if self._contact_force is None:
-            return None
-        try:
-            force_n = float(self._contact_force(state))
-        except Exception as error:
-            return Violation(
-                "force", f"the contact force cannot be computed: {type(error).__name__}: {error}"
-            )
-        if math.isfinite(force_n) and abs(force_n) <= self._max_force_n:
-            return None
-        limit_n = self._max_force_n
-        text = f"contact force is {force_n:.3g} N, above the limit of {limit_n:.3g} N"
-        return Violation("force", text, value=force_n, limit=limit_n)
+    def _send(self, command: HandCommand) -> None:
+        """In the worker: nothing is sent after the hand was stopped while the command waited for its turn."""
+        if self._halted:
+            raise HandError("the hand has been stopped; the command was not sent", "stopped")
+        self._driver.act(command)
 
     def _violated(self, violation: Violation) -> NoReturn:
         self._fail(violation.kind, violation.text, violation.joint, violation.value, violation.limit)
@@ -255,22 +313,9 @@ class GuardedHand:
         raise error from cause
 
     def _halt(self) -> str:
-        """Calls the driver's ``stop``, a second time if it raises.
-
-        Returns:
-            What went wrong with it; empty: the hand was stopped.
-        """
+        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
         self._halted = True
-        trouble = ""
-        for _ in range(2):
-            try:
-                call_and_leave(self._driver.stop, self._options.stop_timeout_s, f"stop {self.name}")
-                return ""
-            except CallTimeoutError:
-                return f"stop() did not return within {self._options.stop_timeout_s:g} s! {POWER}"
-            except (Exception, SystemExit) as error:
-                trouble = f"stop() failed! {type(error).__name__}: {error}. {POWER}"
-        return trouble
+        return halt(self._driver.stop, self._options.stop_timeout_s, self.name)
 
     def _idle(self) -> None:
         """In the worker: nobody has called for ``idle_s``."""
@@ -282,22 +327,22 @@ class GuardedHand:
             # The next call raises it.
             return
 
-    def _give_back(self) -> HandError | None:
+    def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
         """Closes the driver and lets the worker end. Returns what went wrong."""
         self._closed = True
-        atexit.unregister(self.stop)
-        if self._worker is None:
-            return None
-        timeout_s = self._options.connect_timeout_s
-        if self._failure is not None and self._failure.kind == "timeout":
-            # The worker still waits for the call that hangs; closing comes after it, if it ever ends.
-            timeout_s = self._options.stop_timeout_s
+        atexit.unregister(self._at_exit)
+        options = self._options
+        timeout_s = timeout_s or options.connect_timeout_s
+        hung = self._failure is not None and self._failure.kind == "timeout"
         try:
-            self._worker.call(self._driver.close, timeout_s=timeout_s)
+            # Behind a call that hangs there is no closing, and nothing to wait for.
+            worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)
+            worker.call(self._driver.close, timeout_s=timeout_s)
         except CallTimeoutError:
             return HandError(f"{self.name}: close() did not return within {timeout_s:g} s", "timeout")
-        except (Exception, SystemExit) as error:
-            return HandError(f"{self.name}: {described('close', error)[1]}", "driver")
+        except Exception as error:
+            raised = error.__cause__ if isinstance(error, CallExitError) else error
+            return HandError(f"{self.name}: {described('close', raised)[1]}", "driver")
         finally:
-            self._worker.end()
+            worker.end()
         return None

@@ -23,7 +23,8 @@ and, by kind, of requests:
 and of replies:
 
 ``welcome``
-    ``period_s``; ``watchdog_s``: a client that is silent for so long loses the hand.
+    ``period_s``; ``watchdog_s``: a client that is silent for so long loses the hand; ``real_time``: false where the
+    hand's clock does not run as fast as ours, as it is simulated; true where it is left out.
 ``state``
     the fields of a :class:`~skincal.hand.driver.HandState`.
 ``done``, ``wait``

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 from skincal.errors import InputError, Problem
@@ -17,8 +18,8 @@ class GuardOptions:
         stop_timeout_s: ``stop`` is waited for so long [s].
         idle_s: the hand is stopped when nobody calls for so long [s]; None: never.
         stale_s: the hand's clock must advance within this time, on our clock [s].
-        lag_s: a hand whose clock runs as fast as ours may fall behind it by so much before its states count as old
-            [s]; None: not checked, as a simulated clock runs as it likes.
+        lag_s: the clock of a hand that runs in real time may fall behind ours, or run ahead of it, by so much; that
+            of a simulated one may be so late with a state [s]. None: not checked.
         taxel_age_s: a taxel value may be so old, on the hand's clock [s].
         taxel_ahead_s: a taxel's time stamp may lie so far in the future, for clocks that do not quite agree [s].
         joint_margin_rad: a measured angle may pass a joint limit by so much (offsets, overshoot) [rad]; commands
@@ -26,6 +27,7 @@ class GuardOptions:
         velocity_factor: a measured velocity may be so many times the limit of commanded ones.
         torque_factor: a measured torque may be so many times its limit.
         max_force_n: largest contact force [N]; None: that of the hand's description.
+        beyond_limits: whether the limits of the hand's description may pass those that any finger has.
     """
 
     timeout_s: float = 1.0
@@ -33,22 +35,26 @@ class GuardOptions:
     stop_timeout_s: float = 0.5
     idle_s: float | None = 10.0
     stale_s: float = 0.5
-    lag_s: float | None = None
+    lag_s: float | None = 0.5
     taxel_age_s: float = 0.5
     taxel_ahead_s: float = 0.002
     joint_margin_rad: float = 0.05
     velocity_factor: float = 2.0
     torque_factor: float = 1.0
     max_force_n: float | None = None
+    beyond_limits: bool = False
 
     def __post_init__(self) -> None:
         optional = ("idle_s", "lag_s", "max_force_n")
         zero = ("joint_margin_rad", "taxel_ahead_s")
         problems = [
-            Problem(f"GuardOptions.{item.name}", "a number above zero", repr(value))
+            Problem(f"GuardOptions.{item.name}", "a finite number above zero", repr(value))
             for item in fields(self)
-            if not ((value := getattr(self, item.name)) is None and item.name in optional)
-            and not (isinstance(value, int | float) and (value > 0 or (value == 0 and item.name in zero)))
+            if item.name != "beyond_limits"
+            and not ((value := getattr(self, item.name)) is None and item.name in optional)
+            and not (
+                isinstance(value, int | float) and 0 <= value < math.inf and (value or item.name in zero)
+            )
         ]
         if problems:
             raise InputError(problems)

@@ -113,7 +113,7 @@ def create_driver(name: str, /, **options: Any) -> HandDriver:
         driver = made(**values)
     except SkincalError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise WorkError(f'driver "{name}" cannot be made: {type(error).__name__}: {error}') from error
     if not isinstance(driver, HandDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver"
@@ -154,7 +154,7 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver]:
         raise WorkError(f'driver "{name}" needs the package {error.name}, which is not installed') from error
     except AttributeError as error:
         raise InputError([Problem(f'driver "{name}"', f"{attribute} in {module}", str(error))]) from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise WorkError(f'driver "{name}" cannot be imported: {type(error).__name__}: {error}') from error
     if not callable(value):
         raise InputError([Problem(f'driver "{name}"', "a class", type(value).__name__)])

@@ -91,17 +91,19 @@ class RemoteDriver(HandDriver):
     def connect(self) -> None:
         """Takes the hand, if nobody else has it and it is the one that is described here."""
         self._shut()
-        context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
-        self._context, self._socket = context, self._open(context)
+        self._context = context = self._zmq.Context()
         self._session, self._number, self._gone = secrets.token_hex(16), 0, False
         hello = {"digest": self._description.digest, "hand": self._description.name}
         try:
+            self._socket = self._open(context)
             welcome = self._ask("hello", hello, "welcome", limit_s=CONNECT_S)
             self._period_s, self._watchdog_s = number(welcome, "period_s"), number(welcome, "watchdog_s")
-        except (HandError, MessageError) as error:
+            self.real_time = welcome.body.get("real_time") is not False
+        except MessageError as error:
             self._shut()
-            if isinstance(error, MessageError):
-                raise HandError(str(error), "refused") from error
+            raise HandError(str(error), "refused") from error
+        except BaseException:
+            self._shut()
             raise
 
     def observe(self) -> HandState:
@@ -124,8 +126,9 @@ class RemoteDriver(HandDriver):
         if not self._session:
             return
         context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
-        socket = self._open(context)
+        socket = None
         try:
+            socket = self._open(context)
             self._exchange(socket, Message("stop", 1, self._session), "done", STOP_S)
         except HandError as error:
             if error.kind != "lost":
@@ -134,7 +137,8 @@ class RemoteDriver(HandDriver):
             text = f"{str(error).rstrip('.')}. If the hand's side still runs, its watchdog stops the hand{watchdog}"
             raise HandError(text, "lost") from error
         finally:
-            socket.close()
+            if socket is not None:
+                socket.close()
             context.term()
 
     def close(self) -> None:
@@ -157,7 +161,12 @@ class RemoteDriver(HandDriver):
 
     def _open(self, context: zmq.Context[zmq.Socket[bytes]]) -> zmq.Socket[bytes]:
         socket = prepared(context, self._zmq.DEALER, self._keys)
-        socket.connect(self._address)
+        try:
+            socket.connect(self._address)
+        except BaseException:
+            # One that is left open keeps its context from ending, for ever.
+            socket.close()
+            raise
         return socket
 
     def _ask(self, kind: str, body: dict[str, Any], expected: str, *, limit_s: float = CALL_S) -> Message:

@@ -37,6 +37,7 @@ class ReplayDriver(HandDriver):
 
     name = "replay"
     follows_commands = False
+    real_time = False
 
     def __init__(
         self,

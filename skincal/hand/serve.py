@@ -14,16 +14,19 @@ from types import TracebackType
 from typing import Any, Self
 
 from skincal.errors import SkincalError
+from skincal.hand.checks import ContactForce
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
-from skincal.hand.guard import ContactForce
 from skincal.hand.messages import REQUESTS, Message, MessageError, decode, encode, refusal_body
 from skincal.hand.options import GuardOptions
 from skincal.hand.session import Outbox, Reply, Session
 from skincal.hand.sockets import Keys, checked_address, prepared, zmq_module
-from skincal.robot.description import HandDescription
+from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
+from skincal.robot import HandDescription, check_limits
 
 POLL_MS = 100
+MAKE_S = 10.0
+"""Making a driver may take so long, for a second client and later ones [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class HandServer:
         contact_force: makes the function that tells the contact force; None: it is not checked here.
 
     Raises:
-        InputError: the address needs keys.
+        InputError: the address needs keys, or the limits of the hand are beyond those of any finger.
         WorkError: pyzmq is not installed, or the address is taken.
     """
 
@@ -76,6 +79,7 @@ class HandServer:
         self._contact_force = contact_force
         self._driver: HandDriver | None = make()
         self._description = self._driver.description
+        check_limits(self._description, beyond=self._options.guard.beyond_limits)
         self._session: Session | None = None
         self._authenticator: Any = None
         self._replies: SimpleQueue[Reply] = SimpleQueue()
@@ -165,15 +169,23 @@ class HandServer:
             self._refuse(client, message, text)
             return
         try:
-            driver, self._driver = self._driver or self._make(), None
-        except SkincalError as error:
-            self._refuse(client, message, str(error))
+            driver, self._driver = self._driver or self._made(), None
+        except (SkincalError, CallTimeoutError, CallExitError) as error:
+            self._refuse(client, message, str(error) or f"the driver was not made within {MAKE_S:g} s")
             return
         force = None if self._contact_force is None else self._contact_force(description)
         self.sessions += 1
         replies = Outbox(self._replies, self._context, self._zmq)
         self._session = Session(message.session, driver, self._options, force, replies)
         self._session.request(client, message)
+
+    def _made(self) -> HandDriver:
+        """Another driver; whatever its making does, the loop goes on."""
+        worker = Worker("make a driver")
+        try:
+            return worker.call(self._make, timeout_s=MAKE_S)
+        finally:
+            worker.end()
 
     def _refuse(self, client: bytes, message: Message, text: str, kind: Any = "refused") -> None:
         body = refusal_body(HandError(text, kind))

@@ -8,9 +8,10 @@ from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
+from skincal.hand.checks import ContactForce
 from skincal.hand.driver import HandCommand, HandDriver
 from skincal.hand.errors import HandError
-from skincal.hand.guard import ContactForce, GuardedHand
+from skincal.hand.guard import GuardedHand
 from skincal.hand.messages import Message, MessageError, number, numbers, refusal_body, state_body
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ class Session:
         self._requests: SimpleQueue[Message | None] = SimpleQueue()
         self._lock = Lock()
         self._number = 0
+        self._heard_s = time.monotonic()
         self._client = b""
         self._last: Message | None = None
         self._observed = (0, 0.0)
@@ -103,6 +105,7 @@ class Session:
 
     def request(self, client: bytes, message: Message) -> None:
         """Takes a request: new ones are done, the last one is answered again, older ones came late and are not."""
+        self._heard_s = time.monotonic()
         if message.kind == "stop":
             self._stop(client, message)
             return
@@ -146,12 +149,16 @@ class Session:
             self._replies.close()
 
     def _next(self) -> Message | None:
-        """The next request; None: the session is over, or its client has fallen silent."""
+        """The next request; None: the session is over, or its client has fallen silent.
+
+        The guard's watchdog sees nobody's silence once the hand has been stopped; so the session looks for itself.
+        """
         while True:
             try:
                 return self._requests.get(timeout=self._options.watchdog_s / 4)
             except Empty:
-                if self._hand.failure is not None:
+                silent_s = time.monotonic() - self._heard_s
+                if self._hand.failure is not None or silent_s > self._options.watchdog_s:
                     return None
 
     def _done(self, message: Message) -> Message:
@@ -173,7 +180,8 @@ class Session:
         if message.kind == "hello":
             hand.connect()
             self._connected = True
-            return "welcome", {"period_s": hand.period_s, "watchdog_s": self._options.watchdog_s}
+            times = {"period_s": hand.period_s, "watchdog_s": self._options.watchdog_s}
+            return "welcome", {**times, "real_time": hand.real_time}
         if message.kind == "observe":
             state = hand.observe()
             self._observed = (message.number, time.monotonic())

@@ -57,6 +57,7 @@ class SimDriver(HandDriver):
     """
 
     name = "sim"
+    real_time = False
 
     def __init__(
         self,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import ipaddress
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,19 +82,30 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
 
 
 def hand_keys(folder: Path) -> Keys:
-    """The keys of the hand's side, from its folder."""
-    public, secret = _certificate(folder / "hand.key_secret", secret=True)
+    """The keys of the hand's side, from its folder.
+
+    Raises:
+        InputError: a file in it is no key.
+    """
+    public, secret = _key_pair(folder / "hand.key_secret")
     allowed = folder / "allowed"
-    if not any(allowed.glob("*.key")):
+    clients = sorted(allowed.glob("*.key"))
+    if not clients:
         fix = "Put the public key (NAME.key) of everyone there who may move the hand."
         raise InputError([Problem(str(allowed), "at least one public key of a client", "none", fix)])
+    for path in clients:
+        _certificate(path)
     return Keys(public, secret, allowed=allowed)
 
 
 def client_keys(folder: Path) -> Keys:
-    """The keys of a client, from its folder."""
-    public, secret = _certificate(folder / "client.key_secret", secret=True)
-    return Keys(public, secret, server=_certificate(folder / "hand.key", secret=False)[0])
+    """The keys of a client, from its folder.
+
+    Raises:
+        InputError: a file in it is no key.
+    """
+    public, secret = _key_pair(folder / "client.key_secret")
+    return Keys(public, secret, server=_certificate(folder / "hand.key")[0])
 
 
 def checked_address(address: str, *, keys: bool, what: str) -> str:
@@ -123,15 +135,20 @@ def checked_address(address: str, *, keys: bool, what: str) -> str:
 def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
     """A socket that keeps nothing when it is closed, takes no large messages, and uses the keys if there are any."""
     socket = context.socket(kind)
-    socket.linger = 0
-    socket.maxmsgsize = MAX_BYTES
-    socket.heartbeat_ivl, socket.heartbeat_timeout = 500, 2000
-    if keys is not None:
-        socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
-        if keys.server is None:
-            socket.curve_server = True
-        else:
-            socket.curve_serverkey = keys.server
+    try:
+        socket.linger = 0
+        socket.maxmsgsize = MAX_BYTES
+        socket.heartbeat_ivl, socket.heartbeat_timeout = 500, 2000
+        if keys is not None:
+            socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
+            if keys.server is None:
+                socket.curve_server = True
+            else:
+                socket.curve_serverkey = keys.server
+    except BaseException:
+        # One that is left open keeps its context from ending, for ever.
+        socket.close()
+        raise
     return socket
 
 
@@ -144,16 +161,47 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
-def _certificate(path: Path, *, secret: bool) -> tuple[bytes, bytes]:
-    fix = "`skincal hand keys --out keys` makes a pair; give hand/ to serve-hand and client/ to the driver remote."
-    try:
-        public, private = zmq_module().auth.load_certificate(path)
-    except (OSError, ValueError) as error:
-        raise InputError([Problem(str(path), "a key file", str(error), fix)]) from None
-    if secret and private is None:
-        raise InputError([Problem(str(path), "a key file with a secret key", "a public key alone", fix)])
-    return public, private or b""
+def _key_pair(path: Path) -> tuple[bytes, bytes]:
+    """Public and secret key, which belong to each other."""
+    public, secret = _certificate(path)
+    if secret is None:
+        raise _no_key(path, "a key file with a secret key", "a public key alone")
+    if zmq_module().curve_public(secret) != public:
+        raise _no_key(path, "a public and a secret key that are a pair", "keys of two pairs")
+    return public, secret
 
+
+def _certificate(path: Path) -> tuple[bytes, bytes | None]:
+    """Public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang."""
+    if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
+        raise _no_key(path, "a key file", "no plain file, or a large one")
+    try:
+        keys = zmq_module().auth.load_certificate(path)
+    except (OSError, ValueError, IndexError) as error:
+        raise _no_key(path, "a key file", str(error)) from None
+    for name, key in zip(("public-key", "secret-key"), keys, strict=True):
+        if key is not None and not _is_z85(key):
+            raise _no_key(
+                path, f"a {name} of {KEY_LENGTH} letters of Z85", f"{len(key)} letters that are none"
+            )
+    return keys
+
+
+def _is_z85(key: bytes) -> bool:
+    """Whether these bytes are a key of 32 bytes in Z85 (ZeroMQ RFC 32)."""
+    try:
+        importlib.import_module("zmq.utils.z85").decode(key)
+    except (ValueError, KeyError, struct.error):
+        return False
+    return len(key) == KEY_LENGTH
+
+
+def _no_key(path: Path, expected: str, got: str) -> InputError:
+    fix = "`skincal hand keys --out keys` makes a pair; give hand/ to serve-hand and client/ to the driver remote."
+    return InputError([Problem(str(path), expected, got, fix)])
+
+
+KEY_LENGTH = 40
 
 README = """Keys of a remote hand, made by `skincal hand keys`.
 

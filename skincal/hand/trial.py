@@ -7,7 +7,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from skincal.hand.driver import HandDriver, HandState
+from skincal.hand.checks import StateCheck
+from skincal.hand.commands import CommandCheck
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import Violation
+from skincal.hand.halt import STOPPED, halt
 from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
 
 if TYPE_CHECKING:
@@ -26,7 +30,7 @@ class SkippedCheckError(Exception):
 
 
 class Trial:
-    """A driver on trial: calls that may hang can be left.
+    """A driver on trial: calls that may hang can be left, and every state and command is checked as the guard does.
 
     Args:
         driver: a fresh driver.
@@ -38,6 +42,8 @@ class Trial:
         self.driver, self.options, self.make = driver, options, make
         self._worker = Worker(f"trial {type(driver).__name__}")
         self._close_s = CONNECT_S
+        self._check_state: StateCheck | None = None
+        self._check_command: CommandCheck | None = None
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
         """Makes a call in the trial's thread."""
@@ -50,10 +56,30 @@ class Trial:
     def connect(self) -> None:
         """Connects the driver."""
         self.call(self.driver.connect, timeout_s=CONNECT_S)
+        force = self.options.contact_force(self.driver.description)
+        self._check_state = StateCheck(self.driver, self.options.guard, force)
+        self._check_command = CommandCheck(self.driver)
 
     def observe(self) -> HandState:
-        """The next state."""
-        return self.call(self.driver.observe)
+        """The next state, if it is sound; else the hand is stopped."""
+        start = time.monotonic()
+        state = self.call(self.driver.observe)
+        now = time.monotonic()
+        if self._check_state is not None and self._check_command is not None:
+            self._refuse(self._check_state(state, now, now - start))
+            self._check_command.observed(state, now)
+        return state
+
+    def act(self, command: HandCommand) -> None:
+        """Sends a command, if it is allowed; else the hand is stopped."""
+        if self._check_command is not None:
+            self._refuse(self._check_command(command, time.monotonic()))
+            self._check_command.sent(command, time.monotonic())
+        self.call(self.driver.act, command)
+
+    def _refuse(self, violation: Violation | None) -> None:
+        if violation is not None:
+            raise FailedCheckError(f"{violation.text}. {self.halt() or STOPPED}")
 
     def states(self, count: int) -> list[HandState]:
         """That many states in a row."""
@@ -68,14 +94,18 @@ class Trial:
             raise FailedCheckError(f"stop() did not return within {self.options.stop_s:g} s") from None
         return time.monotonic() - start
 
-    def end(self) -> None:
-        """Stops the hand and gives it back, whatever state it is in."""
-        with suppress(Exception):
-            self.stop()
+    def halt(self) -> str:
+        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
+        return halt(self.driver.stop, self.options.stop_s, self.driver.name)
+
+    def end(self, close_s: float = CONNECT_S) -> str:
+        """Stops the hand and gives it back, whatever state it is in. Returns what went wrong with stopping it."""
+        trouble = self.halt()
         with suppress(Exception):
             # Behind a call that hangs there is no closing, and nothing to wait for.
-            self.call(self.driver.close, timeout_s=self._close_s)
+            self.call(self.driver.close, timeout_s=min(close_s, self._close_s))
         self._worker.end()
+        return trouble
 
 
 def expect(good: bool, got: str) -> None:

@@ -16,6 +16,13 @@ class CallTimeoutError(Exception):
     """A call did not come back in time; it may still be going on."""
 
 
+class CallExitError(Exception):
+    """A call raised what is to end the process (``SystemExit``, ``KeyboardInterrupt``), which is its cause.
+
+    So that a driver that raises it is told from a person who presses Ctrl-C.
+    """
+
+
 class Worker:
     """One daemon thread that makes all calls to a driver, in order.
 
@@ -43,7 +50,8 @@ class Worker:
 
         Raises:
             CallTimeoutError: it did not return within ``timeout_s``.
-            BaseException: what the call raised.
+            CallExitError: the call raised what is no ``Exception``.
+            Exception: what the call raised.
         """
         self._ticket += 1
         ticket = self._ticket
@@ -60,8 +68,7 @@ class Worker:
             if done == ticket:
                 break
             # The answer of an earlier call, which was left.
-        if error is not None:
-            raise error
+        _raise(error)
         return value
 
     def end(self, wait_s: float = 0.0) -> None:
@@ -94,7 +101,8 @@ def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None
 
     Raises:
         CallTimeoutError: it did not return within ``timeout_s``.
-        BaseException: what the call raised.
+        CallExitError: the call raised what is no ``Exception``.
+        Exception: what the call raised.
     """
     done: SimpleQueue[BaseException | None] = SimpleQueue()
 
@@ -114,5 +122,11 @@ def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None
         error = done.get(timeout=timeout_s)
     except Empty:
         raise CallTimeoutError from None
-    if error is not None:
+    _raise(error)
+
+
+def _raise(error: BaseException | None) -> None:
+    if isinstance(error, Exception):
         raise error
+    if error is not None:
+        raise CallExitError(f"{type(error).__name__}: {error}") from error

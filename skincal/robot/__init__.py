@@ -12,6 +12,7 @@ from skincal.robot.description import (
 from skincal.robot.hand_file import FORMAT, read_hand
 from skincal.robot.inverse import place_indenter
 from skincal.robot.kinematics import Kinematics
+from skincal.robot.limits import check_limits
 from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Kinematics",
     "TipFrames",
     "bundled_hand",
+    "check_limits",
     "contact_from_joints",
     "place_indenter",
     "read_hand",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 
+import skincal.robot
 from skincal.cli.main import main
 from skincal.hand import create_driver
 from skincal.hand.guard import GuardedHand
@@ -168,3 +170,28 @@ def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, 
         process.wait()
         process.stdout.close()
         process.stderr.close()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("hand", "show", "HAND"),
+        ("hand", "test", "sim", "--driver-option", "hand=HAND"),
+        ("collect", "--driver", "sim", "--hand", "HAND", "--out", "run"),
+        ("serve-hand", "--driver", "sim", "--driver-option", "hand=HAND"),
+    ],
+    ids=lambda command: " ".join(command[:2]),
+)
+def test_limits_that_no_finger_has_need_a_flag(run: Run, tmp_path: Path, command: tuple[str, ...]) -> None:
+    folder = tmp_path / "hand"
+    shutil.copytree(Path(skincal.robot.__file__).parent / "hands" / "dlr_hand_2", folder)
+    path = folder / "hand.toml"
+    path.write_text(path.read_text().replace("max_force_n = 10.0", "max_force_n = 1000.0"))
+    status, out, err = run(*(part.replace("HAND", str(folder)) for part in command))
+    assert (status, out) == (2, "")
+    assert "max_force_n: expected at most 50 N; got 1000 N" in err
+    assert "--beyond-limits" in err
+    if command[1] == "show":
+        status, out, _ = run(*command[:2], folder, "--beyond-limits", "--json")
+        assert status == 0
+        assert json.loads(out)["max_force_n"] == 1000.0

@@ -30,6 +30,7 @@ class FakeHand(HandDriver):
     """
 
     name = "fake"
+    real_time = False
 
     def __init__(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,6 +33,7 @@ PLAN = Plan(
     ),
     {"A": (0.0, 0.25, 0.83), "B": (0.0, -0.07, 1.53)},
 )
+ONE = Plan("one", PLAN.presses[:1], PLAN.poses)
 GUARD = GuardOptions(timeout_s=0.6, stop_timeout_s=0.6)
 
 
@@ -207,6 +209,55 @@ def test_a_driver_that_fails_is_stopped_and_nothing_finished_is_lost(rig: Rig, f
     assert found.resumed == len(kept) and len(found.dataset.presses) == len(PLAN)
     assert check_dataset(rig.out).errors == ()
     assert [p.name for p in rig.out.parent.iterdir()] == ["run"]
+
+
+def _silent(n: int, state: HandState) -> HandState:
+    """A taxel that does not answer now and then, and a whole image that is lost once."""
+    mute = np.arange(16) == n % 16 if n % 9 == 0 else np.full(16, n in (200, 201))
+    return replace(
+        state,
+        taxels=np.where(mute, np.nan, state.taxels),
+        taxel_time_s=np.where(mute, np.nan, state.taxel_time_s),
+    )
+
+
+def test_a_moment_without_an_answer_spoils_no_dataset(rig: Rig):
+    found = rig.run(ONE, _silent)
+    assert found.problems == ()
+    check = check_dataset(rig.out)
+    assert check.errors == () and check.dataset is not None and check.dataset.frames is not None
+    assert np.isfinite(check.dataset.frames.counts).all()
+    assert len(check.dataset.frames) > 30
+
+
+def _jumped(n: int, state: HandState) -> HandState:
+    jump_s = 1e6 if n > 80 else 0.0
+    return replace(state, time_s=state.time_s + jump_s, taxel_time_s=state.taxel_time_s + jump_s)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (_jumped, "the hand's clock jumped by 1e+06 s"),
+        (lambda n, s: replace(s, taxels=s.taxels + 1e9) if n > 80 else s, r"the converter gives 0 to 255"),
+        (
+            lambda n, s: replace(s, taxels=s.taxels + 0.5) if n > 80 else s,
+            "the converter gives whole numbers",
+        ),
+    ],
+    ids=["clock", "counts", "halves"],
+)
+def test_what_no_dataset_could_hold_ends_the_session(rig: Rig, spoil: Callable[..., HandState], text: str):
+    with pytest.raises(HandError, match=re.escape(text)):
+        rig.run(ONE, spoil)
+    assert rig.hands[-1].stopped
+    assert not rig.out.exists()
+
+
+def test_a_dataset_that_cannot_be_used_is_told_at_once(rig: Rig):
+    found = rig.run(ONE, lambda n, s: replace(s, tau_nm=0 * s.tau_nm))
+    assert found.statuses == {"no_contact": 1}
+    assert "expected positive normal forces" in str(found.problems[0])
 
 
 def test_of_a_session_that_never_reached_its_hand_nothing_is_left(rig: Rig):

@@ -58,7 +58,9 @@ class FakeHand(HandDriver):
         hang: dict[str, float] | None = None,
         after: int = 3,
         pace_s: float = 0.0,
+        real_time: bool = False,
     ) -> None:
+        self.real_time = real_time
         self.odd = odd or (lambda state: state)
         self.raises = raises or {}
         self.hang = hang or {}

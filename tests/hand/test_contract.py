@@ -20,8 +20,16 @@ from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.remote import RemoteDriver
 from skincal.hand.replay import ReplayDriver
 from skincal.hand.serve import HandServer
+from skincal.robot import HandDescription
 
-QUICK = ContractOptions(call_s=0.15, stop_s=0.06, periods=20)
+
+def no_force(description: HandDescription) -> Callable[[HandState], float]:
+    """The tiny hand has no joints that a force could be told from."""
+    return lambda state: 0.0
+
+
+GOOD = ContractOptions(contact_force=no_force)
+QUICK = replace(GOOD, call_s=0.15, stop_s=0.06, periods=20)
 
 
 def failed(report: ContractReport) -> set[str]:
@@ -30,7 +38,7 @@ def failed(report: ContractReport) -> set[str]:
 
 def test_a_good_driver_passes_every_check() -> None:
     told: list[str] = []
-    report = run_contract("fake", FakeHand, told=lambda result: told.append(result.name))
+    report = run_contract("fake", FakeHand, GOOD, told=lambda result: told.append(result.name))
     assert report.ok
     assert report.count("passed") == len(report.results) == len(told) >= 15
     assert all(result.expected for result in report.results)
@@ -40,7 +48,7 @@ def test_replay_passes_what_applies_to_it(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(replay, "hand_named", lambda hand: tiny_description())
     left_out = ("dq_0", "dq_1")
     place = recorded(tmp_path / "run", left_out, frames=100)
-    report = run_contract("replay", lambda: ReplayDriver(place))
+    report = run_contract("replay", lambda: ReplayDriver(place), GOOD)
     assert failed(report) == set()
     skipped = {result.name for result in report.results if result.status == "skipped"}
     assert skipped == {"connecting does not move", "a stopped hand stays", "commands are followed"}
@@ -53,7 +61,7 @@ def test_remote_passes(monkeypatch: pytest.MonkeyPatch) -> None:
         thread = threading.Thread(target=server.run)
         thread.start()
         try:
-            report = run_contract("remote", lambda: RemoteDriver(server.address))
+            report = run_contract("remote", lambda: RemoteDriver(server.address), GOOD)
         finally:
             server.end()
             thread.join()
@@ -223,7 +231,7 @@ def test_a_hand_that_shall_not_move_is_not_moved() -> None:
         made.append(FakeHand())
         return made[-1]
 
-    report = run_contract("fake", make, ContractOptions(move=False))
+    report = run_contract("fake", make, replace(GOOD, move=False))
     assert report.ok
     assert {r.name for r in report.results if r.status == "skipped"} == {"commands are followed"}
     assert all(np.array_equal(q, np.zeros(2)) for hand in made for q in hand.commands)
@@ -236,6 +244,58 @@ def test_no_joint_moves_further_than_stated() -> None:
         made.append(FakeHand())
         return made[-1]
 
-    run_contract("fake", make, ContractOptions(step_rad=0.015))
+    run_contract("fake", make, replace(GOOD, step_rad=0.015))
     angles = np.concatenate([hand.commands for hand in made if hand.commands])
     assert np.abs(angles).max() == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("raised", [SystemExit(0), KeyboardInterrupt(), BaseException("odd")], ids=repr)
+def test_a_driver_that_ends_the_process_fails(raised: BaseException) -> None:
+    report = run_contract("exits", lambda: FakeHand(raises={"observe": raised}, after=1), QUICK)
+    assert {"states are sound", "commands are followed"} <= failed(report)
+    assert type(raised).__name__ in next(r.got for r in report.results if r.name == "states are sound")
+
+    def exits() -> FakeHand:
+        raise SystemExit(0)
+
+    assert run_contract("exits", exits, QUICK).count("failed") > 10
+
+
+def test_a_force_above_the_limit_stops_the_hand_in_every_check() -> None:
+    made: list[FakeHand] = []
+
+    def make() -> FakeHand:
+        made.append(FakeHand(changed(tau_nm=np.array([0.0, 1.2])), after=15))
+        return made[-1]
+
+    options = replace(QUICK, contact_force=lambda description: lambda state: 10 * float(state.tau_nm.max()))
+    report = run_contract("spike", make, options)
+    texts = [result.got for result in report.results if result.status == "failed"]
+    assert "commands are followed" in failed(report)
+    assert all("contact force is 12 N, above the limit of 8 N" in text for text in texts)
+    assert all("The hand was stopped." in text for text in texts)
+    assert all(hand.ticks <= 16 for hand in made if hand.ticks > 15 and hand.commands)
+
+
+def test_a_clock_that_does_not_keep_pace_with_ours() -> None:
+    def make() -> FakeHand:
+        return FakeHand(real_time=True, pace_s=0.004)
+
+    report = run_contract("fast", make, QUICK)
+    result = next(r for r in report.results if r.name == "clock keeps the period")
+    assert result.status == "failed"
+    assert "times as fast as ours" in result.got
+
+
+def test_an_interrupted_test_says_that_the_hand_was_stopped() -> None:
+    def interrupt(result: object) -> None:
+        raise AssertionError("not reached")
+
+    class Pressed(FakeHand):
+        @property
+        def description(self) -> HandDescription:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run_contract("pressed", Pressed, QUICK, interrupt)
+    assert caught.value.__notes__ == ["The hand was stopped."]

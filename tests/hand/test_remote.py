@@ -501,3 +501,98 @@ def test_without_pyzmq_the_error_says_how_to_get_it(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(sys.modules, "zmq", None)
     with pytest.raises(WorkError, match=r"pip install 'skincal\[remote\]'"):
         sockets.zmq_module()
+
+
+def _stop(driver: RemoteDriver) -> None:
+    driver.observe()
+    driver.stop()
+
+
+def _refused(driver: RemoteDriver) -> None:
+    state = driver.observe()
+    driver._observed = 1  # an old one
+    with pytest.raises(HandError, match="answers message"):
+        driver.act(HandCommand(state.q_desired_rad))
+
+
+def _moved(driver: RemoteDriver) -> None:
+    driver.act(HandCommand(driver.observe().q_desired_rad))
+
+
+@pytest.mark.parametrize("last", [lambda driver: None, RemoteDriver.observe, _moved, _stop, _refused])
+def test_the_hand_is_free_again_whatever_its_client_did_last(last: Callable[[RemoteDriver], object]) -> None:
+    with served(Hands()) as server:
+        dead = RemoteDriver(server.address)
+        dead.connect()
+        last(dead)
+        dead._shut()
+        start, free = time.monotonic(), False
+        while not free and time.monotonic() - start < SERVE.watchdog_s + 4 * SLACK_S:
+            other = RemoteDriver(server.address)
+            try:
+                other.connect()
+                free = True
+                other.close()
+            except HandError:
+                time.sleep(0.05)
+        assert free
+
+
+def test_a_client_learns_whether_the_hand_runs_in_real_time() -> None:
+    for real_time in (True, False):
+        with served(Hands(lambda real_time=real_time: FakeHand(real_time=real_time, pace_s=0.01))) as server:
+            driver = RemoteDriver(server.address)
+            assert driver.real_time
+            driver.connect()
+            assert driver.real_time is real_time
+            driver.close()
+
+
+def test_making_a_driver_may_fail_or_hang_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skincal.hand.serve.MAKE_S", 0.1)
+    made = iter([FakeHand, lambda: time.sleep(0.5), lambda: exec("raise SystemExit(0)"), FakeHand])
+    with served(Hands(lambda: next(made)())) as server:
+        for text in ("", "not made within 0.1 s", "SystemExit", ""):
+            driver = RemoteDriver(server.address)
+            if text:
+                with pytest.raises(HandError, match=text):
+                    driver.connect()
+            else:
+                driver.connect()
+                driver.close()
+
+
+BAD_KEYS = {
+    "cut": (lambda key: key[:-1], "a secret-key of 40 letters of Z85"),
+    "other letters": (lambda key: key[:-1] + b" ", "a secret-key of 40 letters of Z85"),
+    "too large": (lambda key: b"#" * 40, "a secret-key of 40 letters of Z85"),
+    "of another pair": (lambda key: zmq.curve_keypair()[1], "that are a pair"),
+}
+
+
+@pytest.mark.parametrize(("change", "text"), BAD_KEYS.values(), ids=BAD_KEYS)
+def test_keys_are_checked_when_they_are_read(
+    change: Callable[[bytes], bytes], text: str, tmp_path: Path
+) -> None:
+    make_keys(tmp_path / "keys")
+    for side, read in (("client", client_keys), ("hand", hand_keys)):
+        path = tmp_path / "keys" / side / f"{side}.key_secret"
+        secret = path.read_bytes().split(b'secret-key = "')[1].split(b'"')[0]
+        path.write_bytes(path.read_bytes().replace(secret, change(secret)))
+        with pytest.raises(InputError) as caught:
+            read(path.parent)
+        assert str(path) in str(caught.value)
+        assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"public-key", b'public-key = "short"', bytes(100_000)])
+def test_the_keys_of_others_are_checked_too(content: bytes, tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys")
+    for folder, name, read in (
+        (tmp_path / "keys" / "client", "hand.key", client_keys),
+        (tmp_path / "keys" / "hand", "allowed/client.key", hand_keys),
+    ):
+        (folder / name).write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            read(folder)
+        assert str(folder / name) in str(caught.value)

@@ -17,6 +17,7 @@ ROBOT = {
     "Kinematics",
     "TipFrames",
     "bundled_hand",
+    "check_limits",
     "contact_from_joints",
     "place_indenter",
     "read_hand",

@@ -1,0 +1,108 @@
+"""The hand's clock against ours: it may not stand, go back, jump, run ahead or fall behind."""
+
+from __future__ import annotations
+
+import math
+
+from skincal.hand.errors import Violation
+from skincal.hand.options import GuardOptions
+
+DRIFT = 1e-3
+"""Two clocks that run as fast as each other may differ by this share; cheap crystals keep a tenth of it."""
+
+SLOWEST = 10.0
+"""A simulated clock may run so many times slower than ours while we wait for it, and as fast as it likes."""
+
+JUMP_S = 0.1
+"""Between two states the hand's clock may go on by so much more than ours, or by five periods: a bus delivers in
+bursts, and a computer that is busy looks late [s]."""
+
+
+class ClockCheck:
+    """Checks the time of each state, one after the other.
+
+    Lag is a leaky sum: what our clock went on between two states less what the hand's did, never below zero. So it is
+    the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session.
+
+    Args:
+        options: limits.
+        real_time: whether the hand's clock runs as fast as ours.
+        period_s: time between two states [s].
+        recorded: whether the states are those of a record, which may have gaps.
+    """
+
+    def __init__(
+        self, options: GuardOptions, *, real_time: bool, period_s: float, recorded: bool = False
+    ) -> None:
+        self._options, self._real_time, self._recorded = options, real_time, recorded
+        self._jump_s = max(JUMP_S, 5 * period_s)
+        lag_s = math.inf if options.lag_s is None else options.lag_s
+        # Who waits longer for a simulated hand, over a bad network say, takes later states.
+        self._lag_s = lag_s if real_time else max(lag_s, options.timeout_s / 2)
+        self._last_s = self._now_s = self._advanced_s = math.nan
+        self._behind_s = self._ahead_s = 0.0
+
+    def __call__(self, time_s: float, now_s: float, waited_s: float) -> Violation | None:
+        """What is wrong with the time of a state; None: nothing.
+
+        Args:
+            time_s: the hand's clock [s].
+            now_s: our clock when the state came [s].
+            waited_s: how long the driver took for it [s].
+        """
+        if not math.isfinite(time_s):
+            return Violation("clock", f"the hand's clock says {time_s}, no finite number", value=time_s)
+        if math.isnan(self._last_s):
+            self._last_s, self._now_s, self._advanced_s = time_s, now_s, now_s
+            return None
+        step_s, passed_s, last_s = time_s - self._last_s, now_s - self._now_s, self._last_s
+        if step_s < 0:
+            text = f"the hand's clock went back, from {last_s:.6f} s to {time_s:.6f} s"
+            return Violation("clock", text, value=time_s, limit=last_s)
+        self._last_s, self._now_s = time_s, now_s
+        if step_s > 0:
+            self._advanced_s = now_s
+        return (
+            self._standing(time_s, now_s)
+            or self._jumped(step_s, passed_s)
+            or self._lag(step_s, passed_s, waited_s)
+        )
+
+    def _standing(self, time_s: float, now_s: float) -> Violation | None:
+        for_s, limit_s = now_s - self._advanced_s, self._options.stale_s
+        if for_s <= limit_s:
+            return None
+        text = (
+            f"the hand's clock has stood at {time_s:.6f} s for {for_s:.3g} s, the limit is {limit_s:g} s: "
+            "the states are stale"
+        )
+        return Violation("clock", text, value=for_s, limit=limit_s)
+
+    def _jumped(self, step_s: float, passed_s: float) -> Violation | None:
+        if self._recorded or step_s <= passed_s + self._jump_s:
+            return None
+        text = (
+            f"the hand's clock jumped by {step_s:.4g} s within {passed_s:.3g} s of ours; at most "
+            f"{self._jump_s:g} s more are allowed"
+        )
+        return Violation("clock", text, value=step_s, limit=passed_s + self._jump_s)
+
+    def _lag(self, step_s: float, passed_s: float, waited_s: float) -> Violation | None:
+        limit_s = self._lag_s
+        if self._real_time:
+            self._behind_s = max(0.0, self._behind_s + passed_s - (1 + DRIFT) * step_s)
+            self._ahead_s = max(0.0, self._ahead_s + step_s - (1 + DRIFT) * passed_s)
+        else:
+            self._behind_s = max(0.0, self._behind_s + waited_s - SLOWEST * step_s)
+        if self._behind_s > limit_s:
+            behind_s = self._behind_s
+            text = f"the states come {behind_s:.3g} s late, the limit is {limit_s:g} s: they are stale"
+            return Violation("clock", text, value=behind_s, limit=limit_s)
+        if self._ahead_s > limit_s:
+            ahead_s = self._ahead_s
+            text = (
+                f"the hand's clock runs {ahead_s:.3g} s ahead of ours, the limit is {limit_s:g} s; the driver of a "
+                "simulated hand says real_time = False"
+            )
+            return Violation("clock", text, value=ahead_s, limit=limit_s)
+        return None

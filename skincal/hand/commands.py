@@ -1,0 +1,105 @@
+"""What the guard looks at in a command before it goes: form, joint limits, and how far it steps in the time passed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import HandError, Violation, shown
+
+FloatArray = NDArray[np.float64]
+
+ROUNDING_RAD = 1e-9
+"""What a command may pass a limit by, as sums of steps are not exact [rad]."""
+
+
+class CommandCheck:
+    """Checks commands, one after the other.
+
+    A command may step from the one before by velocity times time at most. The time is what has passed since that one
+    was sent, on the hand's clock and on ours, whichever is less, and one period at most: a state that comes early,
+    twice or with a clock that leaps earns no larger step. A simulated clock has nothing to do with ours, and counts
+    alone. Before the first command the hand holds to what it says, and the time is that since the first state.
+
+    Args:
+        driver: the hand, connected.
+    """
+
+    def __init__(self, driver: HandDriver) -> None:
+        description = driver.description
+        self._joints, self._limits = description.joints, description.limits
+        self._low = self._limits.lower_rad - ROUNDING_RAD
+        self._high = self._limits.upper_rad + ROUNDING_RAD
+        self._real_time, self._period_s = driver.real_time, driver.period_s
+        self._base_rad: FloatArray | None = None
+        self._sent = False
+        self._hand_s = self._sent_hand_s = self._sent_own_s = math.nan
+
+    def observed(self, state: HandState, now_s: float) -> None:
+        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
+        self._hand_s = float(state.time_s)
+        if self._base_rad is None:
+            self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
+        if not self._sent:
+            self._base_rad = state.q_desired_rad.copy()
+
+    def sent(self, command: HandCommand, now_s: float) -> None:
+        """Takes a command that the driver has sent; ``now_s`` is our clock after that [s]."""
+        # A copy: whoever made the command may use its array again.
+        self._base_rad, self._sent = command.q_desired_rad.copy(), True
+        self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
+
+    def __call__(self, command: HandCommand, now_s: float) -> Violation | None:
+        """What is wrong with a command that is to be sent now; None: nothing."""
+        before_rad = self._before()
+        if not isinstance(command, HandCommand):  # pyright: ignore[reportUnnecessaryIsInstance]
+            return Violation("command", f"expected a HandCommand; got {shown(command)}")
+        q, shape = command.q_desired_rad, before_rad.shape
+        if type(q) is not np.ndarray or q.shape != shape or q.dtype != np.float64:
+            text = f"command, q_desired_rad: expected an array of float64 of shape {shape}; got {shown(q)}"
+            return Violation("command", text)
+        largest = self._step_rad(now_s)
+        small = np.abs(q - before_rad) <= largest + ROUNDING_RAD
+        if ((q >= self._low) & (q <= self._high) & small).all():
+            return None
+        return self._named(q, np.abs(q - before_rad), largest, now_s)
+
+    def nearest(self, q_rad: FloatArray, now_s: float) -> FloatArray:
+        """The angles (n,) [rad] that are nearest to ``q_rad`` of those allowed now, joint by joint."""
+        before_rad, step = self._before(), self._step_rad(now_s)
+        near = np.clip(q_rad, before_rad - step, before_rad + step)
+        return np.clip(near, self._limits.lower_rad, self._limits.upper_rad)
+
+    def _before(self) -> FloatArray:
+        if self._base_rad is None:
+            raise HandError("observe a state before the first command", "order")
+        return self._base_rad
+
+    def _passed_s(self, now_s: float) -> float:
+        """The time that counts since the last command [s]."""
+        own_s = now_s - self._sent_own_s if self._real_time else math.inf
+        return max(0.0, min(self._hand_s - self._sent_hand_s, own_s, self._period_s))
+
+    def _step_rad(self, now_s: float) -> FloatArray:
+        return self._limits.velocity_rad_per_s * self._passed_s(now_s)
+
+    def _named(self, q: FloatArray, step: FloatArray, largest: FloatArray, now_s: float) -> Violation | None:
+        for j, name in enumerate(self._joints):
+            value = float(q[j])
+            low, high = float(self._limits.lower_rad[j]), float(self._limits.upper_rad[j])
+            if not math.isfinite(value):
+                return Violation("command", f"joint {name}: commanded angle is {value}", name, value)
+            if not self._low[j] <= value <= self._high[j]:
+                text = f"joint {name}: commanded angle {value:.4g} rad lies outside its limits [{low:.4g}, {high:.4g}]"
+                return Violation("command", text, name, value, low if value < low else high)
+            if step[j] > largest[j] + ROUNDING_RAD:
+                speed, passed_s = float(self._limits.velocity_rad_per_s[j]), self._passed_s(now_s)
+                text = (
+                    f"joint {name}: commanded angle steps by {step[j]:.4g} rad; at {speed:.4g} rad/s and "
+                    f"{1e3 * passed_s:.3g} ms since the last command at most {largest[j]:.4g} rad are allowed"
+                )
+                return Violation("command", text, name, float(step[j]), float(largest[j]))
+        return None

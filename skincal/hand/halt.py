@@ -1,0 +1,83 @@
+"""Stopping a hand so that nothing cuts it short, and saying truly whether it was stopped."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from types import FrameType
+
+from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
+
+STOPPED = "The hand was stopped."
+POWER = "Cut the hand's power."
+
+HURRY_S = 2.0
+"""Closing may take so long where somebody waits for the end [s]."""
+
+_OTHERS = {
+    *(signal.SIGKILL, signal.SIGSTOP),  # cannot be caught
+    *(signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH),  # do nothing of themselves
+    *(
+        signal.SIGSEGV,
+        signal.SIGBUS,
+        signal.SIGFPE,
+        signal.SIGILL,
+        signal.SIGTRAP,
+        signal.SIGSYS,
+    ),  # it is broken
+}
+
+ENDING: tuple[int, ...] = tuple(sorted(signal.valid_signals() - _OTHERS))
+"""Every signal that ends a process or suspends it, if nobody does anything about it, and that can be caught."""
+
+
+@contextmanager
+def held_back() -> Generator[list[int]]:
+    """Keeps signals that would end the process, or interrupt it, from cutting a piece of work short.
+
+    They come after it, to whoever handles them. The work must have an end of its own.
+
+    Yields:
+        The signals that have come; those that the work takes out do not come after it.
+    """
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    before = {n: signal.getsignal(n) for n in ENDING}
+    taken = {n: handler for n, handler in before.items() if handler not in (None, signal.SIG_IGN)}
+    for number in taken:
+        signal.signal(number, note)
+    try:
+        yield came
+    finally:
+        for number, handler in taken.items():
+            signal.signal(number, handler)
+        for number in dict.fromkeys(came):
+            signal.raise_signal(number)
+
+
+def halt(stop: Callable[[], None], timeout_s: float, name: str) -> str:
+    """Calls a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
+
+    Returns:
+        What went wrong with it; empty: it returned, the hand is stopped.
+    """
+    trouble = ""
+    with held_back():
+        for _ in range(2):
+            try:
+                call_and_leave(stop, timeout_s, f"stop {name}")
+                return ""
+            except CallTimeoutError:
+                return f"stop() did not return within {timeout_s:g} s! {POWER}"
+            except Exception as error:
+                raised = error.__cause__ if isinstance(error, CallExitError) else error
+                trouble = f"stop() failed! {type(raised).__name__}: {raised}. {POWER}"
+    return trouble

@@ -1,0 +1,61 @@
+"""Bounds of what a hand's description may allow: a slip of the pen in ``hand.toml`` must not lift a limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.errors import InputError, Problem
+from skincal.robot.description import HandDescription
+
+MOST_TURN_DEG = 360.0
+MOST_VELOCITY_DEG_PER_S = 720.0
+MOST_TORQUE_NM = 10.0
+MOST_FORCE_N = 50.0
+"""Largest limits that are taken without being asked for. Twice the speed of the DLR-Hand II (360 deg/s; its torque is
+1.8 N m, the force of its fingertips 30 N), and what no finger of a hand this size gives or a skin bears."""
+
+FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits."
+
+
+def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
+    """Refuses limits that no finger has.
+
+    Args:
+        description: the hand.
+        beyond: whether any limit is allowed, as somebody has said so.
+
+    Raises:
+        InputError: a limit is above its bound; all of them.
+    """
+    limits = description.limits
+    turn = np.maximum(np.abs(limits.lower_rad), np.abs(limits.upper_rad))
+    rows = (
+        ("lower_deg, upper_deg", np.degrees(turn), MOST_TURN_DEG, "deg"),
+        ("velocity_deg_per_s", np.degrees(limits.velocity_rad_per_s), MOST_VELOCITY_DEG_PER_S, "deg/s"),
+        ("torque_nm", limits.torque_nm, MOST_TORQUE_NM, "N m"),
+        ("max_force_n", np.array([description.max_force_n]), MOST_FORCE_N, "N"),
+    )
+    problems = [_problem(description, *row) for row in rows if not beyond and _exceeds(row[1], row[2])]
+    if problems:
+        raise InputError(problems)
+
+
+def _exceeds(values: NDArray[np.float64], bound: float) -> bool:
+    # Rounding of degrees; a NaN is no limit at all.
+    return not bool((values <= bound * (1 + 1e-9)).all())
+
+
+def _problem(
+    description: HandDescription, name: str, values: NDArray[np.float64], bound: float, unit: str
+) -> Problem:
+    worst = int(np.argmax(np.where(np.isnan(values), math.inf, values)))
+    joint = "" if name == "max_force_n" else f" of {description.joints[worst]}"
+    return Problem(
+        f'limits of the hand "{description.name}", {name}{joint}',
+        f"at most {bound:g} {unit}",
+        f"{values[worst]:.6g} {unit}",
+        FIX,
+    )

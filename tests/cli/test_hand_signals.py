@@ -1,0 +1,111 @@
+"""Signals while a hand moves, and files in the working folder that are named as modules: as a person runs a verb."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+SLOW_HAND = """
+import time
+import numpy as np
+from skincal.hand import HandDriver, HandState
+from skincal.hand.hands import hand_named
+
+class SlowHand(HandDriver):
+    name = "slow"
+    period_s = 0.02
+    description = hand_named()
+    real_time = False
+    def __init__(self, *, stop_s: float = 0.0):
+        self.stop_s, self.ticks, self.connected = stop_s, 0, False
+    def log(self, letter):
+        with open("log", "a") as file:
+            file.write(letter)
+    def connect(self):
+        self.connected = True
+    def observe(self):
+        assert self.connected
+        time.sleep(self.period_s)
+        self.ticks += 1
+        self.log("o")
+        q, t = self.description.home_rad, self.ticks * self.period_s
+        return HandState(t, q.copy(), 0 * q, 0 * q, q.copy(), np.zeros(16), np.full(16, t))
+    def act(self, command): pass
+    def stop(self):
+        time.sleep(self.stop_s)
+        self.log("s")
+    def close(self): pass
+"""
+
+
+def signalled(folder: Path, number: int, times: int, stop_s: float) -> tuple[int, str]:
+    """Tries a hand, and sends signals once it has given states; returns exit status and standard error."""
+    (folder / "slow_hand.py").write_text(SLOW_HAND)
+    command = ["hand", "test", "slow_hand:SlowHand", "--driver-option", f"stop_s={stop_s}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "skincal", *command],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    log, deadline = folder / "log", time.monotonic() + 30
+    while time.monotonic() < deadline and "oooo" not in (log.read_text() if log.exists() else ""):
+        time.sleep(0.02)
+    for _ in range(times):
+        process.send_signal(number)
+        time.sleep(0.05)
+    try:
+        return process.wait(20), process.communicate()[1]
+    finally:
+        process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP, signal.SIGQUIT, signal.SIGUSR1])
+def test_every_signal_stops_the_hand(tmp_path: Path, number: int) -> None:
+    status, err = signalled(tmp_path, number, 1, 0.0)
+    # A state that was under way may come after the stop.
+    assert "s" in (tmp_path / "log").read_text()[-2:]
+    assert err.strip() == "skincal: interrupted. The hand was stopped."
+    assert status == 130
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_who_is_impatient_is_told_that_the_hand_was_not_stopped(tmp_path: Path, number: int) -> None:
+    status, err = signalled(tmp_path, number, 4, 30.0)
+    assert "stop() did not return within 0.5 s! Cut the hand's power." in err
+    assert "was stopped" not in err
+    assert "Traceback" not in err
+    assert status != 0
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        (("hand", "list"), ("typer", "pybullet", "numpy", "zmq")),
+        (("hand", "test", "remote", "--driver-option", "address=nowhere"), ("zmq", "numpy")),
+        (("hand", "test", "my_module:Missing"), ("numpy", "zmq", "pybullet")),
+    ],
+)
+def test_files_in_the_working_folder_are_not_run(
+    tmp_path: Path, command: tuple[str, ...], names: tuple[str, ...]
+) -> None:
+    for name in names:
+        (tmp_path / f"{name}.py").write_text("open('ran', 'w')\n")
+    (tmp_path / "my_module.py").write_text(
+        "import os, sys\nassert sys.path[-1] == os.getcwd() not in sys.path[:-1]\nopen('mine', 'w')\n"
+    )
+    subprocess.run(
+        [sys.executable, "-m", "skincal", *command],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+        timeout=60,
+    )
+    assert not (tmp_path / "ran").exists()
+    assert (tmp_path / "mine").exists() == ("my_module:Missing" in command)
