@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.fit.findings import find
-from skincal.fit.gains import taxel_gains
 from skincal.fit.grid import GridSlab, MacroGrid
 from skincal.fit.law import LawSpread
 from skincal.fit.options import FitOptions, SearchBox
@@ -106,7 +105,7 @@ def conclude(
         presses=presses,
         problem=problem,
         box=box,
-        scale_per_taxel_per_n=_per_taxel(problem, images, macro, sigmas, peak) if options.per_taxel else None,
+        scale_per_taxel_per_n=best[4] * np.exp(problem.shared.log_gain) if options.per_taxel else None,
         dead_taxels=found.dead,
         findings=(),
     )
@@ -156,7 +155,8 @@ def _press_fit(
     many = np.broadcast_to(macro, (count, 5)).copy()
     start = starting_nuisance(problem, peak.places, many, peak.places.press, 1)
     start[:, 2] = 0.0
-    stiff = np.broadcast_to(np.array([sigmas[0], 1e-7, sigmas[2]]), (count, 3)).copy()
+    stiff = np.broadcast_to(sigmas, (count, len(sigmas))).copy()
+    stiff[:, 1] = 1e-7
     state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
     best = np.array(
         [
@@ -165,13 +165,14 @@ def _press_fit(
         ],
         dtype=np.intp,
     )
-    squares = (state.residual[best] ** 2).sum(axis=1)
+    model, presses = problem.observation, np.arange(len(problem))
+    many = np.ones(len(problem))
+    spread = np.sqrt(model.variance(sigmas[2] * many, sigmas[3] * many, presses))
+    squares = ((state.residual[best] * spread) ** 2).sum(axis=1)
     read = np.maximum((problem.weight > 0).sum(axis=1), 1)
     rmse = np.sqrt(squares / read)
-    expected = (
-        np.sqrt(float(problem.lit.sum()) / max(len(problem), 1) / problem.rig.layout.taxels) * sigmas[2]
-    )
-    good = rmse <= max(3.0 * float(np.median(rmse)), 2.0 * float(expected), 0.5)
+    expected = np.sqrt((spread**2 * problem.weight).sum(axis=1) / read)
+    good = rmse <= 3.0 * np.maximum(float(np.median(rmse / expected)), 1.0) * expected
     fit = PressFit(
         state.nuisance[best][:, :2],
         state.uv_m[best],
@@ -181,11 +182,3 @@ def _press_fit(
         good,
     )
     return fit, float(squares.sum() / read.sum())
-
-
-def _per_taxel(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, peak: Peak) -> Floats:
-    """Scale of each taxel (J,) [1/N] at the best point."""
-    count = len(peak.places.press)
-    start = starting_nuisance(problem, peak.places, np.tile(macro, (count, 1)), peak.places.press, 1)
-    gains = taxel_gains(problem, images, macro, sigmas, peak.places.press[peak.best], start[peak.best])
-    return np.exp(macro[4] + gains)

@@ -146,7 +146,7 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
 def _misfit(result: FitResult) -> Iterator[FitFinding]:
     floor, found = result.problem.noise_sigma_counts, result.sigmas.noise_counts
     bad = int((~result.presses.good).sum())
-    if found > 3.0 * floor and found > 0.5:
+    if found > 3.0 * floor:
         yield FitFinding(
             "misfit",
             "warning",

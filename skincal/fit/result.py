@@ -74,11 +74,23 @@ class PressFit:
 
 @dataclass(frozen=True)
 class Sigmas:
-    """What the data say of the rig: one sigma of position [m], of force (relative), of a hold mean [counts]."""
+    """What the data say of the rig and the sensor, one sigma each.
+
+    Attributes:
+        position_m: of a measured position, apart from what presses share [m].
+        force: of a measured force, relative.
+        noise_counts: of a hold mean [counts].
+        misfit: of a reading, relative to its signal, beyond its noise.
+        gain: of the taxels' scales, relative.
+        field_m: of the smooth error that positions share [m].
+    """
 
     position_m: float
     force: float
     noise_counts: float
+    misfit: float
+    gain: float
+    field_m: float
 
 
 @dataclass(frozen=True, eq=False)

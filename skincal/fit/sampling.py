@@ -13,6 +13,9 @@ from skincal.fit.posterior import Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.types import Floats
 
+_SHAPE = 8
+"""The shape of a proposal is told by so many independent draws for each of its dimensions."""
+
 _NOWHERE = (
     "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
     "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press?"
@@ -24,7 +27,7 @@ class Draws:
     """Weighted draws of the posterior.
 
     Attributes:
-        points: (W, 8) macro variables and log sigmas.
+        points: (W, 11) macro variables and log sigmas.
         weight: (W,) normalised weights.
     """
 
@@ -38,18 +41,18 @@ class Draws:
 
     @property
     def mean(self) -> Floats:
-        """The weighted mean (8,): the best point, and the logarithms of the sigmas."""
+        """The weighted mean (11,): the best point, and the logarithms of the sigmas."""
         return self.weight @ self.points
 
     def resampled(self, rng: np.random.Generator, count: int) -> Floats:
-        """(count, 8) draws of equal weight, by systematic resampling."""
+        """(count, 11) draws of equal weight, by systematic resampling."""
         at = (rng.random() + np.arange(count)) / count
         rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
         return self.points[rng.permutation(rows)]
 
 
 Density = Callable[[Floats], Floats]
-"""Takes points (W, 8) to log densities (W,); may spread them over workers."""
+"""Takes points (W, 11) to log densities (W,); may spread them over workers."""
 
 
 def sample(
@@ -80,12 +83,12 @@ def sample(
     if not np.isfinite(peak.covariance).all():
         raise FitError(_NOWHERE)
     lit, presses = float(problem.lit.sum()), len(problem)
-    hyper = np.array([0.5 / presses**0.5, 0.5, 0.7 / lit**0.5]) ** 2
-    covariance = np.zeros((8, 8))
+    hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / lit**0.5, 0.8, 0.8, 0.8]) ** 2
+    covariance = np.zeros((5 + len(hyper), 5 + len(hyper)))
     covariance[:5, :5] = peak.covariance
     covariance[5:, 5:] = np.diag(hyper)
     proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
-    points, values = np.empty((0, 8)), np.empty(0)
+    points, values = np.empty((0, len(covariance))), np.empty(0)
     while True:
         fresh = proposals[-1].draw(rng, size)
         found = density(fresh)
@@ -133,13 +136,25 @@ def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Studen
 
 
 def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
-    """A proposal with the moments of the draws so far; a single heavy draw is not trusted with the shape."""
-    tempered = np.minimum(weight, 1.0 / 40)
-    tempered = tempered / tempered.sum()
+    """A proposal with the moments of the draws so far, tempered where a few heavy ones would tell the shape."""
+    tempered = _tempered(weight, _SHAPE * points.shape[1])
     mean = tempered @ points
     covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
-    effective = 1.0 / (tempered**2).sum()
-    trust = effective / (effective + 20.0)
-    return _Student(
-        trust * mean + (1 - trust) * last.mean, 1.15 * (trust * covariance + (1 - trust) * last.covariance)
-    )
+    return _Student(mean, 1.15 * covariance + 1e-3 * np.diag(np.diag(last.covariance)))
+
+
+def _tempered(weight: Floats, least: float) -> Floats:
+    """Weights to the highest power up to 1 at which they are worth ``least`` independent draws."""
+    logs = np.log(np.maximum(weight, 1e-300))
+
+    def at(power: float) -> Floats:
+        raised = np.exp(power * (logs - logs.max())) * (weight > 0)
+        return raised / raised.sum()
+
+    low, high = 0.0, 1.0
+    if 1.0 / (weight**2).sum() >= least:
+        return weight
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if 1.0 / (at(middle) ** 2).sum() >= least else (low, middle)
+    return at(low)
