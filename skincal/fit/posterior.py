@@ -242,7 +242,7 @@ def climb(
             break
     assert places is not None
     states, best = _at(problem, images, places, macro, sigmas)
-    covariance = np.linalg.pinv(_reduced(problem, states, best, sigmas, _trust(states, best)).curvature)
+    covariance = _inverse(_reduced(problem, states, best, sigmas, _trust(states, best)).curvature)
     point = np.concatenate([macro, np.log(sigmas)])[None]
     places = _moved(places, states)
     density = float(log_posterior(problem, images, places, bounds, point)[0])
@@ -352,6 +352,12 @@ def _reduced(
     return _System(gradient, (curvature + curvature.T) / 2)
 
 
+def _inverse(matrix: Floats) -> Floats:
+    """The inverse of a positive matrix whose rows have different units; directions it does not hold stay at zero."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+
 def _estimated_sigmas(
     problem: FitProblem,
     state: PressStates,
@@ -375,7 +381,7 @@ def _estimated_sigmas(
     told = np.array([position, force, noise, misfit, *sigmas[4:]])
     if shared:
         theta, taxels = problem.shared.theta, problem.rig.layout.taxels
-        spread = theta**2 + np.diag(np.linalg.inv(system.curvature))[5:]
+        spread = theta**2 + np.diag(_inverse(system.curvature))[5:]
         told[4] = _shrunk(spread[:taxels].sum(), taxels, centres[4], SPREADS[4])
         field = spread[2 * taxels :]
         if len(field):

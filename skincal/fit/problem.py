@@ -17,6 +17,9 @@ from skincal.model import Cylinder, Indenter, Surface, TaxelLayout
 ACTIVE_COUNTS = 5.0
 """A taxel of a converter from 0 to 255 answers when it stands this far above its level at rest [counts] (paper)."""
 
+LEVEL_PART = 0.02
+"""A level at rest is never better known than this part of the noise of one reading: a numerical tolerance."""
+
 LIT_SIGMAS = 4.0
 """A reading so many times the noise above rest is no noise: one in 30 000 is."""
 
@@ -254,7 +257,7 @@ def pose_problem(
         active.astype(np.intp),
         seen,
         readings,
-        Shared.none(seen.level_sigma_counts, across, along),
+        Shared.none(np.maximum(seen.level_sigma_counts, LEVEL_PART * readings.noise_counts), across, along),
     )
 
 

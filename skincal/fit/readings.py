@@ -18,6 +18,7 @@ import numpy as np
 from skincal.fit.observe import Observed, Readout, clipped_share, expected_counts
 from skincal.fit.types import Bools, Floats
 from skincal.model import TaxelLayout
+from skincal.model.rest import quantum
 
 NEIGHBOUR = 0.3
 """Part of a neighbour's signal by which a reading may be off as by its own: pressure that lies across an edge."""
@@ -28,7 +29,7 @@ _NEAR = 1.6
 MODEL_PART = 3e-4
 """Part of a press's whole image up to which simulated images are exact: interpolation of the tabled load shares."""
 
-_DARK, _QUANTUM_TOLERANCE = 4.0, 1e-6
+_DARK = 4.0
 _KNOTS = 400
 _REACH = 8.0
 """Beyond so many sigmas from the bound clipping does not matter."""
@@ -142,7 +143,9 @@ class Readings:
         positive = np.where(read, np.maximum(values, 0.0), 0.0)
         typical = float(np.median(positive.max(axis=1))) if len(rows) else 0.0
         whole = float(np.median(positive.sum(axis=1))) if len(rows) else 0.0
-        floor = max(quantum(counts) / np.sqrt(12.0), MODEL_PART * whole, np.finfo(float).tiny)
+        floor = max(
+            quantum(counts[np.isfinite(counts)]) / np.sqrt(12.0), MODEL_PART * whole, np.finfo(float).tiny
+        )
         noise = _noise(seen, readout, typical)
         dark = np.where(values < _DARK * noise, offset, above)
         near = _neighbours(layout)
@@ -179,17 +182,6 @@ class Readings:
         """Variance (n, J) of readings of presses (n,), for sigma_n (n,) [counts] and tau (n,)."""
         own = self.share[press] * noise[:, None]
         return own * own + (self.signal[press] * misfit[:, None]) ** 2
-
-
-def quantum(counts: Floats) -> float:
-    """Step [counts] that all readings are multiples of, apart from a common level; 0 where there is none."""
-    values = np.unique(counts[np.isfinite(counts)])
-    if len(values) < 2:
-        return 0.0
-    span = float(values[-1] - values[0])
-    gaps = np.diff(values)
-    gaps = gaps[gaps > _QUANTUM_TOLERANCE * span]
-    return float(gaps.min()) if len(gaps) else 0.0
 
 
 def _noise(seen: Observed, readout: Readout, typical: float) -> float:

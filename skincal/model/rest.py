@@ -12,9 +12,21 @@ from skincal.model.arrays import FloatArray
 _UNSTEADY = 6.0
 """A taxel whose lower readings scatter so many times more than those of the others is never at rest."""
 
-
 _FINEST = 1e-4
 """Readings are told apart down to this part of their whole range: a numerical tolerance."""
+
+
+def quantum(values: ArrayLike) -> float:
+    """Smallest step between different values (…), as rounding makes it; 0 where there is none.
+
+    Steps below a millionth of the range are errors of arithmetic.
+    """
+    flat = np.unique(np.asarray(values, dtype=np.float64))
+    if len(flat) < 2:
+        return 0.0
+    gaps = np.diff(flat)
+    gaps = gaps[gaps > 1e-6 * (flat[-1] - flat[0])]
+    return float(gaps.min()) if len(gaps) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +58,7 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
     rest = np.full(readings.shape[1], np.nan)
     scatter = np.full(readings.shape[1], np.nan)
     finite = readings[np.isfinite(readings)]
-    finest = _FINEST * float(np.ptp(finite)) if finite.size else 0.0
+    finest = max(_FINEST * float(np.ptp(finite)), 0.5 * quantum(finite)) if finite.size else 0.0
     for j, column in enumerate(readings.T):
         read = np.sort(column[np.isfinite(column)])
         if len(read) == 0:
@@ -60,7 +72,7 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
     if not np.isfinite(scatter).any():
         return RestLevels(rest, np.zeros(len(rest), dtype=bool), float("nan"))
     common = float(np.nanmedian(scatter))
-    steady = read & (np.nan_to_num(scatter, nan=np.inf) <= _UNSTEADY * max(common, 3 * finest))
+    steady = read & (np.nan_to_num(scatter, nan=np.inf) <= _UNSTEADY * max(common, finest))
     if steady.any():
         rest[read & ~steady] = np.median(rest[steady])
     return RestLevels(rest, steady, common)
