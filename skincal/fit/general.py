@@ -113,7 +113,7 @@ def evaluate_pose(
         log_elasticity: (E,) logarithms of E in [Pa/m].
         settings: of the micro problems.
     """
-    weight = np.where(problem.saturated, 0.0, problem.weight * problem.slope)
+    weight = np.where(problem.saturated, 0.0, problem.weight)
     observed = problem.values * weight
     log_ratio = np.log(problem.force_n) - log_elasticity[:, None]
     start = _search(problem, skin, log_ratio, observed, weight, settings)

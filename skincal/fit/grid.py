@@ -157,7 +157,7 @@ def _evaluate_level(
     # Contact relative to the centre at slack zero, for every press and centre.
     at_across = np.broadcast_to(problem.across_m[:, None, None] - grid.across_m[:, None], shape).reshape(-1)
     at_along = np.broadcast_to(problem.along_m[:, None, None] - grid.y_m, shape).reshape(-1)
-    weight = np.where(problem.saturated, 0.0, problem.weight * problem.slope).astype(np.float32)
+    weight = np.where(problem.saturated, 0.0, problem.weight).astype(np.float32)
     observed = (problem.values * weight).astype(np.float32)[press]
     cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
 
@@ -194,7 +194,7 @@ def _search(
     press = np.repeat(np.arange(presses), rows * cols)
     cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
     uv = np.stack([across * cos + along * sin, along * cos - across * sin], axis=1)
-    weight = np.where(problem.saturated, 0.0, problem.weight * problem.slope).astype(np.float32)
+    weight = np.where(problem.saturated, 0.0, problem.weight).astype(np.float32)
     simulated = (images.nearest_at_level(level, uv, press).reshape(presses, rows * cols, -1)) * weight[
         :, None, :
     ]

@@ -204,8 +204,8 @@ def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -
 def _noise_on_bound(counts: Floats, rest: Floats, scatter: float, readout: Readout) -> float:
     """Noise of one frame [counts] where taxels rest on the lower bound of the converter, NaN where they do not.
 
-    A level that noise on the bound explains is no more than a small part of the range, and has a scatter: that of a mean
-    of some hundreds of frames is a twentieth of the lift.
+    A level that noise on the bound explains is no more than a small part of the range, and has a scatter: that of a
+    mean of some hundreds of frames is a twentieth of the lift.
     """
     if readout.value_min is None or not np.isfinite(rest).any() or not np.isfinite(scatter):
         return float("nan")

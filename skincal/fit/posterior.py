@@ -29,7 +29,7 @@ from skincal.fit.volume import fold_of, log_volume
 SETTLE = 12
 
 FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.005, 0.01, 0.03
-"""Where the priors of sigma_f, tau and sigma_g have their middle, and that of sigma_b as a part of the position's sigma."""
+"""Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
 
 SPREADS = np.array([0.6, 1.0, 0.2, 1.0, 1.0, 1.0])
 """Standard deviations of the priors of the sigmas, in their logarithm, in the order of ``HYPER``.
@@ -40,6 +40,9 @@ knows more than the order of magnitude.
 
 _TRUSTED = 16.0
 """A press whose mean square is more than this many times the usual is trusted less."""
+
+_TRIMMED = 9.0
+"""Presses whose mean square is so many times the usual say nothing of the noise in a climb from afar."""
 
 _SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
 """Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
@@ -135,7 +138,7 @@ def _log_density(problem: FitProblem, images: Images, places: Places, points: Fl
 
 def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
     """Sum of the logarithms of the standard deviations of all readings (W,)."""
-    presses, used = np.arange(len(problem)), problem.weight > 0
+    presses, used = np.arange(len(problem)), problem.used
     many = np.ones(len(problem))
     return np.array(
         [
@@ -377,7 +380,7 @@ def _estimated_sigmas(
     second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
     position = _shrunk(second[:, :2].sum(), second[:, :2].size, centres[0], SPREADS[0])
     force = _shrunk(second[:, 2].sum(), len(second), centres[1], SPREADS[1])
-    noise, misfit = _estimated_noise(problem, state, rows, sigmas, inverse)
+    noise, misfit = _estimated_noise(problem, state, rows, sigmas, inverse, trimmed=not shared)
     told = np.array([position, force, noise, misfit, *sigmas[4:]])
     if shared:
         theta, taxels = problem.shared.theta, problem.rig.layout.taxels
@@ -390,10 +393,20 @@ def _estimated_sigmas(
 
 
 def _estimated_noise(
-    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, inverse: Floats
+    problem: FitProblem,
+    state: PressStates,
+    rows: Ints,
+    sigmas: Floats,
+    inverse: Floats,
+    *,
+    trimmed: bool,
 ) -> tuple[float, float]:
-    """The most probable sigma_n and tau for the squares of the residuals, with what the press's own places leave open."""
-    used = problem.weight > 0
+    """The most probable sigma_n and tau for the squares of the residuals and of what places leave open."""
+    used = problem.used
+    if trimmed:
+        # From afar presses that lie are still among the others, and a misfit that explains them hides them.
+        squares = (state.residual[rows] ** 2).mean(axis=1)
+        used = used & (squares <= _TRIMMED * np.median(squares))[:, None]
     model, presses = problem.observation, np.arange(len(problem))
     many = np.ones(len(problem))
     variance = model.variance(sigmas[2] * many, sigmas[3] * many, presses)

@@ -6,8 +6,8 @@ relative error f of its force (1). Its objective is
     Q_k = sum_j (y_kj - c(S_j F_k e^f phi_j + rest_j))^2 / sd_kj^2 + |delta - B_k b|^2 / sigma_p^2 + f^2 / sigma_f^2
 
 with c the converter's mean and sd as in :mod:`skincal.fit.readings`, gains, levels at rest and the field b of
-:mod:`skincal.fit.shared` held. All three are found at once by Gauss-Newton; the Hessian H of Q/2 there gives Laplace's approximation of the integral
-over them.
+:mod:`skincal.fit.shared` held. All three are found at once by Gauss-Newton; the Hessian H of Q/2 there gives Laplace's
+approximation of the integral over them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MACRO = ("across_m", "y_m", "alpha_rad", "log_elasticity", "log_scale")
 HYPER = (
     "log_position_sigma", "log_force_sigma", "log_noise_sigma", "log_misfit", "log_gain_sigma", "log_field_sigma",
 )  # fmt: skip
-"""Scatter of positions [m], forces and hold means [counts]; relative misfit tau; spread of the gains; smooth error [m]."""
+"""Scatter of positions [m], forces, hold means [counts]; relative misfit tau; spread of gains; smooth error [m]."""
 
 _MAX_STEP = np.array([0.4e-3, 0.4e-3, 0.05])
 
@@ -77,7 +77,7 @@ def evaluate(
     )
     simulated = counts * got.value
     above = simulated + (readings.offset + shared.level)
-    weight = problem.weight[press] / np.sqrt(readings.variance(sigmas[:, 2], sigmas[:, 3], press))
+    weight = problem.used[press] / np.sqrt(readings.variance(sigmas[:, 2], sigmas[:, 3], press))
     if readings.link.clips:
         expected, slope = readings.link(above)
         difference, level_slope = expected - readings.target[press], weight * slope

@@ -109,8 +109,8 @@ class FitProblem:
         along_m: (K,) the same along y [m].
         force_n: (K,) forces [N].
         values: (K, J) observed values above rest, as clipping is undone; 0 where not read [counts].
-        weight: (K, J) 1 where a reading is used, 0 where a taxel was not read or is left out.
-        slope: (K, J) how much of a change of the value the counts show; weighs normalised images.
+        weight: (K, J) how much of a change of the value the counts show, in [0, 1]; weighs normalised images. 0 where a
+            taxel was not read or is left out.
         saturated: (K, J) the value is a lower bound.
         lit: (K, J) taxels that answered.
         indenter: (K,) index of the indenter.
@@ -130,7 +130,6 @@ class FitProblem:
     force_n: Floats
     values: Floats
     weight: Floats
-    slope: Floats
     saturated: Bools
     lit: Bools
     indenter: Ints
@@ -164,6 +163,11 @@ class FitProblem:
         without a spare reading had an interval that missed the truth, and of those with one none had.
         """
         return len(self) >= FEW_PRESSES or self.readings > self.unknowns
+
+    @property
+    def used(self) -> Bools:
+        """(K, J) which readings count."""
+        return self.weight > 0
 
     @property
     def noise_sigma_counts(self) -> float:
@@ -247,7 +251,6 @@ def pose_problem(
         along,
         presses.force_n[rows],
         values,
-        read[rows].astype(np.float64),
         np.where(read[rows], seen.slope[rows], 0.0),
         seen.saturated[rows] & read[rows],
         lit,
@@ -264,8 +267,8 @@ def pose_problem(
 def active_threshold(seen: Observed, readout: Readout) -> float:
     """Value above rest from which a taxel answers, in the unit of the data.
 
-    The paper's 5 counts are 2 % of its converter's range. Where that is more than 4 % of the largest value, or the range
-    is not known, it is the 4 %; and never less than five times the noise.
+    The paper's 5 counts are 2 % of its converter's range. Where that is more than 4 % of the largest value, or the
+    range is not known, it is the 4 %; and never less than five times the noise.
     """
     largest = float(np.nanmax(seen.values, initial=0.0))
     low, high = readout.value_min, readout.value_max

@@ -108,6 +108,9 @@ class FitResult:
         sigmas: scatter of positions, forces and images, as the data tell it.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
         effective_draws: how many independent draws the weighted ones are worth.
+        force_low: lower end of what the data say of the scatter of forces, one in forty is below.
+        rest_counts: level at rest that all taxels share, on the scale of the data [counts].
+        rest_interval: low and high of it.
         grid: the evaluated grid.
         presses: measured against simulated, press by press.
         problem: the presses that were used.
@@ -126,6 +129,9 @@ class FitResult:
     sigmas: Sigmas
     law_spread_m: float
     effective_draws: float
+    force_low: float
+    rest_counts: float
+    rest_interval: tuple[float, float]
     grid: GridResult
     presses: PressFit
     problem: FitProblem

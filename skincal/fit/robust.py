@@ -20,7 +20,7 @@ PRESSED = 0.07
 def glitches(problem: FitProblem, peak: Peak) -> Bools:
     """Single presses (K,) whose image or force is far from what all others agree on."""
     states = peak.states
-    rms = np.sqrt((states.residual**2).sum(axis=1) / np.maximum((problem.weight > 0).sum(axis=1), 1))
+    rms = np.sqrt((states.residual**2).sum(axis=1) / np.maximum((problem.used).sum(axis=1), 1))
     typical = max(float(np.median(rms)), 1.0)
     force = np.abs(states.nuisance[:, 2])
     usual_force = max(1.4826 * float(np.median(force)), 0.005)
@@ -34,7 +34,7 @@ def glitches(problem: FitProblem, peak: Peak) -> Bools:
 def dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
     """Taxels (J,) that stay silent, or never leave one level, where the model says that they are pressed."""
     simulated, observed = states.simulated, problem.values
-    pressed = (simulated > PRESSED * problem.observation.typical_counts) & (problem.weight > 0)
+    pressed = (simulated > PRESSED * problem.observation.typical_counts) & (problem.used)
     enough = pressed.sum(axis=0) >= 3
     gain = (simulated * observed * pressed).sum(axis=0) / np.maximum(
         (simulated**2 * pressed).sum(axis=0), 1e-12

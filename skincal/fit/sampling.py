@@ -1,10 +1,15 @@
-"""Draws of a posterior by adaptive importance sampling (Cappe et al. 2008; mixture weights of Cornuet et al. 2012)."""
+"""Draws of a posterior: adaptive importance sampling, and an ensemble of walkers where its draws are worth too little.
+
+Adaptive importance sampling is that of Cappe et al. (2008) with the mixture weights of Cornuet et al. (2012); proposals
+are fitted to tempered weights. The ensemble is the affine-invariant one of Goodman and Weare (2010), by `emcee`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import emcee  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
@@ -29,15 +34,17 @@ class Draws:
     Attributes:
         points: (W, 11) macro variables and log sigmas.
         weight: (W,) normalised weights.
+        correlation: steps of a walker after which it has forgotten where it was; 1 for independent draws.
     """
 
     points: Floats
     weight: Floats
+    correlation: float = 1.0
 
     @property
     def effective(self) -> float:
         """How many independent draws the weighted ones are worth."""
-        return float(1.0 / (self.weight**2).sum())
+        return float(1.0 / (self.weight**2).sum() / max(self.correlation, 1.0))
 
     @property
     def mean(self) -> Floats:
@@ -101,6 +108,38 @@ def sample(
         if enough(len(proposals), draws):
             return draws
         proposals.append(_adapted(points, weight, proposals[-1]))
+
+
+WALKERS, BURN_IN, STEPS = 44, 60, 220
+"""Walkers of the ensemble (four a dimension), steps that they first take to spread, and steps that are kept."""
+
+
+def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
+    """Draws of an ensemble of walkers, which needs no proposal that resembles the posterior.
+
+    Args:
+        density: the log posterior.
+        start: draws round which the walkers begin; their weights are tempered.
+        rng: the only source of chance.
+    """
+    spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))
+    scale = np.sqrt(spread.weight @ (start.points - spread.mean) ** 2)
+    at, found = np.empty((0, start.points.shape[1])), 0
+    while len(at) < WALKERS and found < 50:
+        # Nudged, so that no two walkers stand at one point and all directions are open.
+        some = spread.resampled(rng, WALKERS)
+        some = some + 0.1 * scale * rng.standard_normal(some.shape)
+        at, found = np.concatenate([at, some[np.isfinite(density(some))]]), found + 1
+    if len(at) < WALKERS:
+        return start
+    walkers = emcee.EnsembleSampler(WALKERS, at.shape[1], density, vectorize=True)
+    seed = np.random.RandomState(int(rng.integers(2**31))).get_state()
+    state = walkers.run_mcmc(emcee.State(at[:WALKERS], random_state=seed), BURN_IN)
+    walkers.reset()
+    walkers.run_mcmc(state, STEPS)
+    time = float(np.nanmax(walkers.get_autocorr_time(quiet=True, tol=0)))
+    points = np.asarray(walkers.get_chain(flat=True), dtype=np.float64)
+    return Draws(points, np.full(len(points), 1.0 / len(points)), time if np.isfinite(time) else float(STEPS))
 
 
 class _Student:

@@ -20,7 +20,7 @@ from skincal.fit.posterior import Bounds, Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import FitResult
 from skincal.fit.robust import dead_taxels, glitches
-from skincal.fit.sampling import Draws, sample
+from skincal.fit.sampling import Draws, sample, walk
 from skincal.fit.tasks import (
     ClimbTask,
     DensityTask,
@@ -44,6 +44,9 @@ MOST_COMBINATIONS = 5_000_000
 
 GRID_NOISE = 0.007
 """Noise on the grid as a part of the usual signal, at least: with less, no node of its lattices is near a minimum."""
+
+WORTH = 100
+"""Importance sampling whose draws are worth fewer independent ones gives way to an ensemble of walkers."""
 
 POLISH = 2
 """Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
@@ -283,7 +286,11 @@ def _sample(
         return done >= most or (done >= fewest and draws.effective >= options.enough_draws)
 
     progress("draws", 0, fewest)
-    return sample(peak, problem, density, rng, size=options.round_size, enough=enough)
+    draws = sample(peak, problem, density, rng, size=options.round_size, enough=enough)
+    if draws.effective >= min(WORTH, options.enough_draws):
+        return draws
+    walked = walk(density, draws, rng)
+    return max(draws, walked, key=lambda d: d.effective)
 
 
 def _weigh_laws(

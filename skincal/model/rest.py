@@ -12,6 +12,9 @@ from skincal.model.arrays import FloatArray
 _UNSTEADY = 6.0
 """A taxel whose lower readings scatter so many times more than those of the others is never at rest."""
 
+_ROUNDED = 0.01
+"""Steps between readings that are larger than this part of their range are no rounding."""
+
 _FINEST = 1e-4
 """Readings are told apart down to this part of their whole range: a numerical tolerance."""
 
@@ -58,7 +61,8 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
     rest = np.full(readings.shape[1], np.nan)
     scatter = np.full(readings.shape[1], np.nan)
     finite = readings[np.isfinite(readings)]
-    finest = max(_FINEST * float(np.ptp(finite)), 0.5 * quantum(finite)) if finite.size else 0.0
+    span = float(np.ptp(finite)) if finite.size else 0.0
+    finest = max(_FINEST * span, min(0.5 * quantum(finite), _ROUNDED * span))
     for j, column in enumerate(readings.T):
         read = np.sort(column[np.isfinite(column)])
         if len(read) == 0:
