@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skincal.calibrate.problem import moved
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.parts import REST
 from skincal.dataset import Dataset
 from skincal.fit.problem import USED
 from skincal.fit.result import PARAMETERS, FitResult
@@ -30,11 +31,14 @@ def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) 
     intervals: dict[str, Interval] = {
         names[n]: (low * factors[n], high * factors[n]) for n, (low, high) in result.intervals.items()
     }
+    intervals[REST] = result.rest_interval
     per_taxel = result.scale_per_taxel_per_n
     return Calibration.of_dataset(
         dataset,
         model=ModelParameters(
-            **best, scale_per_taxel_per_n=None if per_taxel is None else tuple(per_taxel.tolist())
+            **best,
+            scale_per_taxel_per_n=None if per_taxel is None else tuple(per_taxel.tolist()),
+            rest_counts=result.rest_counts,
         ),
         intervals=intervals,
         loss=_loss(result),
@@ -68,6 +72,9 @@ def _loss(result: FitResult) -> Loss:
             "position_sigma_m": result.sigmas.position_m,
             "force_sigma_relative": result.sigmas.force,
             "noise_sigma_counts": result.sigmas.noise_counts,
+            "misfit_relative": result.sigmas.misfit,
+            "gain_sigma_relative": result.sigmas.gain,
+            "position_field_m": result.sigmas.field_m,
             "contact_law_spread_m": result.law_spread_m,
             "effective_draws": result.effective_draws,
         },

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
 from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
-from skincal.dataset import Dataset, active_taxels, idle_means
+from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
@@ -50,7 +50,6 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.counts,
         kinds,
         idle_means(dataset),
-        active_taxels(dataset, options.active_counts).sum(axis=1),
     )
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":

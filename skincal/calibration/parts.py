@@ -13,6 +13,9 @@ Interval = tuple[float, float]
 Numbers = float | tuple[float, ...]
 Severity = Literal["info", "warning", "error"]
 
+REST: Final = "rest_counts"
+"""The one parameter of the model that belongs to the session, not to the skin: files may leave it out."""
+
 SEVERITIES: Final = ("info", "warning", "error")
 
 
@@ -29,6 +32,7 @@ class ModelParameters:
         x_m: centre of the patch across the finger [m]; on a plane only.
         scale_per_taxel_per_n: scale of each taxel, S_j [1/N], J numbers by the flat index; goes before
             ``scale_per_n``. None: one scale for all.
+        rest_counts: level at rest that all taxels share [counts]; None where it was not looked for.
     """
 
     y_m: float
@@ -38,16 +42,18 @@ class ModelParameters:
     beta_deg: float | None = None
     x_m: float | None = None
     scale_per_taxel_per_n: tuple[float, ...] | None = None
+    rest_counts: float | None = None
 
     def best(self) -> dict[str, float]:
-        """The single figures by name, in the order of the contract: the pose, E, S."""
+        """The single figures by name, in the order of the contract: the pose, E, S, and the level at rest if known."""
         across = {"x_m": self.x_m} if self.beta_deg is None else {"beta_deg": self.beta_deg}
-        values = {
+        values: dict[str, float | None] = {
             "y_m": self.y_m,
             **across,
             "alpha_deg": self.alpha_deg,
             "elasticity_pa_per_m": self.elasticity_pa_per_m,
             "scale_per_n": self.scale_per_n,
+            REST: self.rest_counts,
         }
         return {name: value for name, value in values.items() if value is not None}
 

@@ -10,7 +10,7 @@ from typing import Any, Final, cast
 
 from skincal.calibration.calibration import Calibration
 from skincal.calibration.effect_tables import effects_from, findings_from, plain_effect
-from skincal.calibration.parts import Effect, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.parts import REST, Effect, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.calibration.values import number_list, shown, toml_value
 from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.findings import Findings
@@ -32,8 +32,9 @@ FORMAT: Final = "skincal-calibration/1"
 _SHARED: Final = ("sensor", "surface", "indenter", "mount", "position")
 _TOP: Final = ("format", *_SHARED, "model", "intervals", "loss", "effects", "findings", "provenance")
 _MODEL: Final = (
-    "y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n", "scale_per_taxel_per_n",
+    "y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n", "scale_per_taxel_per_n", REST,
 )  # fmt: skip
+_INTERVALS: Final = tuple(name for name in _MODEL if name != "scale_per_taxel_per_n")
 _LOSS: Final = ("mse_counts2", "valley_mse_counts2", "presses_used")
 _OPEN: Final = ("loss", "provenance")
 """Tables in which a fit may leave what it likes; other keys elsewhere are worth a warning."""
@@ -77,7 +78,10 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
     }
     sensor, surface = sensor_from(shared["sensor"]), surface_from(shared["surface"])
     model = _model(_own(top, findings, "model", _MODEL), surface.kind, sensor.taxels)
-    intervals = _intervals(_own(top, findings, "intervals", _MODEL[:-1]), surface.kind)
+    intervals = _intervals(
+        _own(top, findings, "intervals", _INTERVALS),
+        surface.kind,
+    )
     _check_best(model, intervals, findings)
     return Meta(
         sensor=sensor,
@@ -160,12 +164,15 @@ def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
         elasticity_pa_per_m=_within(table, "elasticity_pa_per_m", "E [Pa/m]", ELASTICITY_PA_PER_M),
         scale_per_n=_within(table, "scale_per_n", "S [1/N]", SCALE_PER_N),
         scale_per_taxel_per_n=_scales(table, taxels),
+        rest_counts=table.number(REST, "the level at rest [counts]") if table.has(REST) else None,
     )
 
 
 def _check_best(model: ModelParameters, intervals: Mapping[str, Interval], findings: Findings) -> None:
     """Warns of values that lie further outside their interval than it is wide: one of the two has been changed."""
     for name, value in model.best().items():
+        if name == REST:
+            continue
         low, high = intervals.get(name, (-math.inf, math.inf))
         beyond = max(low - value, value - high)
         if beyond > max(high - low, _ROUNDED * abs(value)):
@@ -208,7 +215,8 @@ def _intervals(table: TomlTable, surface: str) -> dict[str, Interval]:
     names = ("y_m", across, "alpha_deg", "elasticity_pa_per_m", "scale_per_n") if surface else ()
     other = "beta_deg" if surface == "plane" else "x_m"
     table.absent(other, f"on this surface it is {across}")
-    return {name: _interval(table, name) for name in names}
+    rest = (REST,) if table.has(REST) else ()
+    return {name: _interval(table, name) for name in (*names, *rest)}
 
 
 def _interval(table: TomlTable, name: str) -> Interval:

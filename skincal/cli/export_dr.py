@@ -46,6 +46,15 @@ def export_dr(
     draws: Annotated[
         int, typer.Option("--draws", min=1, help="With --joint: keep at most so many draws of the cloud.")
     ] = 500,
+    assume_scale: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--assume-scale",
+            metavar="LOW HIGH",
+            help="S [counts per N] to assume where the calibration does not tell it; else that is refused.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
@@ -62,7 +71,7 @@ def export_dr(
     file_format(out)
     refuse_existing(out, force=force)
     calibration = read_calibration(cal)
-    ranges = from_calibration(calibration, preset.value, joint=joint, draws=draws)
+    ranges = from_calibration(calibration, preset.value, joint=joint, draws=draws, assumed_scale=assume_scale)
     write_ranges(ranges, out, force=force)
     warn((*calibration.warnings, *ranges.warnings))
     _say_findings(calibration)

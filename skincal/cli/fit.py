@@ -78,7 +78,14 @@ def fit(
     ] = None,
     e_count: Annotated[int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 4")] = None,
     active_counts: Annotated[
-        float, typer.Option("--active-counts", min=0.0, help="Counts above rest that make a taxel active.")
+        float | None,
+        typer.Option(
+            "--active-counts",
+            min=0.0,
+            help="Value above rest that makes a taxel active; default 2 % of the converter's range, or less where "
+            "the signals are small, and at least five times the noise.",
+            show_default=False,
+        ),
     ] = 5.0,
     min_active: Annotated[
         int, typer.Option("--min-active", min=1, help="Presses with fewer active taxels are not used.")
@@ -256,7 +263,7 @@ def _steps(
 
 
 def _options(
-    active_counts: float,
+    active_counts: float | None,
     min_active: int,
     bound: str,
     level: float,
@@ -327,10 +334,20 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
         "presses_used": calibration.loss.presses_used,
         "best": calibration.model.best(),
         "intervals": {name: list(interval) for name, interval in calibration.intervals.items()},
+        "draws": _draws(calibration),
         "findings": [vars(finding) for finding in calibration.findings],
         "effects": [effect.name for effect in calibration.effects],
         "calibration": str(out),
     }
+
+
+def _draws(calibration: Calibration) -> dict[str, int] | None:
+    """How many draws of the posterior are kept, and how many independent ones they are worth."""
+    effective = calibration.loss.extra.get("effective_draws")
+    if calibration.draws is None or effective is None:
+        return None
+    kept = len(next(iter(calibration.draws.values())))
+    return {"kept": kept, "effective": min(kept, round(effective))}
 
 
 def _tell(calibration: Calibration, presses: str, about: str, out: Path, report: bool) -> None:

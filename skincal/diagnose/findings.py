@@ -69,9 +69,11 @@ def of_noise(
         fix = "Hold longer, and record frames at rest." if frames else "Record frames."
         found.append(Finding("noise_not_measured", "warning", text, fix if uniform else f"{fix} {again}"))
     elif floor.mean_from == LEFT_BY_FIT and floor.mean_counts > _WIDER * floor.mean_interval[0] > 0:
+        # The interval is half to twice of what they scatter.
+        untouched = (floor.mean_interval[0] * floor.mean_interval[1]) ** 0.5
         text = (
             f"the noise of a hold mean is taken to be {LEFT_BY_FIT}, which the gap is part of: "
-            f"{floor.mean_counts:.2f} counts, though untouched taxels scatter by {floor.mean_interval[0]:.2f}; what is "
+            f"{floor.mean_counts:.2f} counts, though untouched taxels scatter by {untouched:.2f}; what is "
             "much smaller than the first may stay unseen"
         )
         found.append(Finding("noise_not_measured", "info", text, f"Record frames. {again}"))

@@ -28,7 +28,7 @@ LEFT = Finding(
 )
 OUTDATED = ("misfit", "bad_presses", "glitches", "force_scatter")
 """Findings of a fit that say how its images match; with more in the model they match otherwise."""
-OF_PLACES = ("positions_worse", "positions_bent", "slack_bound")
+OF_PLACES = ("positions_worse", "positions_bent", "slack_too_tight")
 """Findings of places; with an effect that lives in them they are others."""
 _POOR, _NOISY, _POOR_COUNTS = 3.0, 2.0, 0.5
 """A press does not fit whose residual is beyond so many times the middle one, its noise, and so many counts."""

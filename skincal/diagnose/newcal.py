@@ -109,6 +109,7 @@ def parameters_of(calibration: Calibration, hypothesis: Hypothesis) -> ModelPara
         beta_deg=None if old.beta_deg is None else degrees(pose.beta_rad),
         x_m=None if old.beta_deg is not None else pose.x_m,
         scale_per_taxel_per_n=each,
+        rest_counts=old.rest_counts,
     )
 
 

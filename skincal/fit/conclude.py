@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from skincal.fit.findings import find
-from skincal.fit.gains import taxel_gains
 from skincal.fit.grid import GridSlab, MacroGrid
 from skincal.fit.law import LawSpread
 from skincal.fit.options import FitOptions, SearchBox
@@ -21,9 +21,8 @@ from skincal.fit.sampling import Draws
 from skincal.fit.seen import Images
 from skincal.fit.types import Bools, Floats
 from skincal.fit.valley import OPEN, POSE, at_one_place, choose, interval, valley_loss
-from skincal.fit.warp import turn_sigma
 
-SCALE_WIDENING = 1.4
+SCALE_WIDENING = 1.0
 """How much wider than the posterior the draws of log S are kept.
 
 In seeded sessions the scale still errs by more than its posterior says, now and then to the low side; why is not known.
@@ -83,10 +82,10 @@ def conclude(
     bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
     losses = _grid_result(grid, slabs, fixed, found.grid_mse_counts2)
     if fixed is None:
-        turn = turn_sigma(problem.across_m, problem.along_m, presses.slack_m)
-        clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, turn, rng)
+        clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, rng)
     else:
         clouds = [choose(losses, options.draws, rng)]
+    rest, half = _rest(problem, level=options.level)
     level = options.level if fixed is None else 1.0
     best = np.array([*macro[:3], *np.exp(macro[3:])])
     result = FitResult(
@@ -102,11 +101,14 @@ def conclude(
         sigmas=Sigmas(*sigmas.tolist()),
         law_spread_m=found.law.best_m,
         effective_draws=found.draws.effective,
+        force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
+        rest_counts=rest,
+        rest_interval=(rest - half, rest + half),
         grid=losses,
         presses=presses,
         problem=problem,
         box=box,
-        scale_per_taxel_per_n=_per_taxel(problem, images, macro, sigmas, peak) if options.per_taxel else None,
+        scale_per_taxel_per_n=best[4] * np.exp(problem.shared.log_gain) if options.per_taxel else None,
         dead_taxels=found.dead,
         findings=(),
     )
@@ -128,12 +130,11 @@ def _grid_result(
 
 
 def _clouds(
-    draws: Floats, law: LawSpread, force_scale_sigma: float, turn: float, rng: np.random.Generator
+    draws: Floats, law: LawSpread, force_scale_sigma: float, rng: np.random.Generator
 ) -> list[Floats]:
     """Values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure.
 
-    Were all forces 1 + e times what was measured, the same images would come from E (1 + e) and S / (1 + e); were all
-    positions turned by an angle, from an alpha that much larger.
+    Were all forces 1 + e times what was measured, the same images would come from E (1 + e) and S / (1 + e).
     """
     half = len(draws) // 2
     laws = [draws[:half, :5].copy(), law.shifted(draws[half:, :5], rng)]
@@ -143,9 +144,24 @@ def _clouds(
         if force_scale_sigma > 0:
             error = force_scale_sigma * rng.standard_normal(len(cloud))
             cloud += error[:, None] * np.array([0.0, 0.0, 0.0, 1.0, -1.0])
-        if turn > 0:
-            cloud[:, 2] += turn * rng.standard_normal(len(cloud))
     return [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
+
+
+def _rest(problem: FitProblem, level: float) -> tuple[float, float]:
+    """Level at rest that all taxels share [counts], and half the width of its interval; 0 where it has been taken off.
+
+    It is the mean over taxels that were seen at rest: their levels scatter, and each is known as its dark readings say.
+    """
+    model, known = problem.observation, problem.observed.level_known
+    if problem.rig.readout.rest_subtracted or not known.any():
+        return 0.0, 0.0
+    low = (problem.rig.readout.value_min or 0.0) if model.link.clips else 0.0
+    levels = (model.offset + problem.shared.level)[known] + low
+    dark = np.maximum((~problem.lit & problem.used)[:, known].sum(axis=0), 1)
+    own = float((model.noise_counts**2 / dark).mean())
+    scatter = float(levels.var(ddof=1)) if len(levels) > 1 else 0.0
+    half = float(ndtri((1 + level) / 2)) * np.sqrt((own + scatter) / len(levels))
+    return float(levels.mean()), half
 
 
 def _press_fit(
@@ -156,7 +172,8 @@ def _press_fit(
     many = np.broadcast_to(macro, (count, 5)).copy()
     start = starting_nuisance(problem, peak.places, many, peak.places.press, 1)
     start[:, 2] = 0.0
-    stiff = np.broadcast_to(np.array([sigmas[0], 1e-7, sigmas[2]]), (count, 3)).copy()
+    stiff = np.broadcast_to(sigmas, (count, len(sigmas))).copy()
+    stiff[:, 1] = 1e-7
     state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
     best = np.array(
         [
@@ -165,13 +182,14 @@ def _press_fit(
         ],
         dtype=np.intp,
     )
-    squares = (state.residual[best] ** 2).sum(axis=1)
-    read = np.maximum((problem.weight > 0).sum(axis=1), 1)
+    model, presses = problem.observation, np.arange(len(problem))
+    many = np.ones(len(problem))
+    spread = np.sqrt(model.variance(sigmas[2] * many, sigmas[3] * many, presses))
+    squares = ((state.residual[best] * spread) ** 2).sum(axis=1)
+    read = np.maximum((problem.used).sum(axis=1), 1)
     rmse = np.sqrt(squares / read)
-    expected = (
-        np.sqrt(float(problem.lit.sum()) / max(len(problem), 1) / problem.rig.layout.taxels) * sigmas[2]
-    )
-    good = rmse <= max(3.0 * float(np.median(rmse)), 2.0 * float(expected), 0.5)
+    expected = np.sqrt((spread**2 * problem.used).sum(axis=1) / read)
+    good = rmse <= 3.0 * np.maximum(float(np.median(rmse / expected)), 1.0) * expected
     fit = PressFit(
         state.nuisance[best][:, :2],
         state.uv_m[best],
@@ -181,11 +199,3 @@ def _press_fit(
         good,
     )
     return fit, float(squares.sum() / read.sum())
-
-
-def _per_taxel(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, peak: Peak) -> Floats:
-    """Scale of each taxel (J,) [1/N] at the best point."""
-    count = len(peak.places.press)
-    start = starting_nuisance(problem, peak.places, np.tile(macro, (count, 1)), peak.places.press, 1)
-    gains = taxel_gains(problem, images, macro, sigmas, peak.places.press[peak.best], start[peak.best])
-    return np.exp(macro[4] + gains)

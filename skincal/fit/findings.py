@@ -6,11 +6,20 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import binom
 
 from skincal.fit.problem import FEW_PRESSES
 from skincal.fit.result import FEWEST_DRAWS, FitFinding, FitResult
 from skincal.fit.valley import POSE, at_one_place, extent_m
-from skincal.fit.warp import turn_sigma
+
+BENT = 0.4
+"""A smooth error of positions of this part of the independent one widens alpha by a tenth and more."""
+
+MOST_NAMED = 6
+"""Taxels that a finding names."""
+
+AT_BOUND = 0.01
+"""Part of the presses that lies beyond a bound of two and a half sigmas, as a bound should be at least."""
 
 _NAMES = {
     "across_m": "position across (beta)",
@@ -28,7 +37,7 @@ def find(result: FitResult, *, dropped: int) -> FitResult:
         result: a fit.
         dropped: how many presses were left out as glitches.
     """
-    checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _sampling)
+    checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _rest, _sampling)
     found = [finding for check in checks for finding in check(result)]
     if dropped:
         found.append(
@@ -115,26 +124,27 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             f"Contact positions scatter by {1e3 * found:.2f} mm, more than the {1e3 * declared:.2f} mm declared.",
             "Check the kinematic calibration; raise [position] sigma_m and slack_m.",
         )
-    turn = turn_sigma(result.problem.across_m, result.problem.along_m, result.presses.slack_m)
-    if turn > 0 and result.bound == "noise":
+    field = result.sigmas.field_m
+    if field > BENT * found and result.bound == "noise":
         yield FitFinding(
             "positions_bent",
             "info",
-            "The error of the measured positions changes steadily over the patch. They may be turned by as much, about "
-            f"{np.degrees(turn):.1f}°, which nothing shows; the interval of alpha is widened for it.",
+            f"The error of the measured positions changes smoothly over the patch, by about {1e3 * field:.2f} mm. Its "
+            "turn cannot be told from alpha; the intervals are widened for it.",
             "Calibrate the kinematics (joint offsets) for a sharper alpha.",
         )
     slack, at_bound = result.problem.rig.slack_m, 0
     if slack > 0:
         at_bound = int((np.abs(result.presses.slack_m).max(axis=1) > 0.98 * slack).sum())
-    if at_bound > 0.1 * len(result.problem):
+    if at_bound > max(1, binom.isf(0.01, len(result.problem), AT_BOUND)):
         yield FitFinding(
-            "slack_bound",
+            "slack_too_tight",
             "warning",
-            f"{at_bound} of {len(result.problem)} presses sit at the bound of their slack ({1e3 * slack:.1f} mm).",
-            "Raise [position] slack_m if the rig can be that far off.",
+            f"{at_bound} of {len(result.problem)} presses sit at the bound of their slack ({1e3 * slack:.1f} mm): the "
+            "rig is further off than the bound allows, and the pose is then told too sharply.",
+            "Raise [position] slack_m to three times what the rig can be off, a constant error included.",
         )
-    if result.sigmas.force > 0.03:
+    if result.force_low > 0.03:
         yield FitFinding(
             "force_scatter",
             "warning",
@@ -146,7 +156,7 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
 def _misfit(result: FitResult) -> Iterator[FitFinding]:
     floor, found = result.problem.noise_sigma_counts, result.sigmas.noise_counts
     bad = int((~result.presses.good).sum())
-    if found > 3.0 * floor and found > 0.5:
+    if found > 3.0 * floor:
         yield FitFinding(
             "misfit",
             "warning",
@@ -182,6 +192,24 @@ def _taxels(result: FitResult) -> Iterator[FitFinding]:
         )
 
 
+def _rest(result: FitResult) -> Iterator[FitFinding]:
+    problem = result.problem
+    doubtful = ~problem.observed.level_known & problem.lit.any(axis=0)
+    # A level that a bound of the converter or a subtraction tells, or that taxels share, needs no presses to tell it.
+    doubtful &= problem.shared.level_sigma > problem.noise_sigma_counts
+    if doubtful.any():
+        cols = problem.rig.layout.cols
+        names = ", ".join(f"({j // cols}, {j % cols})" for j in np.flatnonzero(doubtful)[:MOST_NAMED])
+        more = f" and {doubtful.sum() - MOST_NAMED} more" if doubtful.sum() > MOST_NAMED else ""
+        yield FitFinding(
+            "rest_in_doubt",
+            "warning",
+            f"No press leaves taxel {names}{more} alone, so its level at rest is not seen; it is estimated along with "
+            "the other parameters, from how far the levels of the others lie apart.",
+            "Record frames at rest (phase idle), or press at places that leave it alone.",
+        )
+
+
 def _sampling(result: FitResult) -> Iterator[FitFinding]:
     if result.bound == "fixed" or result.effective_draws >= 100:
         return
@@ -196,5 +224,5 @@ def _sampling(result: FitResult) -> Iterator[FitFinding]:
             if rough
             else "they do not tell how wide it is, so no interval is given."
         ),
-        "A misfit of the model or too few presses are the usual causes; see the other findings.",
+        "The parameters have more than one answer that fits; more presses, spread over the patch, tell them apart.",
     )

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from skincal.fit.types import Bools, Floats
 from skincal.model.converter import Converter
-from skincal.model.rest import rest_from_presses
+from skincal.model.rest import levels_from_presses
 
 _SPREAD = 8.0
 """Beyond so many sigmas from a bound of the converter, clipping does not matter."""
@@ -28,6 +28,9 @@ _FINEST = 2e-4
 
 _FEW = 64
 """So many values are worked out one by one: for fewer, a table is not worth its making."""
+
+_FRAMES_OF_REST = 20.0
+"""Frames at rest are so many at least."""
 
 _MAX_CLIPPED_REST = 1.5
 """A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
@@ -68,6 +71,8 @@ class Observed:
         rest_counts: (J,) level at rest that was taken off, beyond what clipped noise explains [counts].
         frame_sigma_counts: noise of one frame that the level at rest betrays [counts]; NaN where it does not.
         rest_sigma_counts: scatter of the hold means of untouched taxels [counts].
+        level_sigma_counts: (J,) what is known of the level at rest before the fit, one sigma [counts].
+        level_known: (J,) the taxel was seen at rest.
     """
 
     values: Floats
@@ -76,6 +81,8 @@ class Observed:
     rest_counts: Floats
     frame_sigma_counts: float
     rest_sigma_counts: float
+    level_sigma_counts: Floats
+    level_known: Bools
 
 
 def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
@@ -156,6 +163,8 @@ def noise_from_rest(rest_mean: float, readout: Readout) -> float:
     """Noise of one frame [counts] that lifts an untouched taxel to ``rest_mean`` above the lower bound."""
     if readout.value_min is None or not 0.0 < rest_mean - readout.value_min <= _MAX_CLIPPED_REST:
         return float("nan")
+    if not readout.integer:  # half of a normal distribution
+        return float(np.sqrt(2 * np.pi) * (rest_mean - readout.value_min))
     sigmas = np.linspace(0.05, 4.5, 446)
     means = [
         float(expected_counts(np.array(readout.value_min), s, readout)) - readout.value_min for s in sigmas
@@ -176,25 +185,69 @@ def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -
         Values, with what is known of their noise.
     """
     counts = np.asarray(counts, dtype=np.float64)
-    rest, scatter = rest_from_presses(counts)
+    found = levels_from_presses(counts)
+    rest, scatter, known = found.level.copy(), found.scatter, found.known.copy()
+    measured = np.zeros(len(rest), dtype=bool) if rest_mean is None else np.isfinite(rest_mean)
     if rest_mean is not None:
-        known = np.isfinite(rest_mean)
-        rest[known] = rest_mean[known]
+        rest[measured] = rest_mean[measured]
+    known |= measured
     if readout.rest_subtracted:
-        return _plain(counts, readout, np.zeros_like(rest), scatter)
-    sigma = noise_from_rest(float(np.nanmedian(rest)), readout) if np.isfinite(rest).any() else float("nan")
+        levels = (np.where(known, rest, np.nan), measured, known)
+        return _plain(counts, readout, np.zeros_like(rest), scatter, levels)
+    levels = (rest, measured, known)
+    sigma = _noise_on_bound(counts, rest, scatter, readout)
     if not np.isfinite(sigma):
-        return _plain(counts, readout, np.nan_to_num(rest), scatter)
-    return _unclipped(counts, readout, rest, sigma, scatter)
+        return _plain(counts, readout, np.nan_to_num(rest), scatter, levels)
+    return _unclipped(counts, readout, rest, sigma, scatter, levels)
 
 
-def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float) -> Observed:
+def _noise_on_bound(counts: Floats, rest: Floats, scatter: float, readout: Readout) -> float:
+    """Noise of one frame [counts] where taxels rest on the lower bound of the converter, NaN where they do not.
+
+    A level that noise on the bound explains is no more than a small part of the range, and has a scatter: that of a
+    mean of some hundreds of frames is a twentieth of the lift.
+    """
+    if readout.value_min is None or not np.isfinite(rest).any() or not np.isfinite(scatter):
+        return float("nan")
+    level = float(np.nanmedian(rest))
+    lift = level - readout.value_min
+    most = _MAX_CLIPPED_REST / 255.0 * float(np.nanmax(counts) - readout.value_min)
+    if not 0.0 < lift < 20.0 * scatter or (not readout.integer and lift > most):
+        return float("nan")
+    return noise_from_rest(level, readout)
+
+
+_Levels = tuple[Floats, Bools, Bools]
+"""Levels at rest (J,), whether they were measured apart from the presses, and whether they were seen at all."""
+
+
+def _level_sigma(levels: _Levels, scatter: float, centre: Floats | float, rows: int) -> Floats:
+    """What is known of each level (J,) before the fit [counts].
+
+    The presses that leave a taxel alone tell its level, and they are in the likelihood: beforehand there is no more
+    than how far the levels of taxels lie apart. A level from frames at rest is a measurement of its own.
+    """
+    rest, measured, known = levels
+    noise = np.nan_to_num(scatter)
+    apart = (rest - centre)[known]
+    # Of n levels the spread is known to 1 / sqrt(2 n); twice of it covers that of few.
+    spread = 2.0 * float(np.sqrt(np.mean(apart**2))) if len(apart) > 1 else 0.0
+    before = max(spread, noise / np.sqrt(max(rows, 1)))
+    return np.where(measured, noise / np.sqrt(_FRAMES_OF_REST), before)
+
+
+def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float, levels: _Levels) -> Observed:
     high = np.inf if readout.value_max is None else readout.value_max
-    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - 0.5
-    return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter)
+    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - (0.5 if readout.integer else 0.0)
+    level, _, known = levels
+    centre = 0.0 if readout.rest_subtracted else float(np.median(level[known])) if known.any() else 0.0
+    sigma = _level_sigma(levels, scatter, centre, len(counts))
+    return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter, sigma, known)
 
 
-def _unclipped(counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float) -> Observed:
+def _unclipped(
+    counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float, levels: _Levels
+) -> Observed:
     low = readout.value_min if readout.value_min is not None else 0.0
     high = readout.value_max if readout.value_max is not None else max(float(np.nanmax(counts)), low) + 50.0
     knots = np.arange(low - 2.5 * sigma, high + 2.5 * sigma, 0.05)
@@ -209,4 +262,6 @@ def _unclipped(counts: Floats, readout: Readout, rest: Floats, sigma: float, sca
     offset = np.nan_to_num(offset)
     saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5, sigma)
     slope = np.maximum(np.interp(counts, means, slopes), 0.05)
-    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter)
+    _, measured, known = levels
+    spread = _level_sigma((offset, measured, known), scatter, 0.0, len(counts))
+    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter, spread, known)

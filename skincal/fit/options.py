@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from skincal.fit.problem import ACTIVE_COUNTS
-
 PAPER_BOUND_COUNTS2 = 25.0
 """The paper's bound of the valley: a root mean square error of five counts per taxel."""
 
@@ -56,7 +54,7 @@ class FitOptions:
 
     Attributes:
         steps: of the macro grid; None for as fine as the way of the fit affords.
-        active_counts: a taxel is active from so many counts above rest.
+        active_counts: a taxel is active from so much above rest; None for what the data say.
         min_active: presses with fewer active taxels are not used.
         bound_counts2: None for the valley that the noise of the data defines; a number for all combinations of the
             grid whose loss is below it (the paper's is 25).
@@ -70,7 +68,7 @@ class FitOptions:
     """
 
     steps: GridSteps | None = None
-    active_counts: float = ACTIVE_COUNTS
+    active_counts: float | None = None
     min_active: int = 2
     bound_counts2: float | None = None
     level: float = 0.98

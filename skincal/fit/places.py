@@ -23,6 +23,9 @@ SAME_M = 0.03e-3
 SAME_FOLD_M = 0.3e-3
 """The same where both stand at a fold, along which Gauss-Newton converges slowly."""
 
+BLUNT = 0.06
+"""Noise, as a part of the usual signal, that a lattice of 0.25 mm steps over: a taxel's response to such a step."""
+
 MOST, MARGIN = 6, 30.0
 """So many places of a press are kept at most, and none whose objective is so much above its best."""
 
@@ -54,7 +57,7 @@ def find_places(problem: FitProblem, images: Images, macro: Floats, sigmas: Floa
         problem: the presses.
         images: simulated images.
         macro: (5,) macro variables.
-        sigmas: (3,) sigma_p [m], sigma_f, sigma_n [counts].
+        sigmas: (6,) in the order of ``HYPER``.
     """
     press, nuisance = find_modes(problem, images, macro, sigmas)
     for _ in range(2):
@@ -142,7 +145,7 @@ def find_modes(
         problem: the presses.
         images: kernels.
         macro: (5,) macro variables.
-        sigmas: (3,) sigma_p, sigma_f, sigma_n.
+        sigmas: (6,) in the order of ``HYPER``.
         step_m: lattice of starts [m].
         most: so many places a press at most.
         margin: places whose objective is so much above the best are left out.
@@ -158,13 +161,15 @@ def find_modes(
     start = np.zeros((len(press), 3))
     start[:, :2] = np.tile(lattice, (count, 1))
     # A blunt noise keeps the basins wide enough for the lattice.
-    blunt = np.array([sigmas[0], max(sigmas[1], 0.02), max(sigmas[2], 4.0)])
+    blunt = sigmas.copy()
+    blunt[1] = max(sigmas[1], 0.02)
+    blunt[2] = max(sigmas[2], BLUNT * problem.observation.typical_counts)
     many = np.broadcast_to
     rough = settle(
         problem,
         images,
         many(macro, (len(press), 5)),
-        many(blunt, (len(press), 3)),
+        many(blunt, (len(press), len(blunt))),
         press,
         start,
         iterations=1,
@@ -183,7 +188,7 @@ def find_modes(
     low = (q <= around.min(axis=0)).reshape(-1)
     low &= (q - q.min(axis=(1, 2), keepdims=True)).reshape(-1) < 200.0
     press, start = press[low], rough.nuisance[low]
-    sharp = many(sigmas, (len(press), 3))
+    sharp = many(sigmas, (len(press), len(sigmas)))
     state = settle(problem, images, many(macro, (len(press), 5)), sharp, press, start, iterations=12)
     return distinct(press, state, count, most, margin)
 

@@ -3,10 +3,11 @@
 For macro variables m = (centre across, centre along, alpha, log E, log S) a press k has the slack delta (2), and the
 relative error f of its force (1). Its objective is
 
-    Q_k = sum_j w_j^2 (D_kj - S F_k e^f phi_j)^2 / sigma_n^2 + |delta|^2 / sigma_p^2 + f^2 / sigma_f^2
+    Q_k = sum_j (y_kj - c(S_j F_k e^f phi_j + rest_j))^2 / sd_kj^2 + |delta - B_k b|^2 / sigma_p^2 + f^2 / sigma_f^2
 
-All three are found at once by Gauss-Newton; the Hessian H of Q/2 there gives Laplace's approximation of the integral
-over them.
+with c the converter's mean and sd as in :mod:`skincal.fit.readings`, gains, levels at rest and the field b of
+:mod:`skincal.fit.shared` held. All three are found at once by Gauss-Newton; the Hessian H of Q/2 there gives Laplace's
+approximation of the integral over them.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from skincal.fit.seen import Images
 from skincal.fit.types import Floats, Ints
 
 MACRO = ("across_m", "y_m", "alpha_rad", "log_elasticity", "log_scale")
-HYPER = ("log_position_sigma", "log_force_sigma", "log_noise_sigma")
+HYPER = (
+    "log_position_sigma", "log_force_sigma", "log_noise_sigma", "log_misfit", "log_gain_sigma", "log_field_sigma",
+)  # fmt: skip
+"""Scatter of positions [m], forces, hold means [counts]; relative misfit tau; spread of gains; smooth error [m]."""
 
 _MAX_STEP = np.array([0.4e-3, 0.4e-3, 0.05])
 
@@ -35,10 +39,11 @@ class PressStates:
         objective: (n,) Q.
         hessian: (n, 3, 3) of Q / 2.
         uv_m: (n, 2) contact position in patch coordinates [m].
-        residual: (n, J) weighted residual, simulated minus observed [counts].
-        simulated: (n, J) simulated values [counts].
-        macro_slope: (n, J, 5) derivative of the weighted residual by the macro variables.
+        residual: (n, J) expected minus observed counts, over their standard deviation.
+        simulated: (n, J) simulated values above rest [counts].
+        macro_slope: (n, J, 5) derivative of the residual by the macro variables; that by log S is that by a log gain.
         nuisance_slope: (n, J, 3) the same by slack and force.
+        level_slope: (n, J) the same by the level at rest.
     """
 
     nuisance: Floats
@@ -49,6 +54,7 @@ class PressStates:
     simulated: Floats
     macro_slope: Floats
     nuisance_slope: Floats
+    level_slope: Floats
 
 
 def evaluate(
@@ -60,19 +66,28 @@ def evaluate(
         problem: the presses.
         images: simulated images round the macro draws.
         macro: (n, 5) macro variables in the order of ``MACRO``.
-        sigmas: (n, 3) sigma_p [m], sigma_f [-], sigma_n [counts].
+        sigmas: (n, 6) in the order of ``HYPER``, not their logarithms.
         press: (n,) number of the press.
         nuisance: (n, 3) slack and force error.
     """
     got = images.see(problem, macro, press, nuisance)
-    counts = (np.exp(macro[:, 4] + nuisance[:, 2]) * problem.force_n[press])[:, None]
+    readings, shared = problem.observation, problem.shared
+    counts = (np.exp(macro[:, 4] + nuisance[:, 2]) * problem.force_n[press])[:, None] * np.exp(
+        shared.log_gain
+    )
     simulated = counts * got.value
-    weight = problem.weight[press]
-    difference = simulated - problem.values[press]
+    above = simulated + (readings.offset + shared.level)
+    weight = problem.used[press] / np.sqrt(readings.variance(sigmas[:, 2], sigmas[:, 3], press))
+    if readings.link.clips:
+        expected, slope = readings.link(above)
+        difference, level_slope = expected - readings.target[press], weight * slope
+    else:
+        difference, level_slope = above - readings.target[press], weight
     # A saturated taxel only says "at least this".
-    weight = np.where(problem.saturated[press] & (difference > 0), 0.0, weight)
-    counts = counts * weight
-    by_ratio, by_scale = counts * got.by_log_ratio, weight * simulated
+    beyond = problem.saturated[press] & (difference > 0)
+    weight, level_slope = np.where(beyond, 0.0, weight), np.where(beyond, 0.0, level_slope)
+    counts = counts * level_slope
+    by_ratio, by_scale = counts * got.by_log_ratio, level_slope * simulated
     nuisance_slope = np.concatenate(
         [counts[..., None] * got.by_contact, (by_scale + by_ratio)[..., None]], axis=-1
     )
@@ -80,14 +95,12 @@ def evaluate(
     macro_slope = np.concatenate([counts[..., None] * got.by_centre, others], axis=-1)
     residual = weight * difference
     prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
-    noise = 1.0 / sigmas[:, 2] ** 2
-    objective = noise * ((residual**2).sum(axis=1) - problem.dark_squares[press]) + (prior * nuisance**2).sum(
-        axis=1
-    )
-    hessian = noise[:, None, None] * np.matmul(nuisance_slope.transpose(0, 2, 1), nuisance_slope)
+    off = nuisance - problem.centre[press]
+    objective = (residual**2).sum(axis=1) + (prior * off**2).sum(axis=1)
+    hessian = np.matmul(nuisance_slope.transpose(0, 2, 1), nuisance_slope)
     hessian[:, [0, 1, 2], [0, 1, 2]] += prior
     return PressStates(
-        nuisance, objective, hessian, got.uv_m, residual, simulated, macro_slope, nuisance_slope
+        nuisance, objective, hessian, got.uv_m, residual, simulated, macro_slope, nuisance_slope, level_slope
     )
 
 
@@ -108,7 +121,7 @@ def settle(
         problem: the presses.
         images: simulated images round the macro draws.
         macro: (n, 5) macro variables.
-        sigmas: (n, 3) sigma_p [m], sigma_f [-], sigma_n [counts].
+        sigmas: (n, 6) in the order of ``HYPER``, not their logarithms.
         press: (n,) number of the press.
         start: (n, 3) nuisance to start from.
         iterations: full steps at most.
@@ -120,7 +133,11 @@ def settle(
     for number in range(iterations):
         # Full steps, not only downhill ones: the images hold a press on a thin curved sheet, and a step along it
         # first leaves the sheet and is brought back by the next. The best point seen is kept.
-        trial = np.clip(now.nuisance + _step(now, sigmas[rows], 1e-6 if number < 6 else 1e-2), -bound, bound)
+        trial = np.clip(
+            now.nuisance + _step(problem, now, press[rows], sigmas[rows], 1e-6 if number < 6 else 1e-2),
+            -bound,
+            bound,
+        )
         moving = (np.abs(trial - now.nuisance) / _MAX_STEP).max(axis=1) > 2e-4
         rows = rows[moving]
         if not len(rows):
@@ -152,7 +169,7 @@ def _descend(
     damping = np.full(len(rows), 0.3)
     for _ in range(iterations):
         here = PressStates(*(array[rows] for array in vars(state).values()))
-        step = _step(here, sigmas[rows], damping[:, None])
+        step = _step(problem, here, press[rows], sigmas[rows], damping[:, None])
         moving = (np.abs(step) / _MAX_STEP).max(axis=1) > 2e-4
         if not moving.any():
             return
@@ -164,13 +181,12 @@ def _descend(
         damping *= np.where(better, 0.2, 6.0)
 
 
-def _step(state: PressStates, sigmas: Floats, damping: float | Floats) -> Floats:
+def _step(
+    problem: FitProblem, state: PressStates, press: Ints, sigmas: Floats, damping: float | Floats
+) -> Floats:
     prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
-    noise = 1.0 / sigmas[:, 2] ** 2
-    gradient = (
-        noise[:, None] * np.einsum("njd,nj->nd", state.nuisance_slope, state.residual)
-        + prior * state.nuisance
-    )
+    gradient = np.einsum("njd,nj->nd", state.nuisance_slope, state.residual)
+    gradient += prior * (state.nuisance - problem.centre[press])
     damped = state.hessian.copy()
     damped[:, [0, 1, 2], [0, 1, 2]] *= 1.0 + damping
     return np.clip(-solve_small(damped, gradient), -_MAX_STEP, _MAX_STEP)

@@ -8,12 +8,20 @@ import numpy as np
 
 from skincal.errors import WorkError
 from skincal.fit.general_contacts import ContactMap
-from skincal.fit.observe import Observed, Readout, clipped_share, observe
+from skincal.fit.observe import Observed, Readout, observe
+from skincal.fit.readings import Readings
+from skincal.fit.shared import Shared
 from skincal.fit.types import Bools, Floats, Ints
 from skincal.model import Cylinder, Indenter, Surface, TaxelLayout
 
 ACTIVE_COUNTS = 5.0
-"""A taxel answers when it stands this far above its level at rest [counts]."""
+"""A taxel of a converter from 0 to 255 answers when it stands this far above its level at rest [counts] (paper)."""
+
+LEVEL_PART = 0.02
+"""A level at rest is never better known than this part of the noise of one reading: a numerical tolerance."""
+
+LIT_SIGMAS = 4.0
+"""A reading so many times the noise above rest is no noise: one in 30 000 is."""
 
 FEW_PRESSES = 12
 """From so many presses on their measured places alone tell the pose; of fewer, the images have to."""
@@ -24,7 +32,18 @@ USED = "used"
 
 COPY = "the very numbers of another press"
 
-_BY_PRESS = ("across_m", "along_m", "force_n", "values", "weight", "saturated", "lit", "indenter", "rows")
+_BY_PRESS = (
+    "across_m",
+    "along_m",
+    "force_n",
+    "values",
+    "weight",
+    "slope",
+    "saturated",
+    "lit",
+    "indenter",
+    "rows",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +88,6 @@ class PressTable:
         counts: (K, J) mean counts in the hold.
         indenter: (K,) index of the indenter.
         rest_mean_counts: (J,) mean counts of untouched taxels from idle frames; None where there are none.
-        active: (K,) how many taxels answered; None to count those that stand ``active_counts`` above rest.
     """
 
     press: Ints
@@ -79,7 +97,6 @@ class PressTable:
     counts: Floats
     indenter: Ints
     rest_mean_counts: Floats | None = None
-    active: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +108,18 @@ class FitProblem:
         across_m: (K,) measured contact positions [m].
         along_m: (K,) the same along y [m].
         force_n: (K,) forces [N].
-        values: (K, J) observed values above rest; 0 where not read [counts].
-        weight: (K, J) weight of a residual, in [0, 1]; 0 where a taxel was not read.
+        values: (K, J) observed values above rest, as clipping is undone; 0 where not read [counts].
+        weight: (K, J) how much of a change of the value the counts show, in [0, 1]; weighs normalised images. 0 where a
+            taxel was not read or is left out.
         saturated: (K, J) the value is a lower bound.
-        lit: (K, J) taxels that answered; they carry the noise estimate.
+        lit: (K, J) taxels that answered.
         indenter: (K,) index of the indenter.
         rows: (K,) row of each press in the session's table.
         status: for every press of the session ``used``, or why it was dropped.
         active: for every press of the session, how many taxels answered.
         observed: what the counts became, for every press of the session.
+        observation: expected counts and their noise.
+        shared: errors that all presses share.
         contacts: where presses lie in space, for the general way; None where only their place relative to the
             sensor's centre matters.
     """
@@ -117,6 +137,8 @@ class FitProblem:
     status: tuple[str, ...]
     active: Ints
     observed: Observed = field(repr=False)
+    observation: Readings = field(repr=False)
+    shared: Shared = field(repr=False)
     contacts: ContactMap | None = None
 
     def __len__(self) -> int:
@@ -143,28 +165,19 @@ class FitProblem:
         return len(self) >= FEW_PRESSES or self.readings > self.unknowns
 
     @property
-    def dark_squares(self) -> Floats:
-        """(K,) weighted squares of what the dark taxels read.
-
-        They say nothing of the fit and are taken off its loss, so that many dark taxels do not make the few lit ones
-        look better fitted than they are.
-        """
-        return (np.where(self.lit, 0.0, self.weight * self.values) ** 2).sum(axis=1)
+    def used(self) -> Bools:
+        """(K, J) which readings count."""
+        return self.weight > 0
 
     @property
     def noise_sigma_counts(self) -> float:
-        """Noise of a hold mean of a taxel away from the bounds [counts], from the scatter of untouched taxels.
+        """Noise of a hold mean of a taxel away from the bounds [counts], from the scatter of untouched taxels."""
+        return self.observation.noise_counts
 
-        Clipping takes four tenths off the scatter of a taxel at rest on its bound; that is undone. Where no taxel is
-        ever untouched, one percent of the largest value stands in.
-        """
-        scatter, frame = self.observed.rest_sigma_counts, self.observed.frame_sigma_counts
-        if not np.isfinite(scatter) or scatter <= 0:
-            return max(0.1, 0.01 * float(self.values.max(initial=0.0)))
-        if not np.isfinite(frame):
-            return max(scatter, 0.05)
-        share = clipped_share(self.rig.readout.value_min or 0.0, frame, self.rig.readout)
-        return max(scatter / max(share, 0.2), 0.05)
+    @property
+    def centre(self) -> Floats:
+        """(K, 3) slack [m] and force error about which the press's own are scattered."""
+        return np.column_stack([self.shared.shift_m, np.zeros(len(self))])
 
     def subset(self, keep: Bools, reason: str) -> FitProblem:
         """The problem without some of its presses; those get ``reason`` for their status."""
@@ -175,7 +188,17 @@ class FitProblem:
             self,
             **{name: getattr(self, name)[keep] for name in _BY_PRESS},
             status=tuple(status),
+            observation=self.observation.subset(keep),
+            shared=self.shared.for_presses(self.across_m[keep], self.along_m[keep]),
         )
+
+    def with_shared(self, theta: Floats) -> FitProblem:
+        """The problem with other values (T,) of the errors that all presses share."""
+        return replace(self, shared=self.shared.with_theta(theta))
+
+    def with_signal(self, simulated: Floats) -> FitProblem:
+        """The problem with the noise of its readings as simulated values (K, J) have it."""
+        return replace(self, observation=self.observation.at(simulated))
 
     def without_taxels(self, dead: Bools) -> FitProblem:
         """The problem with some taxels (J,) left out of every residual."""
@@ -189,14 +212,15 @@ class FitProblem:
 
 
 def pose_problem(
-    rig: Rig, presses: PressTable, *, active_counts: float = ACTIVE_COUNTS, min_active: int = 2
+    rig: Rig, presses: PressTable, *, active_counts: float | None = None, min_active: int = 2
 ) -> FitProblem:
     """Choose the presses to fit (paper, section III-A: at least two active taxels) and clean their values.
 
     Args:
         rig: sensor, surface, indenters.
         presses: the session.
-        active_counts: a taxel is active from so many counts above its level at rest.
+        active_counts: a taxel is active from so much above its level at rest; None for what the data say
+            (:func:`active_threshold`).
         min_active: a press is used from so many active taxels.
 
     Returns:
@@ -204,38 +228,53 @@ def pose_problem(
     """
     seen = observe(presses.counts, rig.readout, presses.rest_mean_counts)
     read = np.isfinite(seen.values)
-    active = presses.active
-    if active is None:
-        active = (np.where(read, seen.values, 0.0) >= active_counts).sum(axis=1)
+    threshold = active_threshold(seen, rig.readout) if active_counts is None else active_counts
+    active = (np.where(read, seen.values, 0.0) >= threshold).sum(axis=1)
     copies = _copies(presses)
     status = [
-        COPY if copies[k] else _status(k, presses, read, int(active[k]), min_active, active_counts)
+        COPY if copies[k] else _status(k, presses, read, int(active[k]), min_active, threshold)
         for k in range(len(presses.press))
     ]
     rows = np.array([k for k, s in enumerate(status) if s == USED], dtype=np.intp)
-    dark_below = max(4.0 * (seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.1), 0.5)
     values = np.where(read, seen.values, 0.0)[rows]
-    dark = values < dark_below
-    if len(rows) and not (~dark & read[rows]).any():
+    readings = Readings.of(seen, presses.counts, rig.readout, rig.layout, rows)
+    lit = (values > LIT_SIGMAS * readings.noise_counts) & read[rows]
+    if len(rows) and not lit.any():
         raise WorkError(
-            f"no taxel reads {dark_below:.2g} counts more than at rest in any press: expected counts of a converter; "
-            f"got {values.max():.3g} at most. Of volts or shares multiply taxels, value_min and value_max, say by 255"
+            f"no taxel stands clear of the noise of {readings.noise_counts:.2g} counts in any press: the largest value "
+            f"above rest is {values.max():.3g}. Do the counts grow with load?"
         )
+    across, along = presses.across_m[rows], presses.along_m[rows]
     return FitProblem(
         rig,
-        presses.across_m[rows],
-        presses.along_m[rows],
+        across,
+        along,
         presses.force_n[rows],
         values,
         np.where(read[rows], seen.slope[rows], 0.0),
         seen.saturated[rows] & read[rows],
-        ~dark & read[rows],
+        lit,
         presses.indenter[rows],
         rows,
         tuple(status),
         active.astype(np.intp),
         seen,
+        readings,
+        Shared.none(np.maximum(seen.level_sigma_counts, LEVEL_PART * readings.noise_counts), across, along),
     )
+
+
+def active_threshold(seen: Observed, readout: Readout) -> float:
+    """Value above rest from which a taxel answers, in the unit of the data.
+
+    The paper's 5 counts are 2 % of its converter's range. Where that is more than 4 % of the largest value, or the
+    range is not known, it is the 4 %; and never less than five times the noise.
+    """
+    largest = float(np.nanmax(seen.values, initial=0.0))
+    low, high = readout.value_min, readout.value_max
+    span = np.inf if low is None or high is None else ACTIVE_COUNTS / 255.0 * (high - low)
+    noise = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
+    return max(5.0 * noise, min(span, 0.04 * largest))
 
 
 def _copies(presses: PressTable) -> Bools:

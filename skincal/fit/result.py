@@ -74,11 +74,23 @@ class PressFit:
 
 @dataclass(frozen=True)
 class Sigmas:
-    """What the data say of the rig: one sigma of position [m], of force (relative), of a hold mean [counts]."""
+    """What the data say of the rig and the sensor, one sigma each.
+
+    Attributes:
+        position_m: of a measured position, apart from what presses share [m].
+        force: of a measured force, relative.
+        noise_counts: of a hold mean [counts].
+        misfit: of a reading, relative to its signal, beyond its noise.
+        gain: of the taxels' scales, relative.
+        field_m: of the smooth error that positions share [m].
+    """
 
     position_m: float
     force: float
     noise_counts: float
+    misfit: float
+    gain: float
+    field_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +108,9 @@ class FitResult:
         sigmas: scatter of positions, forces and images, as the data tell it.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
         effective_draws: how many independent draws the weighted ones are worth.
+        force_low: lower end of what the data say of the scatter of forces, one in forty is below.
+        rest_counts: level at rest that all taxels share, on the scale of the data [counts].
+        rest_interval: low and high of it.
         grid: the evaluated grid.
         presses: measured against simulated, press by press.
         problem: the presses that were used.
@@ -114,6 +129,9 @@ class FitResult:
     sigmas: Sigmas
     law_spread_m: float
     effective_draws: float
+    force_low: float
+    rest_counts: float
+    rest_interval: tuple[float, float]
     grid: GridResult
     presses: PressFit
     problem: FitProblem

@@ -13,15 +13,18 @@ MAX_GLITCHES = 0.2
 """At most this part of the presses is called a glitch; beyond it the model is wrong, not the presses."""
 
 
+PRESSED = 0.07
+"""A taxel is pressed where the model gives it this part of the usual largest signal."""
+
+
 def glitches(problem: FitProblem, peak: Peak) -> Bools:
     """Single presses (K,) whose image or force is far from what all others agree on."""
     states = peak.states
-    squares = np.maximum((states.residual**2).sum(axis=1) - problem.dark_squares, 0.0)
-    rms = np.sqrt(squares / np.maximum(problem.lit.sum(axis=1), 1))
-    typical = max(float(np.median(rms)), problem.noise_sigma_counts)
+    rms = np.sqrt((states.residual**2).sum(axis=1) / np.maximum((problem.used).sum(axis=1), 1))
+    typical = max(float(np.median(rms)), 1.0)
     force = np.abs(states.nuisance[:, 2])
     usual_force = max(1.4826 * float(np.median(force)), 0.005)
-    odd = (rms > np.maximum(6.0 * typical, 1.0)) | (force > np.maximum(8.0 * usual_force, 0.08))
+    odd = (rms > 6.0 * typical) | (force > np.maximum(8.0 * usual_force, 0.08))
     allowed = int(MAX_GLITCHES * len(problem))
     if odd.sum() > allowed:
         return np.zeros(len(problem), dtype=bool)
@@ -31,7 +34,7 @@ def glitches(problem: FitProblem, peak: Peak) -> Bools:
 def dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
     """Taxels (J,) that stay silent, or never leave one level, where the model says that they are pressed."""
     simulated, observed = states.simulated, problem.values
-    pressed = (simulated > 5.0) & (problem.weight > 0)
+    pressed = (simulated > PRESSED * problem.observation.typical_counts) & (problem.used)
     enough = pressed.sum(axis=0) >= 3
     gain = (simulated * observed * pressed).sum(axis=0) / np.maximum(
         (simulated**2 * pressed).sum(axis=0), 1e-12

@@ -1,10 +1,15 @@
-"""Draws of a posterior by adaptive importance sampling (Cappe et al. 2008; mixture weights of Cornuet et al. 2012)."""
+"""Draws of a posterior: adaptive importance sampling, and an ensemble of walkers where its draws are worth too little.
+
+Adaptive importance sampling is that of Cappe et al. (2008) with the mixture weights of Cornuet et al. (2012); proposals
+are fitted to tempered weights. The ensemble is the affine-invariant one of Goodman and Weare (2010), by `emcee`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import emcee  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
@@ -12,6 +17,9 @@ from skincal.fit.errors import FitError
 from skincal.fit.posterior import Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.types import Floats
+
+_SHAPE = 8
+"""The shape of a proposal is told by so many independent draws for each of its dimensions."""
 
 _NOWHERE = (
     "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
@@ -24,32 +32,34 @@ class Draws:
     """Weighted draws of the posterior.
 
     Attributes:
-        points: (W, 8) macro variables and log sigmas.
+        points: (W, 11) macro variables and log sigmas.
         weight: (W,) normalised weights.
+        correlation: steps of a walker after which it has forgotten where it was; 1 for independent draws.
     """
 
     points: Floats
     weight: Floats
+    correlation: float = 1.0
 
     @property
     def effective(self) -> float:
         """How many independent draws the weighted ones are worth."""
-        return float(1.0 / (self.weight**2).sum())
+        return float(1.0 / (self.weight**2).sum() / max(self.correlation, 1.0))
 
     @property
     def mean(self) -> Floats:
-        """The weighted mean (8,): the best point, and the logarithms of the sigmas."""
+        """The weighted mean (11,): the best point, and the logarithms of the sigmas."""
         return self.weight @ self.points
 
     def resampled(self, rng: np.random.Generator, count: int) -> Floats:
-        """(count, 8) draws of equal weight, by systematic resampling."""
+        """(count, 11) draws of equal weight, by systematic resampling."""
         at = (rng.random() + np.arange(count)) / count
         rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
         return self.points[rng.permutation(rows)]
 
 
 Density = Callable[[Floats], Floats]
-"""Takes points (W, 8) to log densities (W,); may spread them over workers."""
+"""Takes points (W, 11) to log densities (W,); may spread them over workers."""
 
 
 def sample(
@@ -80,12 +90,12 @@ def sample(
     if not np.isfinite(peak.covariance).all():
         raise FitError(_NOWHERE)
     lit, presses = float(problem.lit.sum()), len(problem)
-    hyper = np.array([0.5 / presses**0.5, 0.5, 0.7 / lit**0.5]) ** 2
-    covariance = np.zeros((8, 8))
+    hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / lit**0.5, 0.8, 0.8, 0.8]) ** 2
+    covariance = np.zeros((5 + len(hyper), 5 + len(hyper)))
     covariance[:5, :5] = peak.covariance
     covariance[5:, 5:] = np.diag(hyper)
     proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
-    points, values = np.empty((0, 8)), np.empty(0)
+    points, values = np.empty((0, len(covariance))), np.empty(0)
     while True:
         fresh = proposals[-1].draw(rng, size)
         found = density(fresh)
@@ -98,6 +108,38 @@ def sample(
         if enough(len(proposals), draws):
             return draws
         proposals.append(_adapted(points, weight, proposals[-1]))
+
+
+WALKERS, BURN_IN, STEPS = 44, 60, 220
+"""Walkers of the ensemble (four a dimension), steps that they first take to spread, and steps that are kept."""
+
+
+def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
+    """Draws of an ensemble of walkers, which needs no proposal that resembles the posterior.
+
+    Args:
+        density: the log posterior.
+        start: draws round which the walkers begin; their weights are tempered.
+        rng: the only source of chance.
+    """
+    spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))
+    scale = np.sqrt(spread.weight @ (start.points - spread.mean) ** 2)
+    at, found = np.empty((0, start.points.shape[1])), 0
+    while len(at) < WALKERS and found < 50:
+        # Nudged, so that no two walkers stand at one point and all directions are open.
+        some = spread.resampled(rng, WALKERS)
+        some = some + 0.1 * scale * rng.standard_normal(some.shape)
+        at, found = np.concatenate([at, some[np.isfinite(density(some))]]), found + 1
+    if len(at) < WALKERS:
+        return start
+    walkers = emcee.EnsembleSampler(WALKERS, at.shape[1], density, vectorize=True)
+    seed = np.random.RandomState(int(rng.integers(2**31))).get_state()
+    state = walkers.run_mcmc(emcee.State(at[:WALKERS], random_state=seed), BURN_IN)
+    walkers.reset()
+    walkers.run_mcmc(state, STEPS)
+    time = float(np.nanmax(walkers.get_autocorr_time(quiet=True, tol=0)))
+    points = np.asarray(walkers.get_chain(flat=True), dtype=np.float64)
+    return Draws(points, np.full(len(points), 1.0 / len(points)), time if np.isfinite(time) else float(STEPS))
 
 
 class _Student:
@@ -133,13 +175,25 @@ def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Studen
 
 
 def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
-    """A proposal with the moments of the draws so far; a single heavy draw is not trusted with the shape."""
-    tempered = np.minimum(weight, 1.0 / 40)
-    tempered = tempered / tempered.sum()
+    """A proposal with the moments of the draws so far, tempered where a few heavy ones would tell the shape."""
+    tempered = _tempered(weight, _SHAPE * points.shape[1])
     mean = tempered @ points
     covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
-    effective = 1.0 / (tempered**2).sum()
-    trust = effective / (effective + 20.0)
-    return _Student(
-        trust * mean + (1 - trust) * last.mean, 1.15 * (trust * covariance + (1 - trust) * last.covariance)
-    )
+    return _Student(mean, 1.15 * covariance + 1e-3 * np.diag(np.diag(last.covariance)))
+
+
+def _tempered(weight: Floats, least: float) -> Floats:
+    """Weights to the highest power up to 1 at which they are worth ``least`` independent draws."""
+    logs = np.log(np.maximum(weight, 1e-300))
+
+    def at(power: float) -> Floats:
+        raised = np.exp(power * (logs - logs.max())) * (weight > 0)
+        return raised / raised.sum()
+
+    low, high = 0.0, 1.0
+    if 1.0 / (weight**2).sum() >= least:
+        return weight
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if 1.0 / (at(middle) ** 2).sum() >= least else (low, middle)
+    return at(low)

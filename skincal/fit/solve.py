@@ -20,7 +20,7 @@ from skincal.fit.posterior import Bounds, Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import FitResult
 from skincal.fit.robust import dead_taxels, glitches
-from skincal.fit.sampling import Draws, sample
+from skincal.fit.sampling import Draws, sample, walk
 from skincal.fit.tasks import (
     ClimbTask,
     DensityTask,
@@ -41,6 +41,15 @@ FEWEST_PRESSES = 3
 
 MOST_COMBINATIONS = 5_000_000
 """A grid of more would need hours and gigabytes."""
+
+GRID_NOISE = 0.007
+"""Noise on the grid as a part of the usual signal, at least: with less, no node of its lattices is near a minimum."""
+
+WORTH = 100
+"""Importance sampling whose draws are worth fewer independent ones gives way to an ensemble of walkers."""
+
+POLISH = 2
+"""Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
 
 TABLES = 3
 """A peak of the general way that leaves the table it was climbed on is tabled anew so many times at most."""
@@ -96,7 +105,7 @@ def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPla
             f"a grid of {grid.combinations:.2g} combinations is asked for, and {MOST_COMBINATIONS:.0g} is the most: "
             "take coarser steps or narrower ranges; what follows the grid is continuous and needs no finer one"
         )
-    sigma = max(0.5, problem.noise_sigma_counts)
+    sigma = max(GRID_NOISE * problem.observation.typical_counts, problem.noise_sigma_counts)
     return FitPlan(problem, grid, MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m))
 
 
@@ -231,10 +240,13 @@ def _refine(
         from_here = (peak.macro, starts[0]) if table is None else (peak.macro,)
         again = [ClimbTask(problem, bounds, s, table=table) for s in from_here]
         peak = _highest(mapper(run_climb, again))
+    for _ in range(POLISH):
+        problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table, sigmas=peak.sigmas))
     if table is not None and not table.holds(peak.macro):
         peak, table = _tabled(problem, bounds, peak, mapper)
     progress("peak", 2, 2)
-    return problem, keep, dead, peak, table
+    return problem.with_shared(peak.theta), keep, dead, peak, table
 
 
 def _tabled(problem: FitProblem, bounds: Bounds, peak: Peak, mapper: Mapper) -> tuple[Peak, SkinTable]:
@@ -274,7 +286,11 @@ def _sample(
         return done >= most or (done >= fewest and draws.effective >= options.enough_draws)
 
     progress("draws", 0, fewest)
-    return sample(peak, problem, density, rng, size=options.round_size, enough=enough)
+    draws = sample(peak, problem, density, rng, size=options.round_size, enough=enough)
+    if draws.effective >= min(WORTH, options.enough_draws):
+        return draws
+    walked = walk(density, draws, rng)
+    return max(draws, walked, key=lambda d: d.effective)
 
 
 def _weigh_laws(

@@ -78,7 +78,7 @@ def valley_loss(
         problem: the presses.
         images: kernels round the peak.
         places: where each press could have been.
-        points: (N, 8) draws of macro variables and log sigmas.
+        points: (N, 11) draws of macro variables and log sigmas.
         rng: picks the draws that are looked at.
     """
     some = points[rng.choice(len(points), min(60, len(points)), replace=False)]
@@ -89,7 +89,8 @@ def valley_loss(
     start = starting_nuisance(problem, places, macro, press, len(some))
     start[:, 2] = 0.0
     state = settle(problem, images, macro, sigmas, press, start, iterations=10)
-    squares = (state.residual**2).sum(axis=1).reshape(len(some), spots)
+    variance = problem.observation.variance(sigmas[:, 2], sigmas[:, 3], press)
+    squares = (state.residual**2 * variance).sum(axis=1).reshape(len(some), spots)
     objective = state.objective.reshape(len(some), spots)
     total = np.zeros(len(some))
     for k in range(len(problem)):

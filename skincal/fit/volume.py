@@ -68,13 +68,12 @@ def fold_of(
     stiffness = 1.0 / np.einsum("ni,nij,nj->n", weak, inverse, weak)
     ahead = evaluate(problem, images, macro, sigmas, press, state.nuisance + _STEP_M * weak)
     behind = evaluate(problem, images, macro, sigmas, press, state.nuisance - _STEP_M * weak)
-    noise = 1.0 / sigmas[:, 2:]
-    bend = np.einsum("njd,nd->nj", ahead.nuisance_slope - behind.nuisance_slope, weak) / (2 * _STEP_M) * noise
-    slope = np.einsum("njd,nd->nj", state.nuisance_slope, weak) * noise
-    residual = state.residual * noise
+    bend = np.einsum("njd,nd->nj", ahead.nuisance_slope - behind.nuisance_slope, weak) / (2 * _STEP_M)
+    slope = np.einsum("njd,nd->nj", state.nuisance_slope, weak)
+    residual = state.residual
     strong = np.stack([-weak[:, 1], weak[:, 0]], axis=1)
     across = np.einsum("njd,nd->nj", state.nuisance_slope[:, :, :2], strong)
-    others = np.stack([across, state.nuisance_slope[:, :, 2]], axis=-1) * noise[:, :, None]
+    others = np.stack([across, state.nuisance_slope[:, :, 2]], axis=-1)
     normal = np.matmul(others.transpose(0, 2, 1), others)
     normal[:, [0, 1], [0, 1]] += 1.0 / sigmas[:, :2] ** 2
     taken = solve_small(normal, np.einsum("njd,nj->nd", others, bend))

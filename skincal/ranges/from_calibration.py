@@ -9,7 +9,8 @@ Which figures of the preset a calibration replaces:
 - Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). ``taxel_offset`` and
   ``taxel_gain`` take the place of the preset's spread of the taxels.
 
-A parameter that the data leave unbounded has nothing to replace the preset's range with: that stays, assumed.
+A parameter that the data leave unbounded has nothing to replace the preset's range with: that stays, assumed. Not so S:
+it belongs to one sensor and its converter, so that without an interval of its own it is refused unless it is assumed.
 Where the preset has none, or one that the sensor's mount rules out (its figures are those of the published
 fingertip), the range that the mount allows is taken.
 """
@@ -24,9 +25,10 @@ import numpy as np
 
 from skincal.calibration import Calibration, Effect
 from skincal.effects import EFFECTS
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, WorkError
 from skincal.ranges import presets
 from skincal.ranges.from_effects import effect_parameters
+from skincal.ranges.names import NAMES
 from skincal.ranges.parameter import Parameter
 from skincal.ranges.ranges import JointDraws, Ranges
 
@@ -46,6 +48,7 @@ def from_calibration(
     *,
     joint: bool = False,
     draws: int = DRAWS,
+    assumed_scale: tuple[float, float] | None = None,
 ) -> Ranges:
     """Ranges from a calibration and, for what it does not know, a preset.
 
@@ -54,18 +57,27 @@ def from_calibration(
         preset: ``iros24`` or ``icra26``.
         joint: whether the cloud of draws from the valley is kept too, so that its columns are drawn together.
         draws: at most so many draws of the cloud are kept, evenly over its rows.
+        assumed_scale: low and high of S [1/N] to assume where the calibration does not tell it.
 
     Returns:
         The ranges; their ``warnings`` name what the calibration leaves open, and what stands in its place.
 
     Raises:
-        InputError: there is no such preset; or the cloud is asked for, and the calibration has none.
+        InputError: there is no such preset; or the cloud is asked for, and the calibration has none; or the assumed
+            scale is no range.
+        WorkError: the calibration does not tell S, and none is assumed. S belongs to one sensor and its converter: the
+            preset's is that of another.
     """
     parameters = dict(presets.preset(preset))
     warnings: list[Problem] = []
     # On a plane the patch has no angle round the finger, off it no place across.
     parameters.pop("skin.beta_deg" if calibration.surface.kind == "plane" else "skin.x_m", None)
     for name in calibration.intervals:
+        if f"skin.{name}" not in NAMES:  # the level at rest is of the session; a task has its own offsets
+            continue
+        if name == _SCALE and not calibration.identified(name):
+            parameters[f"skin.{name}"] = Parameter.uniform(*_assumed_scale(calibration, assumed_scale))
+            continue
         _replace(parameters, calibration, name, warnings)
     _add_scale_offsets(parameters, calibration)
     for effect in calibration.effects:
@@ -75,6 +87,24 @@ def from_calibration(
     for column in cloud.columns if cloud else ():
         parameters.pop(_offset_path(column), None)
     return Ranges(parameters, cloud, _provenance(calibration, preset), warnings)
+
+
+_SCALE: Final = "scale_per_n"
+
+
+def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None) -> tuple[float, float]:
+    """The range of S that is assumed, of a calibration that does not tell it."""
+    if assumed is None:
+        low, high = calibration.intervals[_SCALE]
+        raise WorkError(
+            f"{calibration.folder or 'the calibration'}: the data do not tell the scale S (its interval is [{low:g}, "
+            f"{high:g}]), and that of a preset belongs to another sensor and converter. Collect more presses and fit "
+            "again, or say what to assume: --assume-scale LOW HIGH [counts per N]"
+        )
+    low, high = assumed
+    if not (0 < low < high and isfinite(high)):
+        raise InputError([Problem("--assume-scale", "0 < LOW < HIGH [counts per N]", f"{low:g} {high:g}")])
+    return low, high
 
 
 def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:

@@ -82,7 +82,7 @@ def test_what_a_fit_found_of_its_images_is_not_said_of_others():
     more = with_fitted_presses(old, found, session, reading, data, unexplained=True)
     assert [one.code for one in more.findings] == ["range_edge", "misfit"]
     assert "Beside the effects" in more.findings[1].text
-    said = replace(old, findings=(Finding("slack_bound", "warning", "far", ""),))
+    said = replace(old, findings=(Finding("slack_too_tight", "warning", "far", ""),))
     assert with_fitted_presses(said, found, session, reading, data, NONE).findings == said.findings
     moves = found.with_effects({"contact_offset": {"stretch_across": np.asarray(0.01)}})
     assert not with_fitted_presses(said, moves, session, reading, data, NONE).findings

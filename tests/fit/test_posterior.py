@@ -29,6 +29,9 @@ def _macro(truth: Truth) -> np.ndarray:
     )
 
 
+REST = (0.002, 0.01, 2e-5)
+"""Relative misfit, spread of gains, smooth error of positions [m]."""
+
 BOUNDS = Bounds(
     np.array([-3e-3, 0.02, -0.4, math.log(1e8), 0.0]), np.array([3e-3, 0.027, 0.4, math.log(2e9), 8.0])
 )
@@ -53,7 +56,7 @@ def test_patch_coordinates_and_back() -> None:
 def test_slopes_of_a_press_agree_with_finite_differences(problem: FitProblem, truth: Truth) -> None:
     macro, n = _macro(truth), len(problem)
     images = Neighbourhood.around(macro).images(problem)
-    press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 1.0], (n, 3))
+    press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 1.0, *REST], (n, 6))
     many, nuisance = np.broadcast_to(macro, (n, 5)), np.full((n, 3), [1e-4, -2e-4, 0.01])
     at = evaluate(problem, images, many, sigmas, press, nuisance)
     for d, h in enumerate((2e-6, 2e-6, 5e-4, 1e-3, 1e-4)):
@@ -73,7 +76,7 @@ def test_slopes_of_a_press_agree_with_finite_differences(problem: FitProblem, tr
 def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Truth) -> None:
     macro, n = _macro(truth), len(problem)
     images = Neighbourhood.around(macro).images(problem)
-    press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 0.3], (n, 3)).copy()
+    press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 0.3, *REST], (n, 6)).copy()
     start, many = np.zeros((n, 3)), np.broadcast_to(macro, (n, 5)).copy()
     before = evaluate(problem, images, many, sigmas, press, start).objective
     after = settle(problem, images, many, sigmas, press, start, iterations=10)
@@ -130,9 +133,9 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, truth: T
     start = _macro(truth)
     peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
     rng = np.random.default_rng(0)
-    sd = np.concatenate([np.sqrt(np.diag(peak.covariance)), [0.1, 0.3, 0.1]])
+    sd = np.concatenate([np.sqrt(np.diag(peak.covariance)), [0.1, 0.5, 0.1, 0.5, 0.5, 0.5]])
     mean = np.concatenate([peak.macro, np.log(peak.sigmas)]) + 0.8 * sd
-    mixing = np.eye(8)
+    mixing = np.eye(11)
     mixing[3, 4] = mixing[0, 2] = 0.8
     root = sd[:, None] * mixing * 0.7
 
@@ -144,13 +147,13 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, truth: T
     found = draws.weight @ draws.points
     assert np.abs((found - mean) / sd).max() < 0.15
     spread = np.sqrt(draws.weight @ (draws.points - found) ** 2)
-    assert spread / np.sqrt(np.diag(root @ root.T)) == pytest.approx(np.ones(8), abs=0.12)
+    assert spread / np.sqrt(np.diag(root @ root.T)) == pytest.approx(np.ones(11), abs=0.12)
     again = draws.resampled(rng, 4000)
     assert np.abs((again.mean(axis=0) - mean) / sd).max() < 0.2
 
 
 def test_equal_weights_are_worth_their_number() -> None:
-    assert Draws(np.zeros((50, 8)), np.full(50, 0.02)).effective == pytest.approx(50)
+    assert Draws(np.zeros((50, 11)), np.full(50, 0.02)).effective == pytest.approx(50)
 
 
 def test_the_contact_law_widens_elasticity_and_scale_but_not_the_pose(

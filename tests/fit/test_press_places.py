@@ -16,7 +16,7 @@ from skincal.fit.tasks import Neighbourhood
 from skincal.fit.volume import Fold, fold_of, log_volume
 from tests.fit.conftest import Truth, make_session, rig
 
-SIGMAS = np.array([0.7e-3, 0.005, 0.22])
+SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
 
 
 def by_brute_force(problem: FitProblem, images: Images, macro: np.ndarray, press: int) -> float:
@@ -29,8 +29,8 @@ def by_brute_force(problem: FitProblem, images: Images, macro: np.ndarray, press
         state = evaluate(problem, images, many, sigmas, np.full(n, press), nuisance)
         # The force acts almost linearly: its integral is a Gaussian's.
         slope = state.nuisance_slope[:, :, 2]
-        stiffness = (slope**2).sum(axis=1) / SIGMAS[2] ** 2 + 1 / SIGMAS[1] ** 2
-        gradient = (slope * state.residual).sum(axis=1) / SIGMAS[2] ** 2
+        stiffness = (slope**2).sum(axis=1) + 1 / SIGMAS[1] ** 2
+        gradient = (slope * state.residual).sum(axis=1)
         return state.objective - gradient**2 / stiffness, stiffness
 
     def lattice(centres: np.ndarray, step: float, parts: int) -> np.ndarray:
