@@ -1,4 +1,4 @@
-"""Output that appears whole or not at all.
+"""Input that is a plain file in its place, and output that appears whole or not at all.
 
 Everything is written beside its destination under a temporary name and moved into place at the end, so a full
 disk, an error or an interrupt leaves the destination as it was.
@@ -10,10 +10,12 @@ import errno
 import os
 import shlex
 import shutil
+import stat
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from skincal.errors import InputError, Problem
 
@@ -22,6 +24,61 @@ _NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
     "Choose another place, or make the folder writable.",
 )
 """What to do where nothing of such a name can be written; ENOENT is what /proc says."""
+
+_KINDS = {
+    stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
+
+
+def check_input(path: str | Path, within: str | Path | None = None) -> Path:
+    """Return where a file to be read lies, links followed.
+
+    For libraries that open files by name; whoever can uses :func:`open_input`.
+
+    Args:
+        path: the file.
+        within: the folder that must hold it, for names that stand in another file and for files of an input folder.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        IsADirectoryError: it is a folder.
+        OSError: it is a device or a pipe, which may never end, or lies outside of ``within``.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "The name holds a null character", str(path))
+    found = Path(os.path.realpath(path))
+    if within is not None and not found.is_relative_to(os.path.realpath(within)):
+        raise PermissionError(errno.EACCES, f"It lies outside of the folder {within}", str(path))
+    _refuse_special(found.stat().st_mode, path)
+    return found
+
+
+def open_input(path: str | Path, within: str | Path | None = None) -> BinaryIO:
+    """Open a plain file to read its bytes.
+
+    Args:
+        path: the file.
+        within: the folder that must hold it (see :func:`check_input`).
+
+    Raises:
+        OSError: as :func:`check_input` says, or the file is not readable.
+    """
+    found = check_input(path, within)
+    # What took the file's place in the meantime neither blocks nor leads elsewhere.
+    descriptor = os.open(found, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        _refuse_special(os.fstat(descriptor).st_mode, path)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def _refuse_special(mode: int, path: str | Path) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, f"It is {_KINDS.get(stat.S_IFMT(mode), 'special')}, no file", str(path))
 
 
 def refuse_inputs(path: Path, *read: Path) -> None:
