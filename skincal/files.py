@@ -25,9 +25,7 @@ _NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
 )
 """What to do where nothing of such a name can be written; ENOENT is what /proc says."""
 
-_KINDS = {
-    stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
-}  # fmt: skip
+_KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
 def check_input(path: str | Path, within: str | Path | None = None) -> Path:
@@ -45,10 +43,10 @@ def check_input(path: str | Path, within: str | Path | None = None) -> Path:
         OSError: it is a device or a pipe, which may never end, or lies outside of ``within``.
     """
     if "\0" in str(path):
-        raise OSError(errno.EINVAL, "The name holds a null character", str(path))
+        raise OSError(errno.EINVAL, "a name with a null character", str(path))
     found = Path(os.path.realpath(path))
     if within is not None and not found.is_relative_to(os.path.realpath(within)):
-        raise PermissionError(errno.EACCES, f"It lies outside of the folder {within}", str(path))
+        raise PermissionError(errno.EACCES, f"outside of the folder {within}", str(path))
     _refuse_special(found.stat().st_mode, path)
     return found
 
@@ -74,11 +72,16 @@ def open_input(path: str | Path, within: str | Path | None = None) -> BinaryIO:
         raise
 
 
+def reason(error: OSError) -> str:
+    """Return what went wrong with a file, without its name."""
+    return (error.strerror or str(error)).lower()
+
+
 def _refuse_special(mode: int, path: str | Path) -> None:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, f"It is {_KINDS.get(stat.S_IFMT(mode), 'special')}, no file", str(path))
+        raise OSError(errno.EINVAL, f"{_KINDS.get(stat.S_IFMT(mode), 'a device')}, not a file", str(path))
 
 
 def refuse_inputs(path: Path, *read: Path) -> None:

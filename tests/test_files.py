@@ -182,7 +182,7 @@ def test_devices_and_pipes_are_refused(tmp_path: Path, place: str) -> None:
     (tmp_path / "link-to-device").symlink_to("/dev/zero")
     with socket.socket(socket.AF_UNIX) as unix:
         unix.bind(str(tmp_path / "socket"))
-    with pytest.raises(OSError, match=r"It is a (pipe|device|socket), no file"):
+    with pytest.raises(OSError, match=r"a (pipe|device|socket), not a file"):
         open_input(tmp_path / place)
 
 
@@ -198,7 +198,7 @@ def test_what_takes_the_place_of_a_checked_file_is_refused(
         return opened(path, flags)
 
     monkeypatch.setattr(os, "open", swapped)
-    with pytest.raises(OSError, match="It is a pipe, no file"):
+    with pytest.raises(OSError, match="a pipe, not a file"):
         open_input(tmp_path / "data.csv")
 
 

@@ -165,11 +165,14 @@ def _targets(path: Path) -> list[list[float]]:
     """A trajectory from a file."""
     import csv
 
+    from skincal.files import open_input, reason
+
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+        with open_input(path) as file:
+            rows = list(csv.DictReader(file.read().decode().splitlines()))
         return [[float(row["u_m"]), float(row["v_m"])] for row in rows]
-    except (OSError, KeyError, ValueError, TypeError, UnicodeDecodeError) as error:
-        got = (error.strerror or str(error)).lower() if isinstance(error, OSError) else f"{error}"
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
         raise InputError([Problem(f"--trajectory {path}", expected, got)]) from error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
@@ -18,7 +19,7 @@ from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.toml_table import KEPT, TomlTable
 from skincal.errors import InputError, Problem
-from skincal.files import whole_file
+from skincal.files import open_input, reason, whole_file
 from skincal.units import rad
 
 FORMAT = "skincal-plan/1"
@@ -53,8 +54,8 @@ def read_plan(path: Path, mount: Mount) -> Plan:
         raise InputError([Problem(str(path), "a plan in .toml or .csv", got)])
     try:
         name, poses, rows = read(path, findings)
-    except FileNotFoundError:
-        raise InputError([Problem(str(path), "a plan", "no such file")]) from None
+    except OSError as error:
+        raise InputError([Problem(str(path), "a plan", reason(error))]) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, csv.Error) as error:
         raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
     presses = [_press(TomlTable(findings, path.name, place, row, _known(row)), mount) for place, row in rows]
@@ -113,7 +114,8 @@ Poses = dict[str, Sequence[float]]
 
 
 def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
-    values = tomllib.loads(path.read_text(encoding="utf-8"))
+    with open_input(path) as file:
+        values = tomllib.loads(file.read().decode())
     top = TomlTable(findings, path.name, "", values, ("format", "name", "poses", "press"))
     top.choice("format", (FORMAT,))
     name = top.text("name", "a name", default=path.stem)
@@ -151,7 +153,7 @@ def _poses(top: TomlTable) -> Poses:
 
 
 def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
+    with io.TextIOWrapper(open_input(path), newline="", encoding="utf-8-sig") as file:
         lines = list(csv.reader(file, strict=True))
     header = [name.strip() for name in lines[0]] if lines else []
     while (

@@ -11,6 +11,7 @@ from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.table_file import read_table
 from skincal.dataset.tables import TaxelPositions
 from skincal.dataset.toml_table import TWICE
+from skincal.files import open_input, reason
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
 """Extents of a mesh beyond which it is not in metres."""
@@ -29,7 +30,7 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
             )
         return None
     path = folder / name
-    if Path(name).name != name or not path.is_file():
+    if Path(name).name != name or not path.exists():
         findings.error(
             f"{file}, [sensor] positions", "a file in the same folder", f'"{name}": no such file', COPY
         )
@@ -54,10 +55,15 @@ def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: 
     if spec.kind != "mesh" or not spec.file:
         return None
     path = folder / spec.file
-    if Path(spec.file).name != spec.file or not path.is_file():
+    if Path(spec.file).name != spec.file or not path.exists():
         findings.error(place, "a file in the same folder", f'"{spec.file}": no such file', COPY)
         return None
-    content = path.read_bytes()
+    try:
+        with open_input(path, folder) as stream:
+            content = stream.read()
+    except OSError as error:
+        findings.error(place, "a file in the same folder", f'"{spec.file}": {reason(error)}', COPY)
+        return None
     try:
         vertices, _ = mesh_arrays(content, spec.file)
     except ValueError as error:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.table_file import SUFFIXES
+from skincal.files import open_input
 
 
 def dataset_hash(path: str | Path) -> str:
@@ -30,14 +31,15 @@ def dataset_hash(path: str | Path) -> str:
     for name in sorted(_names(folder)):
         file = folder / name
         digest.update(f"{name}\0{file.stat().st_size}\0".encode())
-        with file.open("rb") as stream:
+        with open_input(file, folder) as stream:
             while block := stream.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
 
 
 def _names(folder: Path) -> set[str]:
-    values = tomllib.loads((folder / FILE).read_text(encoding="utf-8"))
+    with open_input(folder / FILE, folder) as file:
+        values = tomllib.loads(file.read().decode())
     named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
     named.append(values.get("sensor", {}).get("positions"))
     tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
+from skincal.files import check_input, reason
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,7 +35,7 @@ class RawTable:
 
 def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
     """The file of a table: ``stem.csv`` or ``stem.parquet``; None where there is none."""
-    found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").is_file()]
+    found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").exists()]
     if len(found) > 1:
         findings.error(
             str(folder), f"one table of {stem}", " and ".join(p.name for p in found), "Remove one of them."
@@ -48,11 +49,16 @@ def read_table(path: Path, findings: Findings) -> RawTable | None:
 
     reader = _read_csv if path.suffix == ".csv" else _read_parquet
     try:
+        check_input(path, within=path.parent)
+    except OSError as error:
+        findings.error(path.name, "a table", reason(error))
+        return None
+    try:
         table = reader(path, findings)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
-        reason = " ".join(str(error).split())[:200].rstrip(".")
-        findings.error(path.name, what, reason, "Was it cut short while it was copied or written?")
+        got = " ".join(str(error).split())[:200].rstrip(".")
+        findings.error(path.name, what, got, "Was it cut short while it was copied or written?")
         return None
     if table is None:
         return None

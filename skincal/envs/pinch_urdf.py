@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.envs.pinch import Pinch
+from skincal.files import open_input
 from skincal.robot.urdf import rotation_of
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +25,8 @@ def pinch_urdf(pinch: Pinch, *, visible: bool) -> str:
         pinch: the hand; its URDF is read.
         visible: whether links get shapes to look at; physics needs none.
     """
-    robot = ElementTree.fromstring(pinch.description.urdf.read_text(encoding="utf-8"))
+    with open_input(pinch.description.urdf) as file:
+        robot = ElementTree.fromstring(file.read())
     for element in [*robot.findall("joint"), *robot.findall("link")]:
         child = element.find("child")
         name = element.get("name") if child is None else child.get("link")

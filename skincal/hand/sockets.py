@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import whole_folder
+from skincal.files import check_input, whole_folder
 from skincal.hand.messages import MAX_BYTES
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _is_loopback(host: str) -> bool:
 def _certificate(path: Path, *, secret: bool) -> tuple[bytes, bytes]:
     fix = "`skincal hand keys --out keys` makes a pair; give hand/ to serve-hand and client/ to the driver remote."
     try:
-        public, private = zmq_module().auth.load_certificate(path)
+        public, private = zmq_module().auth.load_certificate(check_input(path))
     except (OSError, ValueError) as error:
         raise InputError([Problem(str(path), "a key file", str(error), fix)]) from None
     if secret and private is None:

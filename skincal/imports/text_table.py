@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.files import open_input, reason
 from skincal.imports.mapping import CsvFormat
 
 Column = NDArray[Any]
@@ -96,9 +97,10 @@ def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, s
     """The lines that are neither skipped, empty nor comments, with their numbers."""
     encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
     try:
-        text = path.read_bytes().decode(encoding)
+        with open_input(path) as file:
+            text = file.read().decode(encoding)
     except OSError as error:
-        findings.error(str(path), "a text file", (error.strerror or str(error)).lower())
+        findings.error(str(path), "a text file", reason(error))
         return None
     except UnicodeDecodeError as error:
         fix = 'Set encoding in [csv], to "latin-1" or "utf-16" perhaps.'

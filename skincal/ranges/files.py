@@ -13,7 +13,7 @@ import tomli_w
 import yaml
 
 from skincal.errors import InputError, Problem
-from skincal.files import whole_file
+from skincal.files import open_input, reason, whole_file
 from skincal.ranges.plain import from_plain, to_plain
 from skincal.ranges.ranges import Ranges
 
@@ -117,10 +117,10 @@ def read_ranges(path: str | Path) -> Ranges:
     path = Path(path)
     suffix = file_format(path)
     try:
-        values = _LOAD[suffix](path.read_text(encoding="utf-8"))
+        with open_input(path) as file:
+            values = _LOAD[suffix](file.read().decode())
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise InputError([Problem(str(path), "a ranges file", reason)]) from error
+        raise InputError([Problem(str(path), "a ranges file", reason(error))]) from error
     except (ValueError, yaml.YAMLError, RecursionError) as error:
         # The parser's message holds the line and the column.
         kind = suffix.removeprefix(".").upper()

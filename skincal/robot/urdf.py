@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings, did_you_mean
+from skincal.files import check_input, open_input, reason
 
 FloatArray = NDArray[np.float64]
+
+BESIDE = "Copy it into the folder of hand.toml."
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Kinds of joints that can be driven."""
@@ -68,25 +71,32 @@ class Urdf:
         return tuple(reversed(found))
 
 
-def read_urdf(path: Path, findings: Findings) -> Urdf | None:
+def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
     """Reads the tree of a URDF.
 
     Args:
         path: the file.
         findings: where errors go.
+        within: the folder that must hold the file and its meshes.
 
     Returns:
         The tree; None, and errors, where there is none.
     """
     try:
-        robot = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+        with open_input(path, within) as file:
+            robot = ElementTree.fromstring(file.read().decode())
     except FileNotFoundError:
         findings.error(str(path), "the URDF that the hand's description names", "no such file")
         return None
-    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as error:
+    except OSError as error:
+        findings.error(str(path), "the URDF that the hand's description names", reason(error), BESIDE)
+        return None
+    except (UnicodeDecodeError, ElementTree.ParseError) as error:
         findings.error(path.name, "a URDF (XML)", str(error))
         return None
     before = len(findings.errors)
+    if within is not None:
+        _check_named_files(robot, path, within, findings)
     links = tuple(link.get("name", "") for link in robot.findall("link"))
     joints: dict[str, UrdfJoint] = {}
     for element in robot.findall("joint"):
@@ -100,6 +110,17 @@ def read_urdf(path: Path, findings: Findings) -> Urdf | None:
     return Urdf(root, links, joints) if len(findings.errors) == before else None
 
 
+def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, findings: Findings) -> None:
+    """Adds an error for a mesh or texture that lies elsewhere; the simulation does without one that is missing."""
+    for name in sorted({element.get("filename") or "?" for element in robot.iter()}):
+        try:
+            check_input(path.parent / name.rpartition("://")[2], within)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            findings.error(f"{path.name}, filename {name}", f"a file in {within}", reason(error), BESIDE)
+
+
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
     """A URDF whose link collides as a sphere about its origin, to be written to any folder.
 
@@ -108,7 +129,8 @@ def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
         link: the link.
         radius_m: radius of the sphere [m].
     """
-    robot = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    with open_input(path) as file:
+        robot = ElementTree.fromstring(file.read())
     for element in robot.findall("link"):
         if element.get("name") == link:
             for shape in element.findall("collision"):

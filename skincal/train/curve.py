@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.errors import InputError, Problem
-from skincal.files import whole_file
+from skincal.files import open_input, whole_file
 from skincal.train.watch import COLUMNS, Round
 
 
@@ -61,9 +61,13 @@ def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
 
 def _rows(path: Path) -> list[list[str]]:
     """Whole rows below the head; the last line of a killed run may be cut off."""
-    if not path.is_file():
+    try:
+        with open_input(path, path.parent) as file:
+            head, *rows = csv.reader(file.read().decode().splitlines()) or [[]]
+    except FileNotFoundError:
         return []
-    head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines()) or [[]]
+    except (OSError, ValueError) as error:
+        raise InputError([Problem(str(path), "a learning curve", f"{error}")]) from error
     if tuple(head) != COLUMNS:
         raise InputError([Problem(str(path), f"the columns {', '.join(COLUMNS)}", ", ".join(head))])
     return [row for row in rows if len(row) == len(COLUMNS) and all(row)]

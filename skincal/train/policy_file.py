@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.errors import InputError, Problem
+from skincal.files import open_input, reason
 from skincal.train.settings import PolicyKind, Task
 
 if TYPE_CHECKING:
@@ -126,12 +127,13 @@ def read_policy(path: str | Path) -> Policy:
 
 def _content(path: Path) -> bytes:
     try:
-        size = path.stat().st_size
-        if size > LARGEST_BYTES:
-            raise _refused(path, f"a file of {size / 1e6:.0f} MB")
-        return path.read_bytes()
+        with open_input(path) as file:
+            content = file.read(LARGEST_BYTES + 1)
     except OSError as error:
-        raise _refused(path, (error.strerror or str(error)).lower()) from error
+        raise _refused(path, reason(error)) from error
+    if len(content) > LARGEST_BYTES:
+        raise _refused(path, f"a file of more than {LARGEST_BYTES / 1e6:.0f} MB")
+    return content
 
 
 def _session(path: Path, content: bytes) -> InferenceSession:

@@ -16,7 +16,7 @@ import numpy as np
 import tomli_w
 
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import whole_folder
+from skincal.files import open_input, reason, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.train.checkpoint import Progress, load_checkpoint, save_checkpoint
 from skincal.train.curve import Curve
@@ -74,12 +74,13 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
     """
     place = folder / MARKER
     try:
-        table = tomllib.loads(place.read_text(encoding="utf-8"))
+        with open_input(place, folder) as file:
+            table = tomllib.loads(file.read().decode())
         if table.get("format") != FORMAT:
             raise ValueError(f'the format "{table.get("format")}"')
         work = Work.from_table(table)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        got = (error.strerror or str(error)).lower() if isinstance(error, OSError) else f"{error}"
+        got = reason(error) if isinstance(error, OSError) else f"{error}"
         raise InputError([Problem(str(place), "a training run begun by `skincal train`", got)]) from error
     return work, read_ranges(folder / RANGES)
 
