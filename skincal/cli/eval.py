@@ -100,7 +100,8 @@ def evaluate(
     if gif and out is None:
         raise InputError([Problem("--gif", "--out, the folder for the film", "nothing")])
     if out is not None:
-        refuse_existing(out, force=force, marker=MARKER)
+        files = [policy_path(name) for name in policies] + [one for one in (ranges, Path(trajectory)) if one]
+        refuse_existing(out, *files, force=force, marker=MARKER)
     trial = _trial(task, episodes, seed, duration_s, randomize, values or [], trajectory, environment or [])
     loaded = [read_policy(policy_path(name)) for name in policies]
     for policy in loaded:

@@ -82,7 +82,8 @@ def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
     text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
     if text is None:
         raise InputError([Problem(str(path), "a plan's name in .toml or .csv", f'"{path.suffix}"')])
-    with whole_file(path, force=force) as temporary:
+    mark = FORMAT if path.suffix.lower() == ".toml" else ",".join(COLUMNS)
+    with whole_file(path, force=force, mark=mark) as temporary:
         temporary.write_text(text(plan), encoding="utf-8")
 
 

@@ -66,7 +66,7 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
         WorkError: pyzmq is not installed.
     """
     auth = zmq_module().auth
-    with whole_folder(folder, force=force, marker="README.txt") as out:
+    with whole_folder(folder, force=force, marker="hand/hand.key_secret") as out:
         hand, client = out / "hand", out / "client"
         (hand / "allowed").mkdir(parents=True)
         client.mkdir()

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from skincal.dataset import Dataset, check_dataset, write_dataset
+from skincal.dataset import Dataset, check_dataset
 from skincal.dataset.columns import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.model_objects import surface_of
+from skincal.dataset.writing import write_dataset_files
 from skincal.errors import InputError, Problem
 from skincal.files import check_input, reason, whole_folder
 from skincal.imports.mapping import Mapping, Quantity
@@ -66,7 +67,7 @@ def assemble(
     assert session is not None
     dataset = _dataset(session, mapping)
     with whole_folder(out, force=force, marker=FILE) as folder:
-        write_dataset(dataset, folder, force=True)
+        write_dataset_files(dataset, folder)
         checked = check_dataset(folder)
         if checked.dataset is None:
             raise InputError([_traced(problem, folder, mapping) for problem in checked.errors])

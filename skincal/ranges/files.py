@@ -14,7 +14,7 @@ import yaml
 
 from skincal.errors import InputError, Problem
 from skincal.files import open_input, reason, whole_file
-from skincal.ranges.plain import from_plain, to_plain
+from skincal.ranges.plain import FORMAT, from_plain, to_plain
 from skincal.ranges.ranges import Ranges
 
 Plain = dict[str, Any]
@@ -144,5 +144,5 @@ def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> No
         OSError: the disk is full, or not writable.
     """
     text = _DUMP[file_format(path)](to_plain(ranges))
-    with whole_file(path, force=force) as temporary:
+    with whole_file(path, force=force, mark=FORMAT) as temporary:
         temporary.write_text(text, encoding="utf-8")

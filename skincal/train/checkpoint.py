@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from pickle import UnpicklingError
@@ -13,7 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from skincal.errors import InputError, Problem
-from skincal.files import whole_folder
+from skincal.files import check_input, open_input, whole_folder
 from skincal.train.learner import Learner
 
 STATE: Final = "state.json"
@@ -54,9 +53,10 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         InputError: the checkpoint is damaged, or of another task or backend.
     """
     try:
-        state: dict[str, Any] = json.loads((folder / STATE).read_text(encoding="utf-8"))
-        learner.load_weights(folder / learner.weights_file)
-        with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
+        with open_input(folder / STATE, folder) as file:
+            state: dict[str, Any] = json.loads(file.read())
+        learner.load_weights(check_input(folder / learner.weights_file, folder))
+        with open_input(folder / ARRAYS, folder) as file, np.load(file, allow_pickle=False) as arrays:
             learner.restore(dict(arrays))
         learner.restore_random(state["random"])
         return Progress(**state["progress"])
@@ -64,8 +64,3 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         got = " ".join(f"one with a fault ({error}".split())[:100] + ")"
         fix = f"Begin anew with another --out, or remove {folder.parent}."
         raise InputError([Problem(str(folder), "a whole checkpoint of this run", got, fix)]) from error
-
-
-def remove_checkpoint(folder: Path) -> None:
-    """Removes the state of a run that is finished and shall not go on."""
-    shutil.rmtree(folder, ignore_errors=True)

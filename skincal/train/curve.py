@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from dataclasses import astuple
 from pathlib import Path
 from typing import IO, Self
@@ -43,6 +44,10 @@ class Curve:
         values = astuple(row)
         self._file.write(_text([[str(values[0]), *(f"{value:.6g}" for value in values[1:])]]))
         self._file.flush()
+
+    def sync(self) -> None:
+        """Brings the rows to the disk."""
+        os.fsync(self._file.fileno())
 
 
 def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
