@@ -21,6 +21,8 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.files import open_input
+
 MOST_TEXT_BYTES: Final = 8 << 20
 """Of a description, a plan, ranges, a URDF. A plan of 10^4 presses is 2 MB, ranges with 10^4 draws 2 MB."""
 
@@ -64,30 +66,35 @@ class UnreadableError(ValueError):
         super().__init__(f"expected {expected}; got {got}")
 
 
-def read_bytes(path: Path, most: int = MOST_TEXT_BYTES) -> bytes:
-    """The content of a file of at most so many bytes.
+def read_bytes(path: Path, most: int = MOST_TEXT_BYTES, within: Path | None = None) -> bytes:
+    """The content of a plain file of at most so many bytes.
+
+    Args:
+        path: the file.
+        most: bytes that it may have.
+        within: the folder that must hold it; None: any.
 
     Raises:
         UnreadableError: it is larger; it is not read to its end then.
-        OSError: it cannot be read.
+        OSError: it cannot be read, is a device or a pipe, or lies outside of ``within``.
     """
-    if "\0" in str(path):
-        raise UnreadableError("the name of a file", "one with a character NUL")
-    with path.open("rb") as stream:
+    with open_input(path, within) as stream:
         content = stream.read(most + 1)
     if len(content) > most:
         raise UnreadableError(f"a file of at most {_size(most)}", "a larger one")
     return content
 
 
-def read_text(path: Path, most: int = MOST_TEXT_BYTES, encoding: str = "utf-8") -> str:
-    """The content of a text file of at most so many bytes.
+def read_text(
+    path: Path, most: int = MOST_TEXT_BYTES, encoding: str = "utf-8", within: Path | None = None
+) -> str:
+    """The content of a text file of at most so many bytes; arguments as :func:`read_bytes`.
 
     Raises:
         UnreadableError: it is larger, or no text in this encoding.
         OSError: it cannot be read.
     """
-    return decode(read_bytes(path, most), encoding)
+    return decode(read_bytes(path, most, within), encoding)
 
 
 def decode(content: bytes, encoding: str = "utf-8") -> str:
@@ -224,14 +231,16 @@ def _beyond(place: tuple[str, ...], expected: str, got: str) -> UnreadableError:
     return UnreadableError(expected, f"{got} in {_cut('.'.join(place), 80)}" if place else got)
 
 
-def read_arrays(path: Path, most: int = MOST_ARRAY_BYTES) -> dict[str, NDArray[Any]]:
+def read_arrays(
+    path: Path, within: Path | None = None, most: int = MOST_ARRAY_BYTES
+) -> dict[str, NDArray[Any]]:
     """The arrays of an ``.npz`` file, by name; nothing in it is executed.
 
     Raises:
         UnreadableError: it is none, is cut short, or is larger than ``most`` bytes when unpacked.
         OSError: it cannot be read.
     """
-    with path.open("rb") as stream:
+    with open_input(path, within) as stream:
         try:
             with zipfile.ZipFile(stream) as archive:
                 members = archive.infolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -13,8 +14,11 @@ import numpy as np
 
 from skincal import __version__
 from skincal.bounded import read_arrays
+from skincal.files import whole_file
 from skincal.fit.grid import GridSlab
 from skincal.fit.options import FitOptions, SearchBox
+
+_log = logging.getLogger("skincal")
 
 _FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
 
@@ -48,11 +52,13 @@ class Checkpoint:
         slabs: dict[int, GridSlab] = {}
         for file in sorted(self.folder.glob("turn-*.npz")) if self.folder.is_dir() else []:
             try:
-                arrays = read_arrays(file)
+                arrays = read_arrays(file, self.folder)
                 if str(arrays["key"]) == self.key:
                     slabs[int(arrays["turn"])] = GridSlab(*(arrays[name] for name in _FIELDS))
             except (OSError, KeyError, TypeError, ValueError):
                 continue
+        if self.folder.is_dir() and not slabs:
+            _log.warning("%s: nothing of this fit; it begins anew", self.folder)
         return slabs
 
     def keep(self, turn: int, slab: GridSlab) -> None:
@@ -62,16 +68,8 @@ class Checkpoint:
             OSError: the disk is full, or not writable; it names the file.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        temporary = self.folder / f"turn-{turn:03d}.tmp"
-        try:
-            with temporary.open("wb") as stream:
-                np.savez(stream, key=self.key, turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
-            temporary.replace(self.folder / f"turn-{turn:03d}.npz")
-        except OSError as error:
-            if error.errno is not None and error.filename is None:
-                error.filename = str(self.folder / f"turn-{turn:03d}.npz")
-            temporary.unlink(missing_ok=True)
-            raise
+        with whole_file(self.folder / f"turn-{turn:03d}.npz", force=True) as temporary:
+            np.savez(temporary, key=self.key, turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
 
     def remove(self) -> None:
         """Removes the folder; the fit is done."""

@@ -38,7 +38,7 @@ def read_calibration(path: str | Path) -> Calibration:
         got = "a file" if folder.exists() else "no such folder"
         findings.error(str(folder), "a calibration's folder", got)
     findings.raise_errors()
-    values = load_toml(folder / FILE, findings, what="calibration")
+    values = load_toml(folder / FILE, findings, what="calibration", within=folder)
     meta = None if values is None else meta_from(values, findings)
     tables = read_tables(folder, findings)
     if meta is None:

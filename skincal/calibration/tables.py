@@ -53,7 +53,7 @@ def read_tables(folder: Path, findings: Findings) -> Tables:
     tables: dict[str, Columns | None] = {}
     for name, file in TABLE_FILES.items():
         path = folder / file
-        raw = read_table(path, findings) if path.is_file() else None
+        raw = read_table(path, findings) if path.exists() else None
         tables[name] = None if raw is None else _CHECKS[name](raw)
     return Tables(**tables)
 

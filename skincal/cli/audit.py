@@ -64,7 +64,8 @@ def audit(
     from skincal.files import refuse_existing
 
     if out is not None:
-        refuse_existing(out, force=force, marker=PICTURE)
+        inputs = [source, *(Path(one) for one in (calibration, hand) if one)]
+        refuse_existing(out, *inputs, force=force, marker=PICTURE)
     report = _audited(source, calibration, hand, seed)
     picture = None if out is None else _draw(report, out, force)
     if as_json:

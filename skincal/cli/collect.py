@@ -115,11 +115,14 @@ def collect(
     description = made.description
     check_limits(description, beyond=beyond_limits)
     chosen = plan_of(plan, protocol, seed, description, second_indenter_mm)
+    inputs = [Path(one) for one in (plan, hand) if one is not None]
     if plan_only:
-        show_plan(chosen, description, out, force, as_json)
+        show_plan(chosen, description, out, inputs, force, as_json)
         return
     if truth is not None and not journal_folder(out).exists():
-        refuse_existing(truth, force=force)
+        from skincal.hand.sim import TRUTH_FORMAT
+
+        refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
     with _progress(len(chosen), description) as told, moving(lambda: _kept(out)), _resumable(out):
         found = run(
@@ -131,6 +134,7 @@ def collect(
             guard=GuardOptions(beyond_limits=beyond_limits),
             source=_source(driver, seed, chosen, effect, description),
             force=force,
+            inputs=inputs,
             restart=restart,
             watch=told,
         )

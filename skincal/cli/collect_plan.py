@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,25 +43,33 @@ def plan_of(
     return full_plan(rng, mount.layout, second_indenter_m=None if second_mm is None else second_mm * 1e-3)
 
 
-def show_plan(plan: Plan, description: HandDescription, out: Path, force: bool, as_json: bool) -> None:
+def show_plan(
+    plan: Plan,
+    description: HandDescription,
+    out: Path,
+    inputs: Sequence[Path],
+    force: bool,
+    as_json: bool,
+) -> None:
     """Writes the plan and its picture, and says what is in it."""
     from skincal.collect import KINDS, CollectOptions, write_plan
     from skincal.collect.duration import duration_s
+    from skincal.collect.plan_file import FORMAT
     from skincal.collect.poses import with_poses
     from skincal.collect.posture import Fingers
     from skincal.collect.sites import Mount
     from skincal.files import refuse_existing, whole_file
     from skincal.report.plan import plan_figure
-    from skincal.report.style import save
+    from skincal.report.style import PICTURE_MARK, save
     from skincal.robot import Kinematics
 
     file, picture = (out.with_name(f"{out.name}-plan{suffix}") for suffix in (".toml", ".png"))
     for path in (file, picture):
-        refuse_existing(path, force=force)
+        refuse_existing(path, *inputs, force=force, mark=FORMAT if path == file else PICTURE_MARK)
     fingers = Fingers(Kinematics(description), Mount.of(description.meta))
     plan = with_poses(plan, fingers, CollectOptions())
     write_plan(plan, file, force=force)
-    with whole_file(picture, force=force) as temporary:
+    with whole_file(picture, force=force, mark=PICTURE_MARK) as temporary:
         save(plan_figure(plan, fingers.mount), temporary)
     kinds = {kind: plan.count(kind) for kind in KINDS}
     seconds = duration_s(plan, fingers, CollectOptions())

@@ -78,13 +78,13 @@ def show(
     from skincal.dataset.uniform import notes_on
     from skincal.files import refuse_existing, whole_file
     from skincal.report.dataset import dataset_figure
-    from skincal.report.style import checked_suffix, save
+    from skincal.report.style import PICTURE_MARK, checked_suffix, save
 
     picture = checked_suffix(out or Path(f"{dataset.resolve().name}.png"))
-    refuse_existing(picture, force=force)
+    refuse_existing(picture, dataset, force=force, mark=PICTURE_MARK)
     data = read_dataset(dataset)
     summary = summarise(data, threshold)
-    with whole_file(picture, force=force) as temporary:
+    with whole_file(picture, force=force, mark=PICTURE_MARK) as temporary:
         save(dataset_figure(data, threshold), temporary)
     warn(data.warnings)
     notes = notes_on(data)

@@ -74,10 +74,9 @@ def diagnose(
     from skincal.diagnose.options import DiagnoseOptions, thoroughly
     from skincal.diagnose.summary import summary
     from skincal.diagnose.workflow import diagnose as diagnosed
-    from skincal.files import refuse_existing, refuse_inputs
+    from skincal.files import refuse_existing
 
-    refuse_inputs(out, dataset, calibration)
-    refuse_existing(out, force=force, marker="calibration.toml")
+    refuse_existing(out, dataset, calibration, force=force, marker="calibration.toml")
     data, cal = read_dataset(dataset), read_calibration(calibration)
     said = [str(problem) for problem in (*data.warnings, *cal.warnings)]
     warn((*data.warnings, *cal.warnings))

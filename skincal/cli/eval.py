@@ -101,7 +101,8 @@ def evaluate(
     if gif and out is None:
         raise InputError([Problem("--gif", "--out, the folder for the film", "nothing")])
     if out is not None:
-        refuse_existing(out, force=force, marker=MARKER)
+        files = [policy_path(name) for name in policies] + [one for one in (ranges, Path(trajectory)) if one]
+        refuse_existing(out, *files, force=force, marker=MARKER)
     trial = _trial(task, episodes, seed, duration_s, randomize, values or [], trajectory, environment or [])
     loaded = [read_policy(policy_path(name)) for name in policies]
     for policy in loaded:
@@ -165,13 +166,14 @@ def _whole(value: float) -> float:
 def _targets(path: Path) -> list[list[float]]:
     """A trajectory from a file."""
     from skincal.bounded import parse_csv, read_text
+    from skincal.files import reason
 
     try:
         header, *rows = parse_csv(read_text(path)) or [[]]
         u, v = (header.index(name) for name in ("u_m", "v_m"))
         return [[float(row[u]), float(row[v])] for row in rows if row]
     except (OSError, ValueError, IndexError) as error:
-        got = (error.strerror or str(error)).lower() if isinstance(error, OSError) else f"{error}"
+        got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
         raise InputError([Problem(f"--trajectory {path}", expected, got)]) from error
 

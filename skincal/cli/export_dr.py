@@ -67,9 +67,10 @@ def export_dr(
     from skincal.ranges import from_calibration, narrowing, write_ranges
     from skincal.ranges import preset as published
     from skincal.ranges.files import file_format
+    from skincal.ranges.plain import FORMAT
 
     file_format(out)
-    refuse_existing(out, force=force)
+    refuse_existing(out, cal, force=force, mark=FORMAT)
     calibration = read_calibration(cal)
     ranges = from_calibration(calibration, preset.value, joint=joint, draws=draws, assumed_scale=assume_scale)
     write_ranges(ranges, out, force=force)

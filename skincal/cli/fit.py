@@ -131,11 +131,11 @@ def fit(
     from skincal.calibration import write_calibration
     from skincal.dataset import read_dataset
     from skincal.dataset.uniform import uniform_pressure
-    from skincal.files import refuse_existing, refuse_inputs
+    from skincal.files import refuse_existing
 
     options = _options(active_counts, min_active, bound, level, draws, per_taxel)
-    refuse_inputs(out, dataset, *([] if effects is None else [effects]))
-    refuse_existing(out, force=force, marker="calibration.toml")
+    inputs = [dataset] if effects is None else [dataset, effects]
+    refuse_existing(out, *inputs, force=force, marker="calibration.toml")
     data = read_dataset(dataset)
     warn(data.warnings)
     if uniform_pressure(data):

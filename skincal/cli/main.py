@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -65,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
+    logging.getLogger("skincal").handlers[:] = [_Said()]
     try:
         with interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
@@ -104,6 +106,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         status = 1
     sys.exit(status if isinstance(status, int) else 0)
+
+
+class _Said(logging.Handler):
+    """Says what the library logs."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(f"skincal: {record.getMessage()}")
 
 
 def _write_any_text() -> None:

@@ -53,11 +53,10 @@ def predict(
     """
     from skincal.calibration import read_calibration
     from skincal.dataset import read_dataset, write_dataset
-    from skincal.files import refuse_existing, refuse_inputs
+    from skincal.files import refuse_existing
     from skincal.predict import predict_dataset
 
-    refuse_inputs(out, dataset, cal)
-    refuse_existing(out, force=force, marker="dataset.toml")
+    refuse_existing(out, dataset, cal, force=force, marker="dataset.toml")
     calibration, data = read_calibration(cal), read_dataset(dataset)
     warn((*calibration.warnings, *data.warnings))
     with stage_bars() as told:

@@ -99,17 +99,20 @@ def train(
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     told = {f"--{name}": value for name, value in given.items() if value is not None}
     from skincal.train import Settings, begin, read_run
+    from skincal.train.run import CHECKPOINT
 
     if resume:
         work, used = read_run(out)
         _same(out, task, told, work, used)
+        if not (out / CHECKPOINT).is_dir():
+            say(f"{out}: there is no checkpoint; the run begins anew, at step 0")
         if not work.environment:
             say(f"{out}: was begun before runs held the environment's numbers; goes on with today's")
     else:
         settings = Settings(environments=envs or Settings.environments)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
         used = _ranges(task, ranges)
-        begin(work, used, out, force=force)
+        begin(work, used, out, *([] if ranges is None else [ranges]), force=force)
         work, used = read_run(out)
     result = _train(out, work, used, steps or work.steps, processes=processes)
     _draw(result)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import shutil
 from collections.abc import Mapping
 from datetime import datetime
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_json, read_arrays, read_text
 from skincal.errors import InputError, Problem
+from skincal.files import whole_file
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -176,21 +176,8 @@ def digest_of(text: str) -> str:
 
 def _durably(path: Path, content: bytes) -> None:
     """Writes a file that is whole or not there, whatever happens, and on the disk when this returns."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        with temporary.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        error.filename = str(path)  # a full disk does not say which file
-        raise
-    temporary.replace(path)
-    descriptor = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    with whole_file(path, force=True) as temporary:
+        temporary.write_bytes(content)
 
 
 def _plain(key: Mapping[str, Any]) -> dict[str, Any]:

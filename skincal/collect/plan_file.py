@@ -17,7 +17,7 @@ from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.toml_table import KEPT, TomlTable
 from skincal.errors import InputError, Problem
-from skincal.files import whole_file
+from skincal.files import reason, whole_file
 from skincal.units import rad
 
 FORMAT = "skincal-plan/1"
@@ -55,8 +55,8 @@ def read_plan(path: Path, mount: Mount) -> Plan:
         raise InputError([Problem(str(path), "a plan in .toml or .csv", got)])
     try:
         name, poses, rows = read(path, findings)
-    except FileNotFoundError:
-        raise InputError([Problem(str(path), "a plan", "no such file")]) from None
+    except OSError as error:
+        raise InputError([Problem(str(path), "a plan", reason(error))]) from None
     except UnreadableError as error:
         raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
     presses = [_press(TomlTable(findings, path.name, place, row, _known(row)), mount) for place, row in rows]
@@ -83,7 +83,8 @@ def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
     text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
     if text is None:
         raise InputError([Problem(str(path), "a plan's name in .toml or .csv", f'"{path.suffix}"')])
-    with whole_file(path, force=force) as temporary:
+    mark = FORMAT if path.suffix.lower() == ".toml" else ",".join(COLUMNS)
+    with whole_file(path, force=force, mark=mark) as temporary:
         temporary.write_text(text(plan), encoding="utf-8")
 
 

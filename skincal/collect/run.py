@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
-import glob
-import os
-import shutil
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,7 +23,7 @@ from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.sites import Mount
 from skincal.dataset import Dataset, check_dataset, write_dataset
 from skincal.errors import InputError, Problem
-from skincal.files import refuse_existing
+from skincal.files import alone, refuse_existing
 from skincal.hand import GuardOptions
 from skincal.robot import HandDescription, Kinematics
 
@@ -82,6 +77,7 @@ def collect(
     guard: GuardOptions | None = None,
     source: str = "",
     force: bool = False,
+    inputs: Sequence[Path] = (),
     restart: bool = False,
     watch: Watch | None = None,
 ) -> Collected:
@@ -100,6 +96,7 @@ def collect(
         guard: limits of the guard; None: its defaults.
         source: for ``dataset.toml``.
         force: whether an existing dataset is replaced.
+        inputs: files that were read, and are not to be replaced.
         restart: whether an interrupted session is thrown away.
         watch: is told where the session is, in every period.
 
@@ -115,9 +112,8 @@ def collect(
     fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
     folder = journal_folder(out)
     if not _written(folder, out):
-        refuse_existing(out, force=force, marker=MARKER)
-    with _alone(folder):
-        _sweep(out)
+        refuse_existing(out, *inputs, force=force, marker=MARKER)
+    with alone(folder.with_name(f"{folder.name}.lock"), folder, create=True):
         same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
                 "options": digest_of(repr(asdict(options)))}  # fmt: skip
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
@@ -161,12 +157,6 @@ def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOp
     return plan
 
 
-def _sweep(out: Path) -> None:
-    """Removes what a process left that was killed while it wrote the dataset."""
-    for part in out.parent.glob(f".{glob.escape(out.name)}.*.part"):
-        shutil.rmtree(part, ignore_errors=True)
-
-
 def _written(folder: Path, out: Path) -> bool:
     """Whether ``out`` is the dataset of this very session, which was cut off before the journal was removed."""
     try:
@@ -175,24 +165,3 @@ def _written(folder: Path, out: Path) -> bool:
         return journal is not None and created == datetime.fromisoformat(journal.head["created"])
     except (OSError, InputError, KeyError, ValueError):
         return False
-
-
-@contextmanager
-def _alone(folder: Path) -> Generator[None]:
-    """Lets one process at a time work at a session; the lock goes with the process."""
-    path = folder.with_name(f"{folder.name}.lock")
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            got = "another process that works at it"
-            raise InputError(
-                [Problem(str(folder), "this session to be nobody else's", got, "Wait for it, or stop it.")]
-            ) from None
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
-    finally:
-        os.close(descriptor)

@@ -12,6 +12,7 @@ from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.table_file import read_table
 from skincal.dataset.tables import TaxelPositions
 from skincal.dataset.toml_table import TWICE
+from skincal.files import reason
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
 """Extents of a mesh beyond which it is not in metres."""
@@ -30,7 +31,7 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
             )
         return None
     path = folder / name
-    if Path(name).name != name or not path.is_file():
+    if Path(name).name != name or not path.exists():
         findings.error(
             f"{file}, [sensor] positions", "a file in the same folder", f'"{name}": no such file', COPY
         )
@@ -55,12 +56,15 @@ def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: 
     if spec.kind != "mesh" or not spec.file:
         return None
     path = folder / spec.file
-    if Path(spec.file).name != spec.file or not path.is_file():
+    if Path(spec.file).name != spec.file or not path.exists():
         findings.error(place, "a file in the same folder", f'"{spec.file}": no such file', COPY)
         return None
     try:
-        content = read_bytes(path, MOST_MESH_BYTES)
+        content = read_bytes(path, MOST_MESH_BYTES, folder)
         vertices, _ = mesh_arrays(content, spec.file)
+    except OSError as error:
+        findings.error(place, "a file in the same folder", f'"{spec.file}": {reason(error)}', COPY)
+        return None
     except ValueError as error:
         findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", str(error)[:200], EXPORT)
         return None

@@ -8,6 +8,7 @@ from pathlib import Path
 from skincal.bounded import parse_toml, read_text
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.table_file import SUFFIXES
+from skincal.files import open_input
 
 
 def dataset_hash(path: str | Path) -> str:
@@ -30,14 +31,14 @@ def dataset_hash(path: str | Path) -> str:
     for name in sorted(_names(folder)):
         file = folder / name
         digest.update(f"{name}\0{file.stat().st_size}\0".encode())
-        with file.open("rb") as stream:
+        with open_input(file, folder) as stream:
             while block := stream.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
 
 
 def _names(folder: Path) -> set[str]:
-    values = parse_toml(read_text(folder / FILE))
+    values = parse_toml(read_text(folder / FILE, within=folder))
     named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
     named.append(values.get("sensor", {}).get("positions"))
     tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]

@@ -31,7 +31,7 @@ def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
     Returns:
         The content; None where the file is missing or no TOML at all.
     """
-    values = load_toml(folder / FILE, findings, what="dataset")
+    values = load_toml(folder / FILE, findings, what="dataset", within=folder)
     return None if values is None else _meta(values, findings)
 
 

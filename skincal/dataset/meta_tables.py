@@ -22,6 +22,7 @@ from skincal.dataset.spec import (
     SurfaceSpec,
 )
 from skincal.dataset.toml_table import MILLIMETRES, TomlTable
+from skincal.files import reason
 
 TABLES = ("sensor", "surface", "indenter", "mount", "position", "force", "clock")
 OPTIONAL_TABLES = ("force", "clock")
@@ -42,10 +43,12 @@ KNOWN = {
 """Keys of each table."""
 
 
-def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | None:
+def load_toml(
+    path: Path, findings: Findings, what: str, within: Path | None = None
+) -> Mapping[str, Any] | None:
     """The content of a TOML file that describes ``what``; None, and an error, where there is none."""
     try:
-        return parse_toml(read_text(path))
+        return parse_toml(read_text(path, within=within))
     except FileNotFoundError:
         fix = "" if what == "mapping" else f"Is this a {what}'s folder?"
         findings.error(str(path), f"the description of the {what}", "no such file", fix)
@@ -54,7 +57,7 @@ def load_toml(path: Path, findings: Findings, what: str) -> Mapping[str, Any] | 
         fix = "Correct that line: texts stand in quotes, lists in brackets, every key and table once."
         findings.error(str(path), error.expected, error.got, fix if error.expected == "TOML" else "")
     except OSError as error:
-        findings.error(str(path), "a readable text file", str(error), "Save it as text in UTF-8.")
+        findings.error(str(path), f"the description of the {what}", reason(error))
     return None
 
 

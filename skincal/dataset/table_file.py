@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
 from skincal.errors import InputError, Problem
+from skincal.files import check_input, reason
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -56,7 +57,7 @@ class RawTable:
 
 def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
     """The file of a table: ``stem.csv`` or ``stem.parquet``; None where there is none."""
-    found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").is_file()]
+    found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").exists()]
     if len(found) > 1:
         findings.error(
             str(folder), f"one table of {stem}", " and ".join(p.name for p in found), "Remove one of them."
@@ -78,6 +79,11 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
 
     sheet = Sheet(findings, path.name, 1 if path.suffix == ".csv" else None)
     try:
+        check_input(path, within=path.parent)
+    except OSError as error:
+        findings.error(path.name, "a table", reason(error))
+        return None
+    try:
         if path.suffix == ".csv":
             table = _read_csv(path, findings)
             if table is None:
@@ -92,8 +98,8 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
-        reason = " ".join(str(error).split())[:200].rstrip(".")
-        findings.error(path.name, what, reason, "Was it cut short while it was copied or written?")
+        got = " ".join(str(error).split())[:200].rstrip(".")
+        findings.error(path.name, what, got, "Was it cut short while it was copied or written?")
         return None
     except UnreadableError as error:
         findings.error(path.name, error.expected, error.got)

@@ -41,17 +41,22 @@ def write_dataset(
         OSError: the disk is full, or not writable; then nothing is left behind.
     """
     with whole_folder(path, force=force, marker=FILE) as folder:
-        write_meta(dataset.meta, folder / FILE)
-        write_table(folder / f"presses.{presses_as}", _press_columns(dataset))
-        if dataset.frames is not None:
-            write_table(folder / f"frames.{frames_as}", _frame_columns(dataset))
-        if dataset.positions is not None:
-            write_table(
-                folder / str(dataset.meta.sensor.positions),
-                position_columns(dataset.meta.sensor, dataset.positions),
-            )
-        for name, content in dataset.meshes.items():
-            (folder / name).write_bytes(content)
+        write_dataset_files(dataset, folder, presses_as=presses_as, frames_as=frames_as)
+
+
+def write_dataset_files(
+    dataset: Dataset, folder: Path, *, presses_as: Format = "csv", frames_as: Format = "parquet"
+) -> None:
+    """Writes the files of a dataset into a folder that is there."""
+    write_meta(dataset.meta, folder / FILE)
+    write_table(folder / f"presses.{presses_as}", _press_columns(dataset))
+    if dataset.frames is not None:
+        write_table(folder / f"frames.{frames_as}", _frame_columns(dataset))
+    if dataset.positions is not None:
+        columns = position_columns(dataset.meta.sensor, dataset.positions)
+        write_table(folder / str(dataset.meta.sensor.positions), columns)
+    for name, content in dataset.meshes.items():
+        (folder / name).write_bytes(content)
 
 
 def _press_columns(dataset: Dataset) -> dict[str, NDArray[Any]]:

@@ -191,5 +191,5 @@ class SimDriver(HandDriver):
         return {**head, **hand.truth_dict()}
 
     def _write_truth(self, path: Path, hand: SimulatedHand) -> None:
-        with whole_file(path, force=True) as file:
+        with whole_file(path, force=True, mark=TRUTH_FORMAT) as file:
             file.write_text(json.dumps(self._truth_dict(hand), indent=2) + "\n", encoding="utf-8")

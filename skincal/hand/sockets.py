@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import whole_folder
+from skincal.files import check_input, whole_folder
 from skincal.hand.messages import MAX_BYTES
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
         WorkError: pyzmq is not installed.
     """
     auth = zmq_module().auth
-    with whole_folder(folder, force=force, marker="README.txt") as out:
+    with whole_folder(folder, force=force, marker="hand/hand.key_secret") as out:
         hand, client = out / "hand", out / "client"
         (hand / "allowed").mkdir(parents=True)
         client.mkdir()
@@ -173,9 +173,9 @@ def _key_pair(path: Path) -> tuple[bytes, bytes]:
 
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
     """Public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang."""
-    if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
-        raise _no_key(path, "a key file", "no plain file, or a large one")
     try:
+        if check_input(path).stat().st_size > MAX_BYTES:
+            raise _no_key(path, "a key file", "a large one")
         keys = zmq_module().auth.load_certificate(path)
     except (OSError, ValueError, IndexError) as error:
         raise _no_key(path, "a key file", str(error)) from None

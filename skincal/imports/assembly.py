@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from skincal.dataset import Dataset, check_dataset, write_dataset
+from skincal.dataset import Dataset, check_dataset
 from skincal.dataset.columns import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.model_objects import surface_of
+from skincal.dataset.writing import write_dataset_files
 from skincal.errors import InputError, Problem
-from skincal.files import whole_folder
+from skincal.files import check_input, reason, whole_folder
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.placement import placed
 from skincal.imports.recording import Dropped, ReadFile, Recording
@@ -66,7 +67,7 @@ def assemble(
     assert session is not None
     dataset = _dataset(session, mapping)
     with whole_folder(out, force=force, marker=FILE) as folder:
-        write_dataset(dataset, folder, force=True)
+        write_dataset_files(dataset, folder)
         checked = check_dataset(folder)
         if checked.dataset is None:
             raise InputError([_traced(problem, folder, mapping) for problem in checked.errors])
@@ -131,9 +132,9 @@ def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], wha
     """The files to read: those of the command line, else those that the mapping lists.
 
     Raises:
-        InputError: there are none at all, or one does not exist.
+        InputError: there are none at all, one does not exist, or the mapping lists one outside of its folder.
     """
-    files = list(named) or [mapping.path.parent / name for name in listed]
+    files = list(named) or [beside(mapping, name, what) for name in listed]
     if not files:
         fix = "Name them on the command line, or as files in the mapping."
         raise InputError([Problem(mapping.path.name, what, "none", fix)])
@@ -141,3 +142,20 @@ def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], wha
     if missing:
         raise InputError(missing)
     return files
+
+
+def beside(mapping: Mapping, name: str, what: str) -> Path:
+    """The place of a file, or of a bag's folder, that a mapping names.
+
+    Raises:
+        InputError: it lies outside of the mapping's folder, or is neither a file nor a folder.
+    """
+    path = mapping.path.parent / name
+    try:
+        check_input(path, within=mapping.path.parent)
+    except (FileNotFoundError, IsADirectoryError):
+        pass
+    except OSError as error:
+        fix = "Name it on the command line." if what.endswith("to read") else "Copy it there."
+        raise InputError([Problem(f'{mapping.path.name}, "{name}"', what, reason(error), fix)]) from error
+    return path

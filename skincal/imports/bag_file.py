@@ -11,6 +11,7 @@ from typing import Any
 from skincal.bounded import read_text
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.errors import InputError, Problem, WorkError
+from skincal.files import check_input, reason
 
 MISSING = "ROS bags are read by the library rosbags, which is not installed: pip install skincal[ros]"
 
@@ -67,6 +68,11 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
     except ImportError as error:
         raise WorkError(MISSING) from error
     store: Any = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
+    try:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            check_input(file, within=path if path.is_dir() else None)
+    except OSError as error:
+        raise InputError([Problem(str(error.filename), "a file of a bag", reason(error))]) from error
     for name, file in definitions.items():
         store.register(_types(name, file))
     with ExitStack() as stack:
@@ -115,17 +121,16 @@ def _types(name: str, file: Path) -> Any:
         full = name if len(parts) == 3 else f"{parts[0]}/msg/{parts[1]}"
         return get_types_from_idl(text) if file.suffix == ".idl" else get_types_from_msg(text, full)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise InputError([Problem(str(file), f"the definition of {name}", reason)]) from error
+        raise InputError([Problem(str(file), f"the definition of {name}", reason(error))]) from error
     except Exception as error:  # the library raises whatever its parsers raise
-        reason = " ".join(str(error).split())[:200]
-        raise InputError([Problem(str(file), f"the definition of {name}", reason)]) from error
+        got = " ".join(str(error).split())[:200]
+        raise InputError([Problem(str(file), f"the definition of {name}", got)]) from error
 
 
 def _damaged(path: Path, error: Exception) -> Problem:
-    reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     expected = (
         "a whole ROS 1 bag" if path.suffix == ".bag" else "a whole ROS 2 bag (folder with metadata.yaml)"
     )
     fix = "Was the recording cut short? `rosbag reindex` (ROS 1) or `ros2 bag reindex` may mend it."
-    return Problem(str(path), expected, reason, fix)
+    return Problem(str(path), expected, got, fix)

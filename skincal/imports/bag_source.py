@@ -11,6 +11,7 @@ import numpy as np
 from skincal.dataset.findings import Findings
 from skincal.errors import InputError
 from skincal.imports import targets
+from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
 from skincal.imports.csv_source import constant, joined, length
 from skincal.imports.mapping import BagFormat, Mapping, Quantity
@@ -59,7 +60,9 @@ def _collect(mapping: Mapping, path: Path, findings: Findings) -> Collector:
     form = mapping.source
     assert isinstance(form, BagFormat)
     collector = Collector(mapping, findings)
-    definitions = {name: mapping.path.parent / file for name, file in form.definitions.items()}
+    definitions = {
+        name: beside(mapping, file, f"the definition of {name}") for name, file in form.definitions.items()
+    }
     with opened(path, definitions) as bag:
         if check_topics(bag, collector.places, findings):
             _read_messages(bag.messages(set(collector.places)), collector, findings)

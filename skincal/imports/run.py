@@ -75,9 +75,9 @@ def _imported(
     force: bool,
 ) -> Imported:
     """Reads a recording after its mapping, and makes a dataset of it."""
-    refuse_existing(out, force=force, marker=FILE)
     found = read_mapping(mapping, kind)
     paths = resolved(found, [Path(file) for file in given], found.source.files, _READ[kind])
+    refuse_existing(out, mapping, *paths, force=force, marker=FILE)
     findings = Findings()
     recording = read(found, paths, findings)
     findings.raise_errors()

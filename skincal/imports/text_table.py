@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.files import reason
 from skincal.imports.mapping import CsvFormat
 
 Column = NDArray[Any]
@@ -106,7 +107,7 @@ def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, s
         findings.error(path.name, error.expected, error.got, fix)
         return None
     except OSError as error:
-        findings.error(str(path), "a text file", (error.strerror or str(error)).lower())
+        findings.error(str(path), "a text file", reason(error))
         return None
     except UnicodeDecodeError as error:
         fix = 'Set encoding in [csv], to "latin-1" or "utf-16" perhaps.'

@@ -13,8 +13,8 @@ import yaml
 
 from skincal.bounded import UnreadableError, checked, parse_json, parse_toml, parsed, read_text
 from skincal.errors import InputError, Problem
-from skincal.files import whole_file
-from skincal.ranges.plain import from_plain, to_plain
+from skincal.files import reason, whole_file
+from skincal.ranges.plain import FORMAT, from_plain, to_plain
 from skincal.ranges.ranges import Ranges
 
 Plain = dict[str, Any]
@@ -119,8 +119,7 @@ def read_ranges(path: str | Path) -> Ranges:
     try:
         values = _LOAD[suffix](read_text(path))
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise InputError([Problem(str(path), "a ranges file", reason)]) from error
+        raise InputError([Problem(str(path), "a ranges file", reason(error))]) from error
     except UnreadableError as error:
         # The parser's message holds the line and the column.
         raise InputError([Problem(str(path), error.expected, error.got)]) from error
@@ -143,5 +142,5 @@ def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> No
         OSError: the disk is full, or not writable.
     """
     text = _DUMP[file_format(path)](to_plain(ranges))
-    with whole_file(path, force=force) as temporary:
+    with whole_file(path, force=force, mark=FORMAT) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -129,6 +129,10 @@ def checked_suffix(path: Path) -> Path:
     return path
 
 
+PICTURE_MARK = "atplotlib"
+"""What every picture holds near its beginning or end, whatever its format."""
+
+
 def save(figure: Figure, path: str | Path) -> None:
     """Writes a figure; the same figure gives the same bytes, as no date is kept in it."""
     suffix = Path(path).suffix.lower()

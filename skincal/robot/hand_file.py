@@ -73,7 +73,7 @@ class _Reader:
         limits = self._limits(len(joints))
         urdf_path = self._path.parent / (self._hand.text("urdf", "the URDF's file name") or "?")
         skin, indenter = self._fingers()
-        urdf = read_urdf(urdf_path, self._findings) if self._hand.has("urdf") else None
+        urdf = read_urdf(urdf_path, self._findings, self._path.parent) if self._hand.has("urdf") else None
         if urdf is not None:
             for finger in (skin, indenter):
                 self._check_finger(finger, urdf, joints)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_xml, read_text
 from skincal.dataset.findings import Findings, did_you_mean
+from skincal.files import check_input, reason
 
 FloatArray = NDArray[np.float64]
 
@@ -20,6 +21,7 @@ MOST_PARTS = 2000
 
 LARGEST = 1e4
 """No length [m] and no angle [rad] of a hand is larger."""
+BESIDE = "Copy it into the folder of hand.toml."
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Kinds of joints that can be driven."""
@@ -75,25 +77,31 @@ class Urdf:
         return tuple(reversed(found))
 
 
-def read_urdf(path: Path, findings: Findings) -> Urdf | None:
+def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
     """Reads the tree of a URDF.
 
     Args:
         path: the file.
         findings: where errors go.
+        within: the folder that must hold the file and its meshes.
 
     Returns:
         The tree; None, and errors, where there is none.
     """
     try:
-        robot = parse_xml(read_text(path))
+        robot = parse_xml(read_text(path, within=within))
     except FileNotFoundError:
         findings.error(str(path), "the URDF that the hand's description names", "no such file")
         return None
-    except (OSError, UnreadableError) as error:
+    except OSError as error:
+        findings.error(str(path), "the URDF that the hand's description names", reason(error), BESIDE)
+        return None
+    except UnreadableError as error:
         findings.error(path.name, "a URDF (XML)", str(error))
         return None
     before = len(findings.errors)
+    if within is not None:
+        _check_named_files(robot, path, within, findings)
     links = tuple(link.get("name", "") for link in robot.findall("link"))
     if len(robot.findall("joint")) + len(links) > MOST_PARTS:
         findings.error(path.name, f"at most {MOST_PARTS} links and joints", "more")
@@ -108,6 +116,17 @@ def read_urdf(path: Path, findings: Findings) -> Urdf | None:
         joints[joint.child] = joint
     root = _root(path.name, links, joints, findings)
     return Urdf(root, links, joints) if len(findings.errors) == before else None
+
+
+def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, findings: Findings) -> None:
+    """Adds an error for a mesh or texture that lies elsewhere; the simulation does without one that is missing."""
+    for name in sorted({element.get("filename") or "?" for element in robot.iter()}):
+        try:
+            check_input(path.parent / name.rpartition("://")[2], within)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            findings.error(f"{path.name}, filename {name}", f"a file in {within}", reason(error), BESIDE)
 
 
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,7 @@ import numpy as np
 
 from skincal.bounded import parse_json, read_arrays, read_text
 from skincal.errors import InputError, Problem
-from skincal.files import whole_folder
+from skincal.files import check_input, whole_folder
 from skincal.train.learner import Learner
 
 STATE: Final = "state.json"
@@ -62,17 +61,12 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         InputError: the checkpoint is damaged, or of another task or backend.
     """
     try:
-        state: dict[str, Any] = parse_json(read_text(folder / STATE), bits=128)
-        learner.load_weights(folder / learner.weights_file)
-        learner.restore(read_arrays(folder / ARRAYS))
+        state: dict[str, Any] = parse_json(read_text(folder / STATE, within=folder), bits=128)
+        learner.load_weights(check_input(folder / learner.weights_file, folder))
+        learner.restore(read_arrays(folder / ARRAYS, folder))
         learner.restore_random(state["random"])
         return Progress.of(state["progress"])
     except Exception as error:  # torch, msgpack and the learners have no common class for what they raise
         got = " ".join(f"one with a fault ({error}".split())[:100] + ")"
         fix = f"Begin anew with another --out, or remove {folder.parent}."
         raise InputError([Problem(str(folder), "a whole checkpoint of this run", got, fix)]) from error
-
-
-def remove_checkpoint(folder: Path) -> None:
-    """Removes the state of a run that is finished and shall not go on."""
-    shutil.rmtree(folder, ignore_errors=True)

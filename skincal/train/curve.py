@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from dataclasses import astuple
 from pathlib import Path
 from typing import IO, Self
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_text
 from skincal.errors import InputError, Problem
-from skincal.files import whole_file
+from skincal.files import reason, whole_file
 from skincal.train.watch import COLUMNS, Round
 
 
@@ -45,6 +46,10 @@ class Curve:
         self._file.write(_text([[str(values[0]), *(f"{value:.6g}" for value in values[1:])]]))
         self._file.flush()
 
+    def sync(self) -> None:
+        """Brings the rows to the disk."""
+        os.fsync(self._file.fileno())
+
 
 def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
     """The columns of a learning curve by name (see :class:`~skincal.train.watch.Round`).
@@ -62,12 +67,14 @@ def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
 
 def _rows(path: Path) -> list[list[str]]:
     """Whole rows below the head; the last line of a killed run may be cut off."""
-    if not path.is_file():
-        return []
     try:
-        head, *rows = parse_csv(read_text(path)) or [[]]
+        head, *rows = parse_csv(read_text(path, within=path.parent)) or [[]]
         if tuple(head) != COLUMNS:
             raise UnreadableError(f"the columns {', '.join(COLUMNS)}", ", ".join(head)[:200])
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise InputError([Problem(str(path), "a learning curve", reason(error))]) from None
     except UnreadableError as error:
         raise InputError([Problem(str(path), error.expected, error.got)]) from None
     whole = [row for row in rows if len(row) == len(COLUMNS) and all(map(_is_number, row))]

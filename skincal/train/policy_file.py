@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, read_bytes
 from skincal.errors import InputError, Problem, WorkError
+from skincal.files import reason
 from skincal.train.network import Network
 from skincal.train.settings import PolicyKind, Task
 
@@ -127,7 +128,7 @@ def read_policy(path: str | Path) -> Policy:
     try:
         network, description = parse_policy(read_bytes(path, LARGEST_BYTES))
     except OSError as error:
-        raise _refused(path, (error.strerror or str(error)).lower()) from error
+        raise _refused(path, reason(error)) from error
     except UnreadableError as error:
         raise _refused(path, error.got) from error
     told = description.size, description.actions

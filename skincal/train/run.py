@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -16,9 +14,9 @@ import tomli_w
 
 from skincal.bounded import parse_toml, read_text
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import whole_folder
+from skincal.files import alone, reason, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
-from skincal.train.checkpoint import Progress, load_checkpoint, save_checkpoint
+from skincal.train.checkpoint import ARRAYS, STATE, Progress, load_checkpoint, save_checkpoint
 from skincal.train.curve import Curve
 from skincal.train.describe import describe
 from skincal.train.environments import Make, end, in_full, parallel, segment_seed
@@ -34,6 +32,12 @@ RANGES: Final = "ranges.toml"
 CURVE: Final = "curve.csv"
 CHECKPOINT: Final = "checkpoint"
 POLICY: Final = "policy.onnx"
+
+
+LATER: Final = (
+    CURVE, "curve.png", POLICY, *(f"{CHECKPOINT}/{name}" for name in (STATE, ARRAYS, "weights.*")),
+)  # fmt: skip
+"""What a run's folder holds in the end, beyond what it begins with."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +57,22 @@ class Trained:
     last: Round | None
 
 
-def begin(work: Work, ranges: Ranges, out: Path, *, force: bool = False) -> None:
+def begin(work: Work, ranges: Ranges, out: Path, *inputs: Path, force: bool = False) -> None:
     """Makes the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
+
+    Args:
+        work: what is learned, and how.
+        ranges: what is randomised.
+        out: the folder.
+        inputs: files that were read, and are not to be replaced.
+        force: whether an earlier run there is replaced.
 
     Raises:
         InputError: something is there, or the environment cannot be made of this; then there is no folder.
     """
+    refuse_existing(out, *inputs, force=force, marker=MARKER)
     work = in_full(work, ranges)
-    with whole_folder(out, force=force, marker=MARKER) as temporary:
+    with whole_folder(out, force=force, marker=MARKER, later=LATER) as temporary:
         content = {"format": FORMAT, **work.as_table()}
         (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")
         write_ranges(ranges, temporary / RANGES)
@@ -73,13 +85,15 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
         InputError: the folder is no run's.
     """
     place = folder / MARKER
+    for one in (folder, folder / CHECKPOINT):
+        recover(one)
     try:
-        table = parse_toml(read_text(place))
+        table = parse_toml(read_text(place, within=folder))
         if table.get("format") != FORMAT:
             raise ValueError(f'the format "{table.get("format")}"')
         work = Work.from_table(table)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        got = (error.strerror or str(error)).lower() if isinstance(error, OSError) else f"{error}"
+        got = reason(error) if isinstance(error, OSError) else f"{error}"
         raise InputError([Problem(str(place), "a training run begun by `skincal train`", got)]) from error
     return work, read_ranges(folder / RANGES)
 
@@ -106,7 +120,7 @@ def train(
         WorkError: the networks hold numbers that are not finite.
     """
     work, ranges = read_run(folder)
-    with _alone(folder), _learner(work, make, processes=processes) as learner:
+    with alone(folder / MARKER, folder), _learner(work, make, processes=processes) as learner:
         course = _Course(folder, work, ranges, learner, told)
         course.go_on(work.settings.rounds(steps or work.steps))
         about = course.write_policy()
@@ -157,6 +171,7 @@ class _Course:
         self.learner.learn(until - done, segment_seed(self.work.seed, done), listen)
         wall_s = self.progress.wall_s + time.perf_counter() - began
         self.progress = Progress(until, self.learner.steps, wall_s)
+        curve.sync()
         save_checkpoint(self.learner, self.progress, self.folder / CHECKPOINT)
 
 
@@ -186,18 +201,3 @@ def _backend(name: BackendName) -> type[Learner]:
         raise InputError(
             [Problem(f"--backend {name}", f"the package {error.name}", "nothing", fix)]
         ) from error
-
-
-@contextmanager
-def _alone(folder: Path) -> Generator[None]:
-    """Keeps a second process away from a run."""
-    lock = os.open(folder / MARKER, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    except BlockingIOError as error:
-        raise InputError(
-            [Problem(str(folder), "a run that nobody works on", "another process at work")]
-        ) from error
-    finally:
-        os.close(lock)

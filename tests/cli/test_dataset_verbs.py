@@ -144,7 +144,10 @@ def test_show_overwrites_nothing(run: Run, folder: Path, tmp_path: Path) -> None
     assert (status, out) == (2, "")
     assert "--force" in err
     assert picture.read_text() == "mine"
-    assert run("dataset", "show", folder, "--out", picture, "--force")[0] == 0
+    assert run("dataset", "show", folder, "--out", picture, "--force")[0] == 2
+    picture.unlink()
+    for force in ([], ["--force"]):
+        assert run("dataset", "show", folder, "--out", picture, *force)[0] == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

@@ -102,6 +102,9 @@ def test_nothing_is_overwritten_without_force(cal, tmp_path, capsys):
     shown, said = capsys.readouterr()
     assert shown == ""
     assert "--force" in said
+    assert run(cal, "--out", out, "--force") == 2
+    assert out.read_text() == "mine"
+    out.write_text('format = "skincal-ranges/1"')
     assert run(cal, "--out", out, "--force") == 0
     assert len(read_ranges(out)) == 30
 

@@ -61,6 +61,7 @@ def test_a_fit_prints_what_the_contract_says(
         low, high = told["intervals"][name]
         assert low <= told["best"][name] <= high
     assert {p.name for p in out.iterdir()} == {
+        ".skincal.json",
         "calibration.toml",
         "grid.parquet",
         "draws.parquet",

@@ -83,7 +83,11 @@ def test_without_frames(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.
     assert run(cal, tmp_path / "static", "--out", tmp_path / "out", "--json") == 0
     answer = json.loads(capsys.readouterr().out)
     assert (answer["frames"], answer["frames_rmse_counts"], answer["slack_rms_m"]) == (0, None, None)
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["dataset.toml", "presses.parquet"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        ".skincal.json",
+        "dataset.toml",
+        "presses.parquet",
+    ]
 
 
 def test_nothing_is_overwritten(
@@ -105,11 +109,11 @@ def test_what_is_read_is_not_replaced(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     for out in (folder, folder.parent / "." / folder.name):
         assert run(cal, folder, "--out", out, "--force") == 2
-        assert "expected another folder than those that are read" in capsys.readouterr().err
+        assert "expected another place than those that are read" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(folder), "--effects", str(cal), "--out", str(cal), "--force"])
     assert ended.value.code == 2
-    assert "another folder than those that are read" in capsys.readouterr().err
+    assert "another place than those that are read" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 

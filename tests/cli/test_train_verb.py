@@ -37,7 +37,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_a_run_leaves_behind(trained):
     assert {path.name for path in trained.iterdir()} == {
-        "run.toml", "ranges.toml", "curve.csv", "curve.png", "checkpoint", "policy.onnx",
+        "run.toml", "ranges.toml", "curve.csv", "curve.png", "checkpoint", "policy.onnx", ".skincal.json",
     }  # fmt: skip
     about = read_policy(trained / "policy.onnx").description
     assert (about.task, about.policy, about.seed, about.steps) == ("marble", "tactile", 4, ROUND)
@@ -140,7 +140,13 @@ def test_evaluation_as_json(trained, tmp_path, capsys):
     assert len(first["error_m"]) == 80
     assert {"error_settled_m", "error_end_m"} <= set(first)
     assert first["error_m"][0] < 0.005
-    assert {path.name for path in out.iterdir()} == {"eval.json", "runs.csv", "runs.png", "error.png"}
+    assert {path.name for path in out.iterdir()} == {
+        ".skincal.json",
+        "eval.json",
+        "runs.csv",
+        "runs.png",
+        "error.png",
+    }
     assert json.loads((out / "eval.json").read_text()) == answer
 
 

@@ -465,6 +465,7 @@ def test_keys_are_private_and_kept(tmp_path: Path) -> None:
         str(p.relative_to(tmp_path / "keys")) for p in (tmp_path / "keys").rglob("*") if p.is_file()
     )
     assert files == [
+        ".skincal.json",
         "README.txt",
         "client/client.key_secret",
         "client/hand.key",

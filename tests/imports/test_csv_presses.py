@@ -63,11 +63,11 @@ def test_template_works(tmp_path: Path, original: Dataset):
 
 def test_columns_in_si_need_no_conversion(tmp_path: Path, original: Dataset):
     content = mapping(
-        csv={"rows": "presses", "files": [str(BUNDLED / "presses.csv")]},
+        csv={"rows": "presses"},
         columns={name: name for name in ("press", "x_m", "y_m", "z_m", "force_n")},
         taxels={"columns": "taxel_{r}_{c}"},
     )
-    import_csv(write_mapping(tmp_path, content), tmp_path / "out")
+    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [BUNDLED / "presses.csv"])
     back = read_dataset(tmp_path / "out")
     np.testing.assert_array_equal(back.presses.counts, original.presses.counts)
     np.testing.assert_array_equal(back.presses.position_m, original.presses.position_m)

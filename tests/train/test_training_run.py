@@ -15,6 +15,7 @@ import small_runs
 
 from skincal.envs import MarbleRollEnv
 from skincal.errors import InputError
+from skincal.files import alone
 from skincal.ranges import preset
 from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
 from skincal.train.environments import segment_seed
@@ -206,11 +207,42 @@ def test_no_run(tmp_path):
 
 
 def test_two_processes_at_one_run(tmp_path):
-    from skincal.train.run import _alone
+    folder = tmp_path / "run"
+    small_runs.run(folder, small_runs.CHECKPOINT_STEPS)
+    before = (folder / "policy.onnx").read_bytes()
+    with alone(folder / "run.toml", folder):
+        with pytest.raises(InputError, match="another process at work"):
+            small_runs.run(folder, 2 * small_runs.CHECKPOINT_STEPS)
+        with pytest.raises(InputError, match="another process at work"):
+            begin(small_runs.work(seed=9), preset("iros24"), folder, force=True)
+    assert (folder / "policy.onnx").read_bytes() == before
 
-    small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
-    with _alone(tmp_path / "run"), pytest.raises(InputError, match="another process at work"):
-        small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS)
+
+def test_a_run_is_replaced_by_force_and_strangers_in_it_are_not(tmp_path):
+    folder = tmp_path / "run"
+    small_runs.run(folder, small_runs.CHECKPOINT_STEPS)
+    for listed in (True, False):
+        if not listed:
+            (folder / ".skincal.json").unlink()
+        (folder / "checkpoint" / "notes.txt").write_text("mine")
+        with pytest.raises(InputError, match=r"also checkpoint/notes\.txt"):
+            begin(small_runs.work(seed=9), preset("iros24"), folder, force=True)
+        (folder / "checkpoint" / "notes.txt").unlink()
+    begin(small_runs.work(seed=9), preset("iros24"), folder, force=True)
+    assert sorted(path.name for path in folder.iterdir()) == [".skincal.json", "ranges.toml", "run.toml"]
+
+
+def test_a_checkpoint_that_was_moved_away_comes_back(tmp_path):
+    """As it is after a kill where the file system cannot exchange two names."""
+    folder = tmp_path / "run"
+    small_runs.run(folder, 2 * small_runs.CHECKPOINT_STEPS)
+    (folder / "checkpoint").rename(folder / ".checkpoint.abcd_123.old")
+    (folder / ".policy.onnx.abcd_123.part").mkdir()
+    small_runs.run(folder, 3 * small_runs.CHECKPOINT_STEPS)
+    small_runs.run(tmp_path / "straight", 3 * small_runs.CHECKPOINT_STEPS)
+    ends = [read_curve(tmp_path / name / "curve.csv")["reward"] for name in ("run", "straight")]
+    np.testing.assert_array_equal(*ends)
+    assert not [path.name for path in folder.iterdir() if path.suffix in (".old", ".part")]
 
 
 def test_network_shapes():

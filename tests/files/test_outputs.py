@@ -92,29 +92,6 @@ def test_a_folder_is_replaced_whole(tmp_path: Path, error: type[BaseException] |
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_swap_that_fails_brings_the_old_folder_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "out"
-    with whole_folder(path, marker="m") as temporary:
-        (temporary / "m").write_text("old")
-    replace = Path.replace
-
-    def failing(self: Path, target: Path) -> Path:
-        if self.suffix == ".part":
-            raise OSError(5, "Input/output error", str(self))
-        return replace(self, target)
-
-    monkeypatch.setattr(Path, "replace", failing)
-    with (
-        pytest.raises(OSError, match="Input/output"),
-        whole_folder(path, force=True, marker="m") as temporary,
-    ):
-        (temporary / "m").write_text("new")
-    assert (path / "m").read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_an_output_is_as_readable_as_any_file(tmp_path: Path) -> None:
     with whole_folder(tmp_path / "out", marker="m") as temporary:
         (temporary / "m").write_text("x")

@@ -1,0 +1,17 @@
+"""Input that is a plain file in its place; output that appears whole, and replaces earlier output alone."""
+
+from skincal.files.inputs import check_input, open_input, reason
+from skincal.files.locks import alone
+from skincal.files.outputs import refuse_existing, whole_file, whole_folder
+from skincal.files.recovery import recover
+
+__all__ = [
+    "alone",
+    "check_input",
+    "open_input",
+    "reason",
+    "recover",
+    "refuse_existing",
+    "whole_file",
+    "whole_folder",
+]

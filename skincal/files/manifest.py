@@ -1,0 +1,145 @@
+"""What skincal wrote into a folder: a list in it, and, for folders of versions without one, the names they used."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, cast
+
+from skincal.files.inputs import open_input
+
+NAME: Final = ".skincal.json"
+FORMAT: Final = "skincal-output/1"
+TEMPORARY: Final = r"\.{name}\.[a-z0-9_]{{8}}\.(part|old)"
+"""Names of what a process that was killed leaves beside an output."""
+
+_PICTURES = (
+    "valley", "draws", "images", "slack", "residuals", "scatter", "gap", "signature", "where", "candidates", "audit",
+    "scales", "answers",
+)  # fmt: skip
+_BEFORE: Final[dict[str, tuple[str, ...]]] = {
+    "calibration.toml": (
+        "calibration.toml", "grid.parquet", "slack.csv", "draws.parquet", "report.html", "diagnosis.json",
+        "next-presses.toml", *(f"{stem}.png" for stem in _PICTURES),
+    ),
+    "dataset.toml": ("dataset.toml", "presses.csv", "presses.parquet", "frames.csv", "frames.parquet"),
+    "run.toml": (
+        "run.toml", "ranges.toml", "curve.csv", "curve.png", "policy.onnx", "checkpoint/state.json",
+        "checkpoint/arrays.npz", "checkpoint/weights.*",
+    ),
+    "state.json": ("state.json", "arrays.npz", "weights.*"),
+    "eval.json": ("eval.json", "runs.csv", "runs.png", "error.png"),
+    "audit.png": ("audit.png",),
+    "hand/hand.key_secret": (
+        "README.txt", "hand/hand.key_secret", "hand/allowed/client.key", "client/client.key_secret",
+        "client/hand.key",
+    ),
+}  # fmt: skip
+"""Names of the files in folders without a list, by the file that tells what the folder is."""
+
+_NAMING: Final = (("sensor", "positions"), ("surface", "file"), ("indenter", "file"))
+"""Where a description names files that lie beside it."""
+
+_MOST: Final = 1 << 20
+"""Bytes of a list or a description that are read."""
+
+_ANYWHERE = (NAME, ".DS_Store", ".nfs*")
+"""The list itself, and files that a file manager or a file server puts into any folder."""
+
+
+def write_manifest(folder: Path, later: Iterable[str] = ()) -> None:
+    """Write the list of all files in a folder into it.
+
+    Args:
+        folder: a finished output.
+        later: names of files that will be written into it later.
+    """
+    files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    content = {"tool": "skincal", "format": FORMAT, "files": sorted({*files, *later} - {NAME})}
+    (folder / NAME).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def strangers(folder: Path) -> list[str]:
+    """Return what is in an output folder and was not written by skincal, as names relative to it."""
+    known = _listed(folder) or _named_before(folder)
+    folders = {str(parent) for name in known for parent in PurePosixPath(name).parents}
+    found: list[str] = []
+    for root, inner, files in os.walk(folder):
+        here = PurePosixPath(Path(root).relative_to(folder).as_posix())
+        names = [(here / name, False) for name in files] + [(here / name, True) for name in inner]
+        for name, is_folder in names:
+            link = (folder / name).is_symlink()
+            if _is_leftover(name.name) or (is_folder and not link and str(name) in folders):
+                continue
+            if (is_folder and not link) or not _is_known(name, known):
+                found.append(f"{name}/" if is_folder and not link else str(name))
+        inner[:] = [name for name in inner if str(here / name) in folders]
+    return sorted(found)
+
+
+def holds(folder: Path, path: Path) -> bool:
+    """Whether a file is one of those that make up an input folder."""
+    known = _listed(folder) or _named_before(folder)
+    return _is_known(PurePosixPath(path.relative_to(folder).as_posix()), known)
+
+
+def _is_known(name: PurePosixPath, known: Sequence[str]) -> bool:
+    return (
+        str(name) in known
+        or any(fnmatchcase(str(name), one) for one in known)
+        or any(fnmatchcase(name.name, one) for one in _ANYWHERE)
+    )
+
+
+def _is_leftover(name: str) -> bool:
+    return re.fullmatch(TEMPORARY.format(name=".+"), name) is not None
+
+
+def _listed(folder: Path) -> list[str]:
+    """The files of the list; empty where there is none that can be understood."""
+    try:
+        content: Any = json.loads(_text(folder / NAME))
+        if content["tool"] == "skincal" and isinstance(content["files"], list):
+            return [name for name in cast("list[object]", content["files"]) if isinstance(name, str)]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        pass
+    return []
+
+
+def _named_before(folder: Path) -> list[str]:
+    """The names of a folder without a list: those of its kind, and those that its description gives."""
+    found: list[str] = []
+    for marker, names in _BEFORE.items():
+        if not (folder / marker).is_file():
+            continue
+        found += names
+        if marker in ("calibration.toml", "dataset.toml"):
+            found += _described(folder / marker)
+        if marker == "eval.json":
+            text = _text(folder / marker)
+            found += [path.name for path in folder.glob("*.gif") if path.stem in text]
+    return found
+
+
+def _described(file: Path) -> list[str]:
+    """The meshes and positions that a description names."""
+    try:
+        values: Any = tomllib.loads(_text(file))
+        named = [values[table].get(key) for table, key in _NAMING if isinstance(values.get(table), dict)]
+        return [name for name in named if isinstance(name, str)]
+    except (ValueError, RecursionError):
+        return []
+
+
+def _text(file: Path) -> str:
+    """The beginning of a file; nothing where it cannot be read."""
+    try:
+        with open_input(file, file.parent) as stream:
+            return stream.read(_MOST).decode()
+    except (OSError, ValueError):
+        return ""

@@ -1,0 +1,58 @@
+"""What processes that were killed leave beside an output: swept, or brought back."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+from skincal.files.locks import lock
+from skincal.files.manifest import NAME, TEMPORARY
+
+_log = logging.getLogger("skincal")
+
+
+def recover(path: Path) -> None:
+    """Sweep what killed processes left beside an output, and bring back one that was moved away to be replaced.
+
+    What another process is writing now stays. What is done is logged as a warning.
+
+    Args:
+        path: the output.
+    """
+    named = re.compile(TEMPORARY.format(name=re.escape(path.name)))
+    left: list[Path] = []
+    with suppress(OSError):
+        left = sorted(one for one in path.parent.iterdir() if named.fullmatch(one.name))
+    parts = [one for one in left if one.suffix == ".part"]
+    swept = [part for part in parts if _remove_abandoned(part)]
+    if len(swept) < len(parts):
+        return  # somebody may be between two moves
+    for old in (one for one in left if one.suffix == ".old"):
+        if os.path.lexists(path):
+            shutil.rmtree(old, ignore_errors=True)
+            swept.append(old)
+        else:
+            old.rename(path)
+            _log.warning("%s: an interrupted run had moved it away; it is back", path)
+    if swept:
+        names = ", ".join(one.name for one in swept)
+        _log.warning("%s: removed what interrupted runs left: %s", path, names)
+
+
+def _remove_abandoned(part: Path) -> bool:
+    """Whether nobody writes into a temporary folder any more; then it is removed."""
+    try:
+        descriptor = lock(part / NAME, create=True, strict=True)
+    except OSError:
+        return False
+    if descriptor is None:
+        return False
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+    finally:
+        os.close(descriptor)
+    return True
