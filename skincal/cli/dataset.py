@@ -7,14 +7,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import DatasetArgument, ForceOption, JsonOption, example, print_json, say, warn
+from skincal.cli.common import (
+    DatasetArgument,
+    ForceOption,
+    JsonOption,
+    example,
+    findings_json,
+    print_json,
+    problems_json,
+    say,
+    warn,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from skincal.dataset import Dataset
     from skincal.dataset.summary import Summary
-    from skincal.errors import Problem
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -41,7 +50,12 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     notes = () if found.dataset is None else notes_on(found.dataset)
     _note(notes)
     if as_json:
-        found_out = {"errors": _problems(found.errors), "warnings": _problems(found.warnings), "notes": notes}
+        found_out = {
+            "errors": problems_json(found.errors),
+            "warnings": problems_json(found.warnings),
+            "notes": notes,
+            "findings": findings_json((*found.errors, *found.warnings)),
+        }
         print_json({"dataset": dataset, "ok": not found.errors, **found_out})
     if found.errors:
         # All of them, however many: that is what was asked for.
@@ -107,10 +121,6 @@ def _note(notes: tuple[str, ...]) -> None:
         say(f"skincal: note: {note}")
 
 
-def _problems(problems: tuple[Problem, ...]) -> list[dict[str, str]]:
-    return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
-
-
 def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
     sensor = data.meta.sensor
     low, median, high = summary.force_n
@@ -136,7 +146,8 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
         "dead_taxels": summary.dead,
         "labels": summary.labels,
         "columns": summary.columns,
-        "warnings": _problems(data.warnings),
+        "warnings": problems_json(data.warnings),
+        "findings": findings_json(data.warnings),
     }
 
 

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, OutOption, example, print_json, say, warn
+from skincal.cli.common import (
+    ForceOption,
+    JsonOption,
+    OutOption,
+    example,
+    findings_json,
+    print_json,
+    problems_json,
+    say,
+    warn,
+)
 
 if TYPE_CHECKING:
     from skincal.imports import Imported
+    from skincal.imports.alignment import JoinedClock
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -115,10 +126,31 @@ def import_rosbag(
     _told(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
 
 
+def _offset(clock: JoinedClock) -> str:
+    if not clock.estimated:
+        return f"{clock.offset_s:+.6g} s, as given"
+    rate = f", which runs off by {1e6 * clock.rate:+.0f} parts per million" if clock.rate else ""
+    return (
+        f"{clock.offset_s:+.6f} ± {clock.sigma_s:.2g} s{rate}, by the correlation of {clock.by} with the taxels "
+        f"({clock.correlation:.3f})"
+    )
+
+
+def _clock_json(clock: JoinedClock) -> dict[str, Any]:
+    return {
+        "file": clock.name, "offset_s": clock.offset_s, "sigma_s": clock.sigma_s, "rate": clock.rate,
+        "estimated": clock.estimated, "by": clock.by, "correlation": clock.correlation,
+    }  # fmt: skip
+
+
 def _told(done: Imported, as_json: bool) -> None:
     """Says what was read, left out and written."""
     for file in done.read:
         say(f"read {file.rows} rows of {file.file}")
+    for clock in done.clocks:
+        say(f"clock of {clock.name}: {_offset(clock)}")
+    for note in done.notes:
+        say(f"skincal: note: {note}")
     for dropped in done.dropped:
         say(f"left out {dropped}")
     if done.assumed:
@@ -133,7 +165,10 @@ def _told(done: Imported, as_json: bool) -> None:
                 "read": [{"file": file.file, "rows": file.rows} for file in done.read],
                 "dropped": [{"count": d.count, "what": d.what, "why": d.why} for d in done.dropped],
                 "assumed": done.assumed,
-                "warnings": [vars(problem) for problem in done.warnings],
+                "notes": done.notes,
+                "clocks": [_clock_json(clock) for clock in done.clocks],
+                "warnings": problems_json(done.warnings),
+                "findings": findings_json(done.warnings),
             }
         )
         return

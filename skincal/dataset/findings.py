@@ -32,13 +32,17 @@ class Findings:
         self.errors: list[Problem] = []
         self.warnings: list[Problem] = []
 
-    def error(self, place: str, expected: str, got: object, fix: str = "") -> None:
+    def error(
+        self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
+    ) -> None:
         """Adds an error."""
-        self.errors.append(Problem(self._whole(place), expected, str(got), fix))
+        self.errors.append(Problem(self._whole(place), expected, str(got), fix, code, details))
 
-    def warn(self, place: str, expected: str, got: object, fix: str = "") -> None:
+    def warn(
+        self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
+    ) -> None:
         """Adds a warning."""
-        self.warnings.append(Problem(self._whole(place), expected, str(got), fix))
+        self.warnings.append(Problem(self._whole(place), expected, str(got), fix, code, details))
 
     def _whole(self, place: str) -> str:
         folder = str(self._folder or "")

@@ -17,18 +17,21 @@ Column = NDArray[Any]
 
 
 class SourceSheet(Sheet):
-    """Names places in a text file; ``lines`` holds the number of the line of each row."""
+    """Names places in a file; ``lines`` holds the number of the line of each row, None where there are no lines."""
 
-    def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64]) -> None:
+    def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64] | None) -> None:
         super().__init__(findings, file, None)
         self._lines = lines
 
     def rows(self, name: str, rows: ArrayLike) -> str:
         """The place of some rows (counted from 0) of a column: the lines of the file."""
         index = np.atleast_1d(np.asarray(rows))
-        named = ", ".join(f"{int(row) + 1} (line {self._lines[row]})" for row in index[:SHOWN])
+        named = ", ".join(f"{int(row) + 1}{self._line(row)}" for row in index[:SHOWN])
         more = f" and {index.size - SHOWN} more" if index.size > SHOWN else ""
         return f'{self.file}, column "{name}", {"row" if index.size == 1 else "rows"} {named}{more}'
+
+    def _line(self, row: int) -> str:
+        return "" if self._lines is None else f" (line {self._lines[row]})"
 
 
 class TextTable:
@@ -77,7 +80,7 @@ def read_text_table(
         texts: columns that hold words or dates.
         findings: where errors go.
     """
-    lines = _lines(path, form, findings)
+    lines = text_lines(path, form, findings)
     if lines is None:
         return None
     names, kept = _header(path.name, form, lines, findings)
@@ -92,8 +95,16 @@ def read_text_table(
     return None if columns is None else TextTable(sheet, columns, len(kept), form.decimal)
 
 
-def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, str]] | None:
-    """The lines that are neither skipped, empty nor comments, with their numbers."""
+def column_names(path: Path, form: CsvFormat) -> list[str]:
+    """The names of the columns of a text file; none where it has no header."""
+    lines = text_lines(path, form, Findings())
+    return _header(path.name, form, lines, Findings())[0] if lines else []
+
+
+def text_lines(
+    path: Path, form: CsvFormat, findings: Findings, *, blank: bool = False
+) -> list[tuple[int, str]] | None:
+    """The lines that are neither skipped, comments nor, unless ``blank``, empty, with their numbers."""
     encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
     try:
         text = path.read_bytes().decode(encoding)
@@ -107,7 +118,11 @@ def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, s
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     numbered = enumerate(lines[form.skip_rows :], start=form.skip_rows + 1)
     comment = form.comment
-    return [(n, s) for n, s in numbered if s.strip() and not (comment and s.lstrip().startswith(comment))]
+    return [
+        (n, s)
+        for n, s in numbered
+        if (blank or s.strip()) and not (comment and s.lstrip().startswith(comment))
+    ]
 
 
 def _header(

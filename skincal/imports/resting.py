@@ -1,0 +1,71 @@
+"""Contacts that slide while they are held: the hold is cut to where the contact rests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.dataset.columns import POSITION
+from skincal.dataset.findings import Findings
+from skincal.dataset.sliding import SMALLEST_M, rests, slide_m
+from skincal.imports.mapping import Mapping
+from skincal.imports.recording import Recording
+from skincal.imports.series import Cut, Rejected, Series, Span
+
+SHOWN = 8
+
+
+def rested(
+    found: Cut, series: Series, recording: Recording, mapping: Mapping, file: str, findings: Findings
+) -> Cut:
+    """The cut with every hold no longer than the contact rests, as ``slides`` of ``[series]`` says.
+
+    Args:
+        found: the presses.
+        series: what they were cut from.
+        recording: with positions in the fingertip frame.
+        mapping: says how far a contact that rests moves.
+        file: what the place of a warning is called.
+        findings: where the warning, or the error, goes.
+    """
+    sigma = mapping.meta.position.sigma_m
+    still = mapping.cut.still_m if mapping.cut.still_m is not None else sigma
+    if not np.isfinite(still):
+        return found
+    still = max(still, SMALLEST_M)
+    position = recording.vector(POSITION)
+    slides = {span.number: slide_m(position[span.hold : span.hold_stop]) for span in found.spans}
+    sliding = [span for span in found.spans if slides[span.number] > still]
+    if not sliding:
+        return found
+    rule = mapping.cut.slides if series.phase is None else "keep"
+    shown = ", ".join(f"{span.number} ({1e3 * slides[span.number]:.2g} mm)" for span in sliding[:SHOWN])
+    more = f" and {len(sliding) - SHOWN} more" if len(sliding) > SHOWN else ""
+    expected = f"contacts that rest in their hold, within {1e3 * still:.2g} mm (still_m in [series])"
+    got = f"{len(sliding)} of {len(found.spans)} that slide: press {shown}{more}"
+    if rule == "refuse":
+        findings.error(
+            file, expected, got, 'slides = "cut" takes the part of each hold in which the contact rests.'
+        )
+        return found
+    if rule == "keep":
+        fix = "Their image is the mean over the slide, at its mean position."
+        findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
+        return found
+    fix = 'Their holds were cut to where the contact rests; slides = "refuse" in [series] refuses such recordings.'
+    findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
+    spans: list[Span] = []
+    rejected = list(found.rejected)
+    for span in found.spans:
+        if span not in sliding:
+            spans.append(span)
+            continue
+        start, stop = rests(position[span.hold : span.hold_stop], still)
+        time = series.time_s[span.hold + start : span.hold + stop]
+        if len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s:
+            why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
+            rejected.append(Rejected(span.start, span.stop, why))
+            continue
+        spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
+    return Cut(tuple(spans), tuple(rejected))
