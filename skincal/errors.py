@@ -21,6 +21,7 @@ class Problem:
         got: what was there.
         fix: what to do about it; empty where the expectation says it already.
         code: a word that programs can ask for; '' for most.
+        severity: ``warning``, or ``note`` for what may well be meant so.
         details: what programs may want besides: a ``factor`` that mends a unit, the ``presses`` that are meant.
     """
 
@@ -29,6 +30,7 @@ class Problem:
     got: str
     fix: str = ""
     code: str = ""
+    severity: str = "warning"
     details: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)
 
     def __str__(self) -> str:

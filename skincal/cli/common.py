@@ -70,12 +70,12 @@ def problems_json(problems: Iterable[Problem]) -> list[dict[str, str]]:
     return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
 
 
-def findings_json(problems: Iterable[Problem], severity: str = "warning") -> list[dict[str, Any]]:
+def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:
     """Problems that programs can ask for, by their codes."""
     return [
         {
             "code": p.code,
-            "severity": severity,
+            "severity": p.severity,
             "text": f"{p.place}: expected {p.expected}; got {p.got}",
             "advice": p.fix,
             **p.details,
@@ -88,7 +88,7 @@ def findings_json(problems: Iterable[Problem], severity: str = "warning") -> lis
 def warn(problems: Iterable[Problem]) -> None:
     """Prints warnings on standard error."""
     for problem in problems:
-        say(f"skincal: warning: {problem}")
+        say(f"skincal: {problem.severity}: {problem}")
 
 
 @contextmanager

@@ -80,14 +80,20 @@ def show(
         ),
     ] = None,
     threshold: Annotated[
-        float,
-        typer.Option("--threshold", min=0.0, help="Counts above the level at rest that make a taxel active."),
-    ] = 5.0,
+        float | None,
+        typer.Option(
+            "--threshold",
+            min=0.0,
+            help="Counts above rest that make a taxel active [default: 5; by the noise where all are less]",
+            show_default=False,
+        ),
+    ] = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
     """Show what is in a dataset: a summary, and a picture of the presses, forces and answers."""
     from skincal.dataset import read_dataset
+    from skincal.dataset.rest import active_threshold
     from skincal.dataset.summary import summarise
     from skincal.dataset.uniform import notes_on
     from skincal.files import refuse_existing, whole_file
@@ -97,6 +103,7 @@ def show(
     picture = checked_suffix(out or Path(f"{dataset.resolve().name}.png"))
     refuse_existing(picture, force=force)
     data = read_dataset(dataset)
+    threshold = active_threshold(data) if threshold is None else threshold
     summary = summarise(data, threshold)
     with whole_file(picture, force=force) as temporary:
         save(dataset_figure(data, threshold), temporary)
@@ -178,7 +185,7 @@ def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
         ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
         (
             "answered",
-            f"{summary.usable} presses by two taxels or more (over {summary.threshold_counts:g} counts)",
+            f"{summary.usable} presses by two taxels or more (over {summary.threshold_counts:.3g} {sensor.unit_label})",
         ),
     ]
     if summary.frames:

@@ -126,6 +126,21 @@ def import_rosbag(
     _told(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
 
 
+def _draw_clocks(done: Imported) -> Path | None:
+    """Draws how clocks were put on each other, into the dataset's folder; None where nothing was compared."""
+    compared = [clock for clock in done.clocks if len(clock.time_s)]
+    if not compared:
+        return None
+    from skincal.files import whole_file
+    from skincal.report.clocks import clocks_figure
+    from skincal.report.style import save
+
+    picture = done.folder / "clocks.png"
+    with whole_file(picture, force=True) as temporary:
+        save(clocks_figure(compared), temporary)
+    return picture
+
+
 def _offset(clock: JoinedClock) -> str:
     if not clock.estimated:
         return f"{clock.offset_s:+.6g} s, as given"
@@ -153,6 +168,9 @@ def _told(done: Imported, as_json: bool) -> None:
         say(f"skincal: note: {note}")
     for dropped in done.dropped:
         say(f"left out {dropped}")
+    picture = _draw_clocks(done)
+    if picture is not None:
+        say(f"picture of the clocks: {picture}")
     if done.assumed:
         say(f"assumed, not measured: {', '.join(done.assumed)}")
     warn(done.warnings)
@@ -167,6 +185,7 @@ def _told(done: Imported, as_json: bool) -> None:
                 "assumed": done.assumed,
                 "notes": done.notes,
                 "clocks": [_clock_json(clock) for clock in done.clocks],
+                "picture": picture,
                 "warnings": problems_json(done.warnings),
                 "findings": findings_json(done.warnings),
             }

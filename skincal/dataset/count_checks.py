@@ -14,6 +14,8 @@ BoolArray = NDArray[np.bool_]
 
 NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at rest was taken off.'
 
+NOT_WHOLE = "[sensor] integer = false"
+
 DEAD_STRETCH = 3
 """NaN in this many rows on end is a taxel that is dead for a part of the session; fewer are a mistake."""
 
@@ -41,7 +43,8 @@ def check_counts(reader: ColumnReader, sensor: SensorSpec, counts: FloatArray, *
     sheet.bad_cells(names, outside, counts, expected, "Correct value_min and value_max, or the counts.")
     if whole and sensor.integer and sensor.baseline == "raw":
         broken = finite & (counts != np.rint(counts))
-        sheet.bad_cells(names, broken, counts, "whole numbers, as [sensor] integer = true says", NO_INTEGERS)
+        expected = "whole numbers, as [sensor] integer = true says"
+        sheet.bad_cells(names, broken, counts, expected, NO_INTEGERS, code="unit_suspect", mapping=NOT_WHOLE)
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:

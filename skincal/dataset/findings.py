@@ -36,13 +36,19 @@ class Findings:
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
         """Adds an error."""
-        self.errors.append(Problem(self._whole(place), expected, str(got), fix, code, details))
+        self.errors.append(Problem(self._whole(place), expected, str(got), fix, code, details=details))
 
     def warn(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
         """Adds a warning."""
-        self.warnings.append(Problem(self._whole(place), expected, str(got), fix, code, details))
+        self.warnings.append(Problem(self._whole(place), expected, str(got), fix, code, details=details))
+
+    def note(
+        self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
+    ) -> None:
+        """Adds a warning of the mildest kind: it may well be meant so."""
+        self.warnings.append(Problem(self._whole(place), expected, str(got), fix, code, "note", details))
 
     def _whole(self, place: str) -> str:
         folder = str(self._folder or "")
@@ -106,20 +112,31 @@ class Sheet:
             add(self.rows(name, index), expected, listed([values[i] for i in index[:SHOWN]], index.size), fix)
 
     def bad_cells(
-        self, names: list[str], bad: NDArray[np.bool_], values: NDArray[Any], expected: str, fix: str = ""
+        self,
+        names: list[str],
+        bad: NDArray[np.bool_],
+        values: NDArray[Any],
+        expected: str,
+        fix: str = "",
+        code: str = "",
+        **details: Any,
     ) -> None:
         """Adds one problem for all cells of some columns where ``bad`` holds, shape (rows, columns)."""
         if not bad.any():
             return
         columns = np.flatnonzero(bad.any(axis=0))
         if columns.size == 1:
-            self.bad_rows(names[columns[0]], bad[:, columns[0]], values[:, columns[0]], expected, fix)
+            index = np.flatnonzero(bad[:, columns[0]])
+            name, column = names[columns[0]], values[:, columns[0]]
+            got = listed([column[i] for i in index[:SHOWN]], index.size)
+            self.findings.error(self.rows(name, index), expected, got, fix, code, **details)
             return
         cells = np.argwhere(bad)
         named = ", ".join(f"{names[c]} row {r + 1}" for r, c in cells[:SHOWN])
         more = f" and {len(cells) - SHOWN} more cells" if len(cells) > SHOWN else ""
         got = listed([values[r, c] for r, c in cells[:SHOWN]], len(cells))
-        self.findings.error(f"{self.file}, {columns.size} columns: {named}{more}", expected, got, fix)
+        place = f"{self.file}, {columns.size} columns: {named}{more}"
+        self.findings.error(place, expected, got, fix, code, **details)
 
 
 def listed(values: Iterable[Any], count: int) -> str:

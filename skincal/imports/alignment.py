@@ -85,7 +85,12 @@ def activities(images: FloatArray) -> list[FloatArray]:
 
 
 def estimate_offset(
-    name: str, taxels_s: FloatArray, images: FloatArray, file_s: FloatArray, columns: Mapping[str, FloatArray]
+    name: str,
+    taxels_s: FloatArray,
+    images: FloatArray,
+    file_s: FloatArray,
+    columns: Mapping[str, FloatArray],
+    within_s: float = np.inf,
 ) -> JoinedClock:
     """The offset of a file's clock.
 
@@ -95,10 +100,15 @@ def estimate_offset(
         images: their readings, shape (M, J).
         file_s: times of the file, ascending [s], shape (n,).
         columns: what the file says, force or positions, each (n,); the one that goes best with the taxels is taken.
+        within_s: only offsets up to this are looked at [s]; presses that recur evenly need such a bound.
 
     Raises:
         NoOffsetError: nothing goes with the taxels, or several offsets do alike.
     """
+    # Seconds since 1970 would take the last digits from the search.
+    zeros = float(taxels_s[0]), float(file_s[0])
+    apart = zeros[0] - zeros[1]
+    taxels_s, file_s = taxels_s - zeros[0], file_s - zeros[1]
     step = max(
         min(usual_step(taxels_s), usual_step(file_s)),
         (taxels_s[-1] - taxels_s[0]) / MOST_SAMPLES, (file_s[-1] - file_s[0]) / MOST_SAMPLES, 1e-6,
@@ -110,6 +120,7 @@ def estimate_offset(
             if given.sum() < 3 or np.ptp(values[given]) == 0 or np.ptp(activity) == 0:
                 continue
             lags, found = _correlations(taxels_s, activity, file_s[given], values[given], step)
+            found[np.abs(lags + apart) > within_s] = np.nan
             peak = float(np.nanmax(np.abs(found), initial=0.0))
             if best is None or peak > best[0]:
                 best = peak, lags, found, activity, values, column
@@ -118,7 +129,9 @@ def estimate_offset(
         raise NoOffsetError(f"no lag at which {', '.join(columns)} goes with the taxels ({reached})")
     peak, lags, found, activity, values, column = best
     at = int(np.nanargmax(np.abs(found)))
-    _check_unique(lags, np.abs(found), at, taxels_s, file_s)
+    _check_unique(lags + apart, np.abs(found), at)
+    if within_s - abs(lags[at] + apart) < step:
+        raise NoOffsetError(f"the correlation is largest at the bound of {within_s:g} s (within_s)")
     given = np.isfinite(values)
     file_s, values = file_s[given], values[given] * np.sign(found[at])
     offset, correlation = _refined(taxels_s, activity, file_s, values, float(lags[at]), 2 * step)
@@ -128,8 +141,8 @@ def estimate_offset(
     start, stop = max(taxels_s[0], (file_s + shift)[0]), min(taxels_s[-1], (file_s + shift)[-1])
     common = np.linspace(float(start), float(stop), 2000)
     return JoinedClock(
-        name, offset, sigma, rate, middle, True, column, correlation,
-        lags_s=lags[near], correlations=np.abs(found[near]), time_s=common,
+        name, offset + apart, sigma, rate, middle + zeros[1], True, column, correlation,
+        lags_s=lags[near] + apart, correlations=np.abs(found[near]), time_s=common + zeros[0],
         traces=np.stack([_share(np.interp(common, taxels_s, activity)),
                          _share(np.interp(common, file_s + shift, values))]),
     )  # fmt: skip
@@ -166,7 +179,7 @@ def _correlations(
     return lags, found
 
 
-def _check_unique(lags: FloatArray, found: FloatArray, at: int, a_s: FloatArray, b_s: FloatArray) -> None:
+def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
     """Raises where a lag beyond the foot of the peak does nearly as well."""
     filled = np.nan_to_num(found)
     left, right = at, at
@@ -178,10 +191,10 @@ def _check_unique(lags: FloatArray, found: FloatArray, at: int, a_s: FloatArray,
     others = filled.copy()
     others[left : right + 1] = 0.0
     second = int(others.argmax())
-    if 1 - others[second] ** 2 < ALIKE * (1 - filled[at] ** 2):
+    if 1 - others[second] ** 2 < ALIKE * (1 - filled[at] ** 2) + 1e-9:
         raise NoOffsetError(
             f"two offsets fit alike, {lags[at]:.4g} s and {lags[second]:.4g} s (correlations {filled[at]:.3f} and "
-            f"{others[second]:.3f}): the presses are too much alike"
+            f"{others[second]:.3f}): the presses are too much alike; within_s narrows the search"
         )
 
 

@@ -69,10 +69,17 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     fall = before - stamps[back]
     usual = usual_step(stamps)
     best: tuple[float, float, str] | None = None
+    span = float(np.nanmax(stamps) - np.nanmin(stamps))
     for words, period in _periods(unit_s):
         step = period - fall
         allowed = max(LARGEST_STEP * usual, SMALL_PART * period)
-        if (step >= 0).all() and (step <= allowed).all() and (best is None or step.max() < best[0]):
+        # A clock shows nothing beyond its period, and falls by most of it.
+        if (
+            span < period < 2 * fall.min()
+            and (step >= 0).all()
+            and (step <= allowed).all()
+            and (best is None or step.max() < best[0])
+        ):
             best = float(step.max()), period, words
     return None if best is None else Wraps(best[1], best[2], back)
 
@@ -85,8 +92,9 @@ def unwrapped(stamps: FloatArray, wraps: Wraps) -> FloatArray:
 
 
 def usual_step(stamps: FloatArray) -> float:
-    """Median step between rows, of those that go on; 0 where there is none."""
-    steps = np.diff(stamps[np.isfinite(stamps)])
+    """Median step from row to row, of those that go on; 0 where there is none."""
+    given = np.flatnonzero(np.isfinite(stamps))
+    steps = np.diff(stamps[given]) / np.diff(given)
     steps = steps[steps > 0]
     return float(np.median(steps)) if steps.size else 0.0
 

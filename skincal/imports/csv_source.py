@@ -63,6 +63,8 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
         if findings.errors:
             return recording
         recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
+    if findings.errors:
+        return recording
     return _complete(recording, mapping)
 
 

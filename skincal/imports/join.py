@@ -140,7 +140,7 @@ def _aligned(
         numbers = {"force_n": numbers["force_n"]}
     if entry.offset_s is None:
         try:
-            return estimate_offset(entry.name, ours, images, times, numbers)
+            return estimate_offset(entry.name, ours, images, times, numbers, entry.within_s)
         except NoOffsetError as error:
             findings.error(
                 f"{entry.place} offset_s",
@@ -161,13 +161,13 @@ def _aligned(
     given = JoinedClock(entry.name, entry.offset_s)
     try:
         inside = (ours >= onto[0] - LOOKED_S) & (ours <= onto[-1] + LOOKED_S)
-        found = estimate_offset(entry.name, ours[inside], images[inside], onto, numbers)
+        found = estimate_offset(entry.name, ours[inside], images[inside], onto, numbers, LOOKED_S)
     except (NoOffsetError, ValueError):
         return given
     apart = abs(found.offset_s) > max(
         APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times))
     )
-    if apart and abs(found.offset_s) < LOOKED_S:
+    if apart:
         findings.warn(
             f"{entry.place} offset_s", f"the clock of the taxels, with {entry.offset_s:g} s added",
             f"{found.by} goes best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta, TaxelPositions
+from skincal.dataset.word_checks import as_word, swapped
 from skincal.imports.units import Unit
 
 FORMAT = "skincal-import/1"
@@ -76,6 +77,8 @@ class Taxels:
         offset: what is added after the factor [counts].
         falling_from: what a sensor whose values fall with load is taken from; None: they grow.
         axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
+        word: ``uint16``, ``int16``, …: how readings of so many bits are to be taken; '' for as they are.
+        swap_bytes: whether the two bytes of each reading are exchanged.
         rest_rows: with several axes, so many rows at the start of a file are at rest.
     """
 
@@ -87,11 +90,17 @@ class Taxels:
     scale: float = 1.0
     offset: float = 0.0
     falling_from: float | None = None
+    word: str = ""
+    swap_bytes: bool = False
     axes: int = 1
     rest_rows: int = 0
 
     def counts(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images of the source, shape (rows, columns of the source), as counts that grow with load, (rows, J)."""
+        if self.swap_bytes:
+            values = swapped(values)
+        if self.word:
+            values = as_word(values, self.word)
         if self.axes > 1:
             vectors = values.reshape(len(values), -1, self.axes)
             values = np.linalg.norm(vectors - np.nanmedian(vectors[: self.rest_rows], axis=0), axis=2)
@@ -168,6 +177,7 @@ class JoinedFile:
         resample: how its values come to the times of the taxels.
         max_age_s: a value counts for so long [s]; None: three of its own steps.
         offset_s: what is added to its times to be on the clock of the taxels [s]; None: found by correlation.
+        within_s: only offsets up to this are looked at then [s].
     """
 
     name: str
@@ -178,6 +188,7 @@ class JoinedFile:
     resample: Resampling = "linear"
     max_age_s: float | None = None
     offset_s: float | None = 0.0
+    within_s: float = np.inf
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ LAYOUT_KEYS = (
     "layout", "block_rows", "rate_hz", "order",
 )  # fmt: skip
 CSV_KEYS = ("rows", "files", *LAYOUT_KEYS, "drop_incomplete")
-JOINED_KEYS = ("file", "time", "resample", "max_age_s", "offset_s", *LAYOUT_KEYS)
+JOINED_KEYS = ("file", "time", "resample", "max_age_s", "offset_s", "within_s", *LAYOUT_KEYS)
 TOPIC_KEYS = ("clock", "resample", "max_age_s", "lag_s")
 BAG_KEYS = ("files", "clock", "resample", "max_age_s", "definitions")
 JOINT_KEYS = ("topic", "names")
@@ -167,6 +167,7 @@ def _joined(table: StrictTable, name: str, findings: Findings) -> JoinedFile:
         if table.has("max_age_s")
         else None,
         offset_s=offset_s,
+        within_s=table.bounded("within_s", "a time [s], 0 or more", math.inf),
     )
 
 

@@ -10,10 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import SensorSpec
+from skincal.dataset.word_checks import WIDTHS
 from skincal.imports.mapping import Taxels
 from skincal.imports.strict import StrictTable, as_list
 
-KNOWN = ("order", "transpose", "flip_rows", "flip_cols", "scale", "offset", "falling_from")
+KNOWN = (
+    "order",
+    "transpose",
+    "flip_rows",
+    "flip_cols",
+    "scale",
+    "offset",
+    "falling_from",
+    "word",
+    "swap_bytes",
+)
 CSV_KEYS = ("columns", "first", "vectors", "axes", "rest_rows", *KNOWN)
 BAG_KEYS = ("topic", "field", "elements", *KNOWN)
 
@@ -21,6 +32,7 @@ PATTERN = (
     'a pattern like "tax_{r}_{c}", "p{R}{c}" or "s{j}", a list of all columns, or a list of rows of them'
 )
 VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of columns for each taxel'
+WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
 REST_ROWS = 50
 """So many rows at the start of a file are at rest, where the mapping does not say."""
 
@@ -61,6 +73,8 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
         scale=_finite(table, "scale", 1.0),
         offset=_finite(table, "offset", 0.0),
         falling_from=falling if falling is None or math.isfinite(falling) else 0.0,
+        word=(table.choice("word", WORDS) or "") if table.has("word") else "",
+        swap_bytes=table.flag("swap_bytes", default=False),
         axes=axes,
         rest_rows=table.whole("rest_rows", "a number of rows, at least 1", low=1)
         if table.has("rest_rows")
