@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from skincal.dataset.columns import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
-from skincal.dataset.sliding import SMALLEST_M, slide_m
+from skincal.dataset.sliding import SMALLEST_M, sample_noise_m, slide_m
 from skincal.dataset.tables import HOLD, IDLE
 from skincal.dataset.toml_table import MILLIMETRES, TWICE
 from skincal.dataset.unit_checks import (
@@ -317,9 +317,11 @@ def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
     hold = np.flatnonzero(frames.phase == HOLD)
     order = hold[np.argsort(frames.press[hold], kind="stable")]
     numbers, starts = np.unique(frames.press[order], return_index=True)
+    holds = np.split(frames.position_m[order], starts[1:])
+    noise = sample_noise_m(holds)
     slides = {
-        int(number): slide_m(frames.position_m[rows])
-        for number, rows in zip(numbers, np.split(order, starts[1:]), strict=True)
+        int(number): slide_m(held, noise)
+        for number, held in zip(numbers, holds, strict=True)
         if number in presses.press
     }
     sliding = [number for number, slid in slides.items() if slid > max(sigma, SMALLEST_M)]

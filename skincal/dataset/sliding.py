@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -12,36 +13,56 @@ FloatArray = NDArray[np.float64]
 SMALLEST_M: Final = 1e-4
 """A contact that moves less than this rests, however well its position is known [m]."""
 
-SMOOTHED, PARTS = 5, 8
-"""Positions are smoothed over so many samples, and no more than this part of the hold."""
+FEWEST_SAMPLES: Final = 4
+"""A hold of fewer samples says nothing of their noise."""
 
-NOISE_SIGMAS: Final = 5.0
-"""What noise alone makes of the extent of a smoothed path at most, in its standard deviations (simulated: 4.6 in 1 of
-1000 holds of 50 samples)."""
+PARTS: Final = 8
+"""Positions are smoothed over this part of a hold."""
+
+NOISE_SIGMAS: Final = 6.0
+"""What noise alone makes of the extent of a smoothed path, in its standard deviations (simulated: 1 in 1000 above)."""
 
 
-def slide_m(position_m: FloatArray) -> float:
+def sample_noise_m(holds: Sequence[FloatArray]) -> float:
+    """Standard deviation of a single position, of its vector, the median over the holds of a session [m].
+
+    Args:
+        holds: positions sample by sample, each (n, 3).
+    """
+    found: list[float] = []
+    for position in holds:
+        if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
+            # Differences of neighbours are of the noise alone: a slide is slow.
+            apart = np.diff(position, axis=0)
+            spread = np.median(np.abs(apart - np.median(apart, axis=0)), axis=0)
+            found.append(float(np.linalg.norm(1.4826 * spread)) / np.sqrt(2))
+    return float(np.median(found)) if found else 0.0
+
+
+def slide_m(position_m: FloatArray, noise_m: float) -> float:
     """How far a contact moves in its hold [m], noise of the positions left out; NaN where they are not known.
 
     Args:
         position_m: sample by sample, shape (n, 3).
+        noise_m: standard deviation of a single one (:func:`sample_noise_m`).
     """
-    path, noise = _path(position_m)
+    path, width = _path(position_m)
     if len(path) < 2:
         return float("nan")
-    return max(float(np.linalg.norm(np.ptp(path, axis=0))) - NOISE_SIGMAS * noise, 0.0)
+    noise = NOISE_SIGMAS * noise_m / np.sqrt(width)
+    return max(float(np.linalg.norm(np.ptp(path, axis=0))) - noise, 0.0)
 
 
-def rests(position_m: FloatArray, still_m: float) -> tuple[int, int]:
+def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
     """The longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
 
     Args:
         position_m: sample by sample, shape (n, 3).
         still_m: how far a contact that rests moves [m].
+        noise_m: standard deviation of a single position.
     """
-    path, noise = _path(position_m)
-    allowed = still_m + NOISE_SIGMAS * noise
-    width = len(position_m) - len(path) + 1
+    path, width = _path(position_m)
+    allowed = still_m + NOISE_SIGMAS * noise_m / np.sqrt(width)
     best, start = (0, 0), 0
     for stop in range(1, len(path) + 1):
         while np.linalg.norm(np.ptp(path[start:stop], axis=0)) > allowed:
@@ -51,15 +72,10 @@ def rests(position_m: FloatArray, still_m: float) -> tuple[int, int]:
     return best[0], best[1] + width - 1 if best[1] else 0
 
 
-def _path(position_m: FloatArray) -> tuple[FloatArray, float]:
-    """Smoothed positions (m, 3), and the standard deviation of their noise [m]; empty where they are not known."""
+def _path(position_m: FloatArray) -> tuple[FloatArray, int]:
+    """Positions smoothed over some samples (m, 3), and over how many; none where they are not known."""
     if len(position_m) < 2 or not np.isfinite(position_m).all():
-        return np.zeros((0, 3)), 0.0
-    width = max(1, min(SMOOTHED, len(position_m) // PARTS))
-    # Differences of neighbours are of the noise alone: a slide is slow.
-    apart = np.diff(position_m, axis=0)
-    sigma = float(
-        np.linalg.norm(1.4826 * np.median(np.abs(apart - np.median(apart, axis=0)), axis=0))
-    ) / np.sqrt(2)
+        return np.zeros((0, 3)), 1
+    width = max(1, len(position_m) // PARTS)
     total = np.cumsum(np.vstack([np.zeros(3), position_m]), axis=0)
-    return (total[width:] - total[:-width]) / width, sigma / np.sqrt(width)
+    return (total[width:] - total[:-width]) / width, width

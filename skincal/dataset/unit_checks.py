@@ -24,6 +24,9 @@ FORCE_UNITS: Final = {
 }  # fmt: skip
 """What one unit of force is in newtons."""
 
+LIKELY_UNITS: Final = ("grams-force", "kilograms-force", "millinewtons", "kilonewtons")
+"""Those that are guessed from a size alone."""
+
 USUAL_PRESSURE_PA: Final = 3e4
 """Mean pressure under an indenter that touches a skin: 1 N on 0.3 cm². Of several units the one that comes nearest."""
 
@@ -59,9 +62,9 @@ def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
     if not (low or high) or median_n <= 0:
         return None
     area = min(area_m2, CONTACT_M2) if low else area_m2
-    fitting = {name: factor for name, factor in FORCE_UNITS.items() if (factor > 1) == low}
-    best = min(fitting, key=lambda name: abs(np.log(median_n * fitting[name] / area / USUAL_PRESSURE_PA)))
-    return best, fitting[best]
+    fitting = [name for name in LIKELY_UNITS if (FORCE_UNITS[name] > 1) == low]
+    best = min(fitting, key=lambda name: abs(np.log(median_n * FORCE_UNITS[name] / area / USUAL_PRESSURE_PA)))
+    return best, FORCE_UNITS[best]
 
 
 def unit_of_ratio(ratio: float) -> tuple[str, float] | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,17 @@ def read_numpy(path: Path) -> Columns:
     Raises:
         ValueError: it is damaged, or holds objects, which would run code.
     """
-    loaded: Any = np.load(path, allow_pickle=False)
-    if hasattr(loaded, "files"):
-        return _columns({name: loaded[name] for name in loaded.files})
-    return _columns({"data": loaded})
+    try:
+        with path.open("rb") as file:
+            loaded: Any = np.load(file, allow_pickle=False)
+            arrays = (
+                {name: loaded[name] for name in loaded.files}
+                if hasattr(loaded, "files")
+                else {"data": loaded}
+            )
+    except BadZipFile as error:
+        raise ValueError(str(error)) from error
+    return _columns(arrays)
 
 
 def read_matlab(path: Path) -> Columns:

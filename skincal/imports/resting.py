@@ -8,12 +8,14 @@ import numpy as np
 
 from skincal.dataset.columns import POSITION
 from skincal.dataset.findings import Findings
-from skincal.dataset.sliding import SMALLEST_M, rests, slide_m
+from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
 from skincal.imports.mapping import Mapping
-from skincal.imports.recording import Recording
+from skincal.imports.recording import FloatArray, Recording
 from skincal.imports.series import Cut, Rejected, Series, Span
 
 SHOWN = 8
+TRIES, SMALLER = 6, 0.7
+"""A part of a hold is smoothed less than all of it: where it still slides by that measure, it is cut more closely."""
 
 
 def rested(
@@ -35,7 +37,8 @@ def rested(
         return found
     still = max(still, SMALLEST_M)
     position = recording.vector(POSITION)
-    slides = {span.number: slide_m(position[span.hold : span.hold_stop]) for span in found.spans}
+    noise = sample_noise_m([position[span.hold : span.hold_stop] for span in found.spans])
+    slides = {span.number: slide_m(position[span.hold : span.hold_stop], noise) for span in found.spans}
     sliding = [span for span in found.spans if slides[span.number] > still]
     if not sliding:
         return found
@@ -61,7 +64,7 @@ def rested(
         if span not in sliding:
             spans.append(span)
             continue
-        start, stop = rests(position[span.hold : span.hold_stop], still)
+        start, stop = _rest(position[span.hold : span.hold_stop], still, noise)
         time = series.time_s[span.hold + start : span.hold + stop]
         if len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s:
             why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
@@ -69,3 +72,13 @@ def rested(
             continue
         spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
     return Cut(tuple(spans), tuple(rejected))
+
+
+def _rest(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
+    """The longest part of a hold in which the contact rests, also by the measure of that part alone."""
+    start, stop = 0, 0
+    for turn in range(TRIES):
+        start, stop = rests(position_m, still_m * SMALLER**turn, noise_m)
+        if not slide_m(position_m[start:stop], noise_m) > still_m:
+            break
+    return start, stop

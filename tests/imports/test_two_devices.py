@@ -124,11 +124,11 @@ def test_files_named_one_after_the_other(tmp_path: Path):
 
 def test_single_stretches_of_two_devices(tmp_path: Path):
     """Each stretch has two files, whose clocks begin anew."""
-    halves = [TAXELS_S < FOUND.end_s / 2, TAXELS_S >= FOUND.end_s / 2]
+    halves = [FOUND.end_s / 2 > TAXELS_S, FOUND.end_s / 2 <= TAXELS_S]
     table, gauge = taxel_table(FOUND, TAXELS_S), gauge_table(FOUND, GAUGE_S)
     border = float(FOUND.start_s[7] - 0.3)
     for k, (mine, theirs) in enumerate(
-        ((TAXELS_S < border, GAUGE_S < border), (TAXELS_S >= border, GAUGE_S >= border - 0.1))
+        ((border > TAXELS_S, border > GAUGE_S), (border <= TAXELS_S, border - 0.1 <= GAUGE_S))
     ):
         zero = TAXELS_S[mine][0]
         table[mine].assign(t=TAXELS_S[mine] - zero).to_csv(tmp_path / f"sensor{k}.csv", index=False)
