@@ -103,6 +103,20 @@ def import_csv(
 
 
 @app.command(
+    "template",
+    short_help="Print a mapping to begin with: for csv, rosbag, or a public data set.",
+    epilog=example("skincal import template eflesh > mapping.toml"),
+)
+def import_template(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="csv, rosbag or eflesh.", show_default=False)],
+) -> None:
+    """Print a commented mapping file: a general one, or that of a public data set."""
+    from skincal.imports import template
+
+    typer.echo(template(name), nl=False)
+
+
+@app.command(
     "rosbag",
     short_help="Of ROS 1 or ROS 2 bags: their streams on one clock.",
     epilog=example(

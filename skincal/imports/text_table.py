@@ -222,7 +222,11 @@ def _parse(
 
 def _column(column: Any, kind: str, form: CsvFormat) -> Column:
     if str(column.type) == "double":
-        return np.asarray(column.to_numpy(), dtype=np.float64)
+        values = np.array(column.to_numpy(), dtype=np.float64)
+        # A number that stands for nothing may be written as -1, -1.0 or -1.00.
+        marks, no_mark = _parsed(np.array(form.missing, dtype=object), form.decimal)
+        values[np.isin(values, marks[np.isfinite(marks) & ~no_mark])] = np.nan
+        return values
     cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
     words = np.array(cells, dtype=object)
     if kind == "text":
