@@ -156,7 +156,7 @@ def patch_reach_m(dataset: Dataset) -> float:
 def pressed_area_m2(dataset: Dataset) -> float:
     """The area that the indenter can press on at most [m²]: its own, or the patch if that is less.
 
-    A flat punch larger than the patch stands for a pressure everywhere: its own area counts.
+    A flat punch on a plane may stand for a pressure everywhere: its own area counts.
     """
     low, high = dataset.layout().bounds_m
     patch = float(np.prod(high - low))
@@ -164,7 +164,8 @@ def pressed_area_m2(dataset: Dataset) -> float:
     if not np.isfinite(radii).any():
         return patch
     own = float(np.pi * np.median(radii[np.isfinite(radii)]) ** 2)
-    return own if dataset.meta.indenter.kind == "flat" else min(own, patch)
+    everywhere = dataset.meta.indenter.kind == "flat" and dataset.meta.surface.kind == "plane"
+    return own if everywhere else min(own, patch)
 
 
 def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Findings) -> None:

@@ -12,7 +12,7 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE
-from skincal.dataset.word_checks import bytes_swapped, find_wrapped
+from skincal.dataset.word_checks import bytes_swapped, correlation, find_wrapped
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +47,13 @@ LEAST_COUNT: Final = 5.0
 
 FALLING_SIGMAS, FALLING_PART, FALLING_CELLS = 6.0, 4.0, 6
 """A sensor falls where readings so many sigmas below rest weigh so many times those above, in so many cells."""
+
+
+FALLING_CORRELATION: Final = -0.35
+"""Or where they go so much against the load (that of images in another order of the taxels is -0.15 at least)."""
+
+REACH_PITCHES: Final = 1.5
+"""A press reaches about so many pitches, the nominal pose being off by some (a tolerance)."""
 
 
 def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
@@ -98,18 +105,32 @@ def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) ->
     _check_direction(dataset, files["presses"], findings)
 
 
+def expected_load(dataset: Dataset) -> FloatArray:
+    """About what each taxel bore in each press: the force, less with the distance, at the nominal pose, (K, J)."""
+    presses, layout = dataset.presses, dataset.layout()
+    force = np.repeat(np.abs(presses.force_n)[:, None], dataset.meta.sensor.taxels, axis=1)
+    if not np.isfinite(dataset.meta.position.sigma_m) or not np.isfinite(presses.position_m).all():
+        return force
+    centres = dataset.surface().wrap(dataset.nominal_pose(), layout.centres_m)[0]
+    away = np.linalg.norm(presses.position_m[:, None] - centres, axis=2)
+    low, high = layout.bounds_m
+    pitch = float(np.sqrt(np.prod(high - low) / max(dataset.meta.sensor.taxels, 1)))
+    return force * np.exp(-0.5 * (away / (REACH_PITCHES * pitch)) ** 2)
+
+
 def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Findings) -> bool:
     names = list(dataset.meta.sensor.taxel_columns())
-    wrapped = find_wrapped(counts)
+    wrapped = find_wrapped(counts, expected_load(dataset) if counts is dataset.presses.counts else None)
     if wrapped is not None:
         size = 2**wrapped.bits
         mapping = f'[taxels] word = "{wrapped.word}"'
         mend = f"add {size} to negative ones" if counts[np.isfinite(counts)].min() < 0 else (
             f"add {size} to those that came out low" if wrapped.word.startswith("u") else f"take {size} off high ones"
         )  # fmt: skip
+        between = "with nothing between, " if wrapped.apart else "where the load is largest, "
         findings.warn(
             file, "readings within the range of their words",
-            f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, with nothing between, from "
+            f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from "
             f"{named(names, wrapped.taxels)}",
             f"The words have overflowed: {mend}, or import again with {mapping}.",
             code="counter_wrapped", modulus=size, mapping=mapping,
@@ -200,7 +221,9 @@ def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
     clear &= np.isfinite(apart)
     below, above = -apart[clear & (apart < 0)].sum(), apart[clear & (apart > 0)].sum()
     cells = int((clear & (apart < 0)).sum())
-    if cells < FALLING_CELLS or below <= FALLING_PART * above:
+    against = correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
+    falls = cells >= FALLING_CELLS and below > FALLING_PART * above
+    if not (against or falls):
         return
     mapping = "[taxels] falling_from = " + (
         "0" if dataset.meta.sensor.baseline == "subtracted" else f"{float(np.nanmax(counts)):.6g}"

@@ -24,6 +24,9 @@ FEWEST_CELLS: Final = 2
 NEAR_END: Final = 1 / 64
 """Readings that fell below zero lie in this part of the range at its upper end."""
 
+GAINED: Final = 0.15
+"""Readings have wrapped where taking them as unsigned adds so much to their correlation with the load (set by eye)."""
+
 SHRINKS: Final = 1 / 8
 """Bytes are called swapped where exchanging them makes the range of most taxels this much smaller."""
 
@@ -37,19 +40,23 @@ class Wrapped:
         word: how they are to be read: ``uint16``, ``int16``, …
         taxels: flat indices of the taxels concerned.
         readings: how many have wrapped.
+        apart: whether nothing lies between them and the others; else it is the load that tells.
     """
 
     bits: int
     word: str
     taxels: NDArray[np.int64]
     readings: int
+    apart: bool = True
 
 
-def find_wrapped(counts: FloatArray) -> Wrapped | None:
+def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
     """Readings that went beyond their word and came out at its other end; None where there are none.
 
     Args:
         counts: readings as they are stored, shape (n, J).
+        load: about what each taxel bore, in any unit, shape (n, J); with it, signed words that fill all of their range
+            are told as well. None: not known.
     """
     finite = np.isfinite(counts)
     if not finite.any():
@@ -62,6 +69,18 @@ def find_wrapped(counts: FloatArray) -> Wrapped | None:
             found = [_signed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
             if sum(found) >= FEWEST_CELLS:
                 return Wrapped(bits, f"uint{bits}", np.flatnonzero(found), sum(found))
+            negative = finite & (counts < -size / 16)
+            if (
+                load is not None
+                and high > size / 4
+                and negative.sum() >= FEWEST_CELLS
+                and _whole(counts[finite])
+            ):
+                word = f"uint{bits}"
+                if correlation(as_word(counts, word), load) > correlation(counts, load) + GAINED:
+                    return Wrapped(
+                        bits, word, np.flatnonzero(negative.any(axis=0)), int(negative.sum()), apart=False
+                    )
         elif low >= 0 and high < size:
             found = [_overflowed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
             if sum(found) >= FEWEST_CELLS:
@@ -70,6 +89,25 @@ def find_wrapped(counts: FloatArray) -> Wrapped | None:
             if np.count_nonzero(found) > counts.shape[1] / 2:
                 return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found))
     return None
+
+
+def correlation(counts: FloatArray, load: FloatArray) -> float:
+    """How the readings of the taxels go with their loads, each about its mean; 0 where nothing changes.
+
+    Args:
+        counts: readings, shape (n, J).
+        load: what each taxel bore, shape (n, J).
+    """
+    both = np.isfinite(counts) & np.isfinite(load)
+    number = np.maximum(both.sum(axis=0), 1)
+    x = np.where(both, counts - np.where(both, counts, 0).sum(axis=0) / number, 0.0)
+    y = np.where(both, load - np.where(both, load, 0).sum(axis=0) / number, 0.0)
+    size = float(np.sqrt((x**2).sum() * (y**2).sum()))
+    return float((x * y).sum()) / size if size > 0 else 0.0
+
+
+def _whole(values: FloatArray) -> bool:
+    return bool((values == np.rint(values)).all())
 
 
 def as_word(values: FloatArray, word: str) -> FloatArray:
@@ -100,7 +138,7 @@ def bytes_swapped(counts: FloatArray) -> bool:
     words = np.where(finite, np.mod(np.where(finite, counts, 0), 65536), np.nan)
     low = np.mod(words, 256)[finite]
     # Values of 8 bits shifted up have no low byte to speak of: both orders are the same to the eye.
-    if len(np.unique(low)) < 3:
+    if not low.any():
         return False
     alive = finite.sum(axis=0) >= 8
     if not alive.any():

@@ -28,6 +28,10 @@ APART_SIGMAS, APART_STEPS, LOOKED_S = 4.0, 2.0, 5.0
 """Clocks that are said to agree are called apart beyond so many sigmas and steps; only so near is looked [s]."""
 
 
+ZONE_S = 900.0
+"""Zones of time differ by multiples of this [s]."""
+
+
 def assigned(
     joined: Sequence[JoinedFile], given: Sequence[Path], folder: Path
 ) -> tuple[list[Path], dict[str, list[Path]]]:
@@ -119,10 +123,10 @@ def join_file(
 
 
 def _same_day(ours: FloatArray, kind: Kind, times: FloatArray, clock: Clock) -> tuple[FloatArray, str]:
-    """Times of a file on the day of the taxels, where only one of the two has a date."""
-    if {kind, clock.kind} == {"day"} or "day" not in (kind, clock.kind):
+    """Times of a file on the day of the taxels, where one of the two, or both, have no date."""
+    if "day" not in (kind, clock.kind):
         return times, ""
-    # Of the two starts, the dated one within its day; the two are then no more than half a day apart.
+    # The two start no more than half a day apart.
     shift = DAY_S * np.rint((ours[0] - times[0]) / DAY_S)
     return times + shift, " (of the same day)"
 
@@ -151,10 +155,13 @@ def _aligned(
             return None
     onto = times + entry.offset_s
     if onto[-1] < ours[0] or onto[0] > ours[-1]:
+        zone = ZONE_S * float(np.rint((ours[0] - onto[0]) / ZONE_S))
+        meets = onto[-1] + zone > ours[0] and onto[0] + zone < ours[-1] and abs(zone) <= DAY_S / 2
+        close = f" (for a time zone, {entry.offset_s + zone:g})" if zone and meets else ""
         findings.error(
             f"{entry.place}", f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
             f"{onto[0]:.12g} s to {onto[-1]:.12g} s{note}",
-            "Their clocks differ: give offset_s, what is to be added to its times (a time zone?), or set "
+            f"Their clocks differ: give offset_s, what is to be added to its times{close}, or set "
             'offset_s = "estimate".',
         )  # fmt: skip
         return None

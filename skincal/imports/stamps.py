@@ -30,6 +30,9 @@ Kind = Literal["number", "date", "day"]
 
 TIME_OF_DAY = r"\d{1,2}:\d{2}:\d{2}(?:\.\d+)?"
 
+DATE_MARKS = ("%d", "%j", "%x", "%c", "%D", "%F", "%s")
+"""What a format says of the date; without any of these it is of a time of day."""
+
 DISPLACED = 20
 """Rows that stand so many places from where their stamps put them were written late; farther, the clock was set."""
 
@@ -137,6 +140,9 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
     )
     fix = "" if time.format else 'Dates of another form need a format, like "%d.%m.%Y %H:%M:%S.%f".'
     table.sheet.bad_rows(name, given & ~good, cells.to_numpy(), expected, fix)
+    if time.format and not any(mark in time.format for mark in DATE_MARKS):
+        within = dates - dates.dt.normalize()
+        return np.asarray(within.dt.total_seconds(), dtype=np.float64), "day"
     since = (dates - pd.Timestamp("1970-01-01", tz="UTC")).dt.total_seconds()
     return np.asarray(since, dtype=np.float64), "date"
 

@@ -63,6 +63,13 @@ def test_signed_words_that_overflow(tmp_path: Path, original: Dataset):
     np.testing.assert_array_equal(as_word(stored, "uint16"), true)
 
 
+def test_signed_words_that_fill_their_range(tmp_path: Path, original: Dataset):
+    """A sensor that rests at zero: what lies between the ends is full of readings, and the load tells."""
+    counts = np.rint(1.4 * original.presses.counts)
+    (problem,) = found(tmp_path, changed(original, as_word(counts, "int8")))
+    assert problem.code == "counter_wrapped" and problem.details["mapping"] == '[taxels] word = "uint8"'
+
+
 @pytest.mark.parametrize("bits", [8, 12, 24])
 def test_words_of_other_widths(bits: int, original: Dataset):
     size = 2.0**bits
@@ -133,6 +140,15 @@ def test_falling_sensor(tmp_path: Path, original: Dataset, baseline: str):
     (problem,) = found(tmp_path, changed(original, counts, baseline=baseline))
     assert problem.code == "unit_suspect" and problem.details["factor"] == -1.0
     assert "falling_from" in problem.fix
+
+
+def test_busy_falling_sensor(tmp_path: Path, original: Dataset):
+    """Most presses touch most taxels: the level at rest is not to be seen, the load tells."""
+    from skincal.dataset.unit_checks import expected_load
+
+    counts = 800.0 - np.rint(100 * expected_load(original) ** 0.5)
+    (problem,) = found(tmp_path, changed(original, counts))
+    assert problem.details["factor"] == -1.0
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,27 @@ def test_clocks_that_do_not_meet(tmp_path: Path):
         recorded(tmp_path, TAXELS_S, EPOCH_S + GAUGE_S, mapping(PLANE, TWO_FILES))
 
 
+def test_time_zone_is_named(tmp_path: Path):
+    words = pd.to_datetime(EPOCH_S + 7200 + 3600 + TAXELS_S, unit="s").strftime("%I:%M:%S.%f %p")
+    time = {"unit": "datetime", "format": "%I:%M:%S.%f %p"}
+    content = mapping(PLANE, TWO_FILES, columns={"time_s": time})
+    with pytest.raises(InputError, match=r"for a time zone, 3600"):
+        recorded(tmp_path, words, EPOCH_S + 7200 + GAUGE_S, content)
+    content["files"]["gauge"]["offset_s"] = 3600.0
+    assert_joined(recorded(tmp_path, words, EPOCH_S + 7200 + GAUGE_S, content)[0])
+
+
+def test_gauge_that_starts_after_midnight(tmp_path: Path):
+    start = EPOCH_S - 2.0
+    words = [
+        pd.to_datetime(start + time, unit="s").strftime("%H:%M:%S.%f").str[:-3]
+        for time in (TAXELS_S, GAUGE_S + 2.5)
+    ]
+    content = mapping(PLANE, TWO_FILES, columns={"time_s": {"unit": "datetime"}},
+                      files={"gauge": {"time": {"unit": "datetime"}, "offset_s": -2.5}})  # fmt: skip
+    assert_joined(recorded(tmp_path, *words, content)[0])
+
+
 def test_clocks_that_are_said_to_agree_and_do_not(tmp_path: Path):
     _, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S + 1.0, mapping(PLANE, TWO_FILES))
     (warning,) = [p for p in done.warnings if "offset_s" in p.place]
