@@ -13,9 +13,10 @@ import pytest
 
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError, WorkError
-from skincal.imports import import_csv
+from skincal.imports import import_csv, import_rosbag
 from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
 from tests.imports.foreign import mapping, write_mapping
+from tests.imports.ros import BAG
 
 FOUND = contacts()
 TIME = np.arange(0, FOUND.end_s, 0.02)
@@ -227,6 +228,15 @@ def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_other_files_are_refused_by_their_kind(tmp_path: Path, name: str, content: bytes, text: str):
     (tmp_path / name).write_bytes(content)
     assert text in refused(tmp_path, tmp_path / name, mapping(PLANE, ONE_FILE))
+
+
+def test_mcap_of_other_messages(tmp_path: Path):
+    """Its index names the encoding of its channels."""
+    name = b"protobuf"
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(64) + len(name).to_bytes(4, "little") + name)
+    content = mapping(BAG, {"topics": None, "joints": None})
+    with pytest.raises(InputError, match="an MCAP file of protobuf messages"):
+        import_rosbag(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.mcap"])
 
 
 def test_vectors_of_three_axes(tmp_path: Path):
