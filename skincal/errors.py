@@ -6,8 +6,9 @@ on standard error and its ``exit_status``; a library user catches it as an ordin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -19,12 +20,18 @@ class Problem:
         expected: what should have been there.
         got: what was there.
         fix: what to do about it; empty where the expectation says it already.
+        code: a word that programs can ask for; '' for most.
+        severity: ``warning``, or ``note`` for what may well be meant so.
+        details: what programs may want besides: a ``factor`` that mends a unit, the ``presses`` that are meant.
     """
 
     place: str
     expected: str
     got: str
     fix: str = ""
+    code: str = ""
+    severity: str = "warning"
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)
 
     def __str__(self) -> str:
         text = _shown(f"{self.place}: expected {self.expected}; got {_cut(self.got)}")

@@ -75,7 +75,27 @@ def say(message: str) -> None:
         typer.echo(message, err=True)
 
 
+def problems_json(problems: Iterable[Problem]) -> list[dict[str, str]]:
+    """Problems as JSON has them."""
+    return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
+
+
+def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:
+    """Problems that programs can ask for, by their codes."""
+    return [
+        {
+            "code": p.code,
+            "severity": p.severity,
+            "text": f"{p.place}: expected {p.expected}; got {p.got}",
+            "advice": p.fix,
+            **p.details,
+        }
+        for p in problems
+        if p.code
+    ]
+
+
 def warn(problems: Iterable[Problem]) -> None:
     """Prints warnings on standard error."""
     for problem in problems:
-        say(f"skincal: warning: {problem}")
+        say(f"skincal: {problem.severity}: {problem}")

@@ -7,14 +7,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import DatasetArgument, ForceOption, JsonOption, example, print_json, say, warn
+from skincal.cli.common import (
+    DatasetArgument,
+    ForceOption,
+    JsonOption,
+    example,
+    findings_json,
+    print_json,
+    problems_json,
+    say,
+    warn,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from skincal.dataset import Dataset
     from skincal.dataset.summary import Summary
-    from skincal.errors import Problem
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -41,7 +50,12 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     notes = () if found.dataset is None else notes_on(found.dataset)
     _note(notes)
     if as_json:
-        found_out = {"errors": _problems(found.errors), "warnings": _problems(found.warnings), "notes": notes}
+        found_out = {
+            "errors": problems_json(found.errors),
+            "warnings": problems_json(found.warnings),
+            "notes": notes,
+            "findings": findings_json((*found.errors, *found.warnings)),
+        }
         print_json({"dataset": dataset, "ok": not found.errors, **found_out})
     if found.errors:
         # All of them, however many: that is what was asked for.
@@ -66,14 +80,20 @@ def show(
         ),
     ] = None,
     threshold: Annotated[
-        float,
-        typer.Option("--threshold", min=0.0, help="Counts above the level at rest that make a taxel active."),
-    ] = 5.0,
+        float | None,
+        typer.Option(
+            "--threshold",
+            min=0.0,
+            help="Counts above rest that make a taxel active [default: 5; by the noise where all are less]",
+            show_default=False,
+        ),
+    ] = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
     """Show what is in a dataset: a summary, and a picture of the presses, forces and answers."""
     from skincal.dataset import read_dataset
+    from skincal.dataset.rest import active_threshold
     from skincal.dataset.summary import summarise
     from skincal.dataset.uniform import notes_on
     from skincal.files import refuse_existing, whole_file
@@ -83,6 +103,7 @@ def show(
     picture = checked_suffix(out or Path(f"{dataset.resolve().name}.png"))
     refuse_existing(picture, dataset, force=force, mark=PICTURE_MARK)
     data = read_dataset(dataset)
+    threshold = active_threshold(data) if threshold is None else threshold
     summary = summarise(data, threshold)
     with whole_file(picture, force=force, mark=PICTURE_MARK) as temporary:
         save(dataset_figure(data, threshold), temporary)
@@ -105,10 +126,6 @@ def show(
 def _note(notes: tuple[str, ...]) -> None:
     for note in notes:
         say(f"skincal: note: {note}")
-
-
-def _problems(problems: tuple[Problem, ...]) -> list[dict[str, str]]:
-    return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
 
 
 def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
@@ -136,7 +153,8 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
         "dead_taxels": summary.dead,
         "labels": summary.labels,
         "columns": summary.columns,
-        "warnings": _problems(data.warnings),
+        "warnings": problems_json(data.warnings),
+        "findings": findings_json(data.warnings),
     }
 
 
@@ -167,7 +185,7 @@ def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
         ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
         (
             "answered",
-            f"{summary.usable} presses by two taxels or more (over {summary.threshold_counts:g} counts)",
+            f"{summary.usable} presses by two taxels or more (over {summary.threshold_counts:.3g} {sensor.unit_label})",
         ),
     ]
     if summary.frames:

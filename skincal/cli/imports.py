@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, OutOption, example, print_json, say, warn
+from skincal.cli.common import (
+    ForceOption,
+    JsonOption,
+    OutOption,
+    example,
+    findings_json,
+    print_json,
+    problems_json,
+    say,
+    warn,
+)
 
 if TYPE_CHECKING:
     from skincal.imports import Imported
+    from skincal.imports.alignment import JoinedClock
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -92,6 +103,20 @@ def import_csv(
 
 
 @app.command(
+    "template",
+    short_help="Print a mapping to begin with: for csv, rosbag, or a public data set.",
+    epilog=example("skincal import template eflesh > mapping.toml"),
+)
+def import_template(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="csv, rosbag or eflesh.", show_default=False)],
+) -> None:
+    """Print a commented mapping file: a general one, or that of a public data set."""
+    from skincal.imports import template
+
+    typer.echo(template(name), nl=False)
+
+
+@app.command(
     "rosbag",
     short_help="Of ROS 1 or ROS 2 bags: their streams on one clock.",
     epilog=example(
@@ -115,12 +140,51 @@ def import_rosbag(
     _told(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
 
 
+def _draw_clocks(done: Imported) -> Path | None:
+    """Draws how clocks were put on each other, into the dataset's folder; None where nothing was compared."""
+    compared = [clock for clock in done.clocks if len(clock.time_s)]
+    if not compared:
+        return None
+    from skincal.files import whole_file
+    from skincal.report.clocks import clocks_figure
+    from skincal.report.style import save
+
+    picture = done.folder / "clocks.png"
+    with whole_file(picture, force=True) as temporary:
+        save(clocks_figure(compared), temporary)
+    return picture
+
+
+def _offset(clock: JoinedClock) -> str:
+    if not clock.estimated:
+        return f"{clock.offset_s:+.6g} s, as given"
+    rate = f", which runs off by {1e6 * clock.rate:+.0f} parts per million" if clock.rate else ""
+    return (
+        f"{clock.offset_s:+.6f} ± {clock.sigma_s:.2g} s{rate}, by the correlation of {clock.by} with the taxels "
+        f"({clock.correlation:.3f})"
+    )
+
+
+def _clock_json(clock: JoinedClock) -> dict[str, Any]:
+    return {
+        "file": clock.name, "offset_s": clock.offset_s, "sigma_s": clock.sigma_s, "rate": clock.rate,
+        "estimated": clock.estimated, "by": clock.by, "correlation": clock.correlation,
+    }  # fmt: skip
+
+
 def _told(done: Imported, as_json: bool) -> None:
     """Says what was read, left out and written."""
     for file in done.read:
         say(f"read {file.rows} rows of {file.file}")
+    for clock in done.clocks:
+        say(f"clock of {clock.name}: {_offset(clock)}")
+    for note in done.notes:
+        say(f"skincal: note: {note}")
     for dropped in done.dropped:
         say(f"left out {dropped}")
+    picture = _draw_clocks(done)
+    if picture is not None:
+        say(f"picture of the clocks: {picture}")
     if done.assumed:
         say(f"assumed, not measured: {', '.join(done.assumed)}")
     warn(done.warnings)
@@ -133,7 +197,11 @@ def _told(done: Imported, as_json: bool) -> None:
                 "read": [{"file": file.file, "rows": file.rows} for file in done.read],
                 "dropped": [{"count": d.count, "what": d.what, "why": d.why} for d in done.dropped],
                 "assumed": done.assumed,
-                "warnings": [vars(problem) for problem in done.warnings],
+                "notes": done.notes,
+                "clocks": [_clock_json(clock) for clock in done.clocks],
+                "picture": picture,
+                "warnings": problems_json(done.warnings),
+                "findings": findings_json(done.warnings),
             }
         )
         return

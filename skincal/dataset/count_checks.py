@@ -16,6 +16,8 @@ BoolArray = NDArray[np.bool_]
 
 NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at rest was taken off.'
 
+NOT_WHOLE = "[sensor] integer = false"
+
 DEAD_STRETCH = 3
 """NaN in this many rows on end is a taxel that is dead for a part of the session; fewer are a mistake."""
 
@@ -54,7 +56,8 @@ def check_counts(
     sheet.bad_cells(infinite, "a finite number of counts", GIVE_OR_DROP)
     expected = f"counts within [{low:g}, {high:g}] (value_min, value_max)"
     sheet.bad_cells(outside, expected, "Correct value_min and value_max, or the counts.")
-    sheet.bad_cells(broken, "whole numbers, as [sensor] integer = true says", NO_INTEGERS)
+    expected = "whole numbers, as [sensor] integer = true says"
+    sheet.bad_cells(broken, expected, NO_INTEGERS, code="unit_suspect", mapping=NOT_WHOLE)
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:

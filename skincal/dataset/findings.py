@@ -39,13 +39,25 @@ class Findings:
         self.errors: list[Problem] = []
         self.warnings: list[Problem] = []
 
-    def error(self, place: str, expected: str, got: object, fix: str = "") -> None:
+    def error(
+        self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
+    ) -> None:
         """Adds an error."""
-        self._add(self.errors, Problem(self._whole(place), expected, str(got), fix))
+        self._add(self.errors, Problem(self._whole(place), expected, str(got), fix, code, details=details))
 
-    def warn(self, place: str, expected: str, got: object, fix: str = "") -> None:
+    def warn(
+        self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
+    ) -> None:
         """Adds a warning."""
-        self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix))
+        self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, details=details))
+
+    def note(
+        self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
+    ) -> None:
+        """Adds a warning of the mildest kind: it may well be meant so."""
+        self._add(
+            self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details)
+        )
 
     def _add(self, problems: list[Problem], problem: Problem) -> None:
         """Adds one to the others, as long as somebody may read them."""
@@ -114,7 +126,9 @@ class Sheet:
             add = self.findings.warn if warning else self.findings.error
             add(self.rows(name, index), expected, listed([values[i] for i in index[:SHOWN]], index.size), fix)
 
-    def bad_cells(self, cells: BadCells, expected: str, fix: str = "") -> None:
+    def bad_cells(
+        self, cells: BadCells, expected: str, fix: str = "", code: str = "", **details: Any
+    ) -> None:
         """Adds one problem for all cells of some columns that are wrong in the same way."""
         if not cells.counts:
             return
@@ -123,11 +137,12 @@ class Sheet:
         if len(cells.counts) == 1:
             ((name, _),) = cells.counts.items()
             rows = np.array([row for row, *_ in first])
-            self.findings.error(self.rows(name, rows, total), expected, got, fix)
+            self.findings.error(self.rows(name, rows, total), expected, got, fix, code, **details)
             return
         named = ", ".join(f"{name} row {row + 1}" for row, _, name, _ in first)
         more = f" and {total - SHOWN} more cells" if total > SHOWN else ""
-        self.findings.error(f"{self.file}, {len(cells.counts)} columns: {named}{more}", expected, got, fix)
+        place = f"{self.file}, {len(cells.counts)} columns: {named}{more}"
+        self.findings.error(place, expected, got, fix, code, **details)
 
 
 class BadCells:

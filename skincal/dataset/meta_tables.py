@@ -28,7 +28,7 @@ TABLES = ("sensor", "surface", "indenter", "mount", "position", "force", "clock"
 OPTIONAL_TABLES = ("force", "clock")
 KNOWN = {
     "sensor": (
-        "rows", "cols", "taxel_size_m", "pitch_m", "value_min", "value_max", "integer", "baseline",
+        "rows", "cols", "taxel_size_m", "pitch_m", "value_min", "value_max", "integer", "unit", "baseline",
         "positions",
     ),
     "surface": ("kind", "radius_m", "file"),
@@ -143,6 +143,7 @@ def sensor_from(table: TomlTable) -> SensorSpec:
         baseline=table.choice("baseline", ("raw", "subtracted"), default="raw"),
         positions=table.text("positions", "a file name") if listed else None,
         extra=table.extra,
+        unit=table.text("unit", 'a unit of taxel values, like "V"') if table.has("unit") else None,
     )
     _check_sensor(table, sensor)
     return sensor

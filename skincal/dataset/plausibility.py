@@ -6,7 +6,7 @@ A quantity is only called wrong where its *median* cannot be meant: single press
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,17 @@ from numpy.typing import NDArray
 from skincal.dataset.columns import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
+from skincal.dataset.sliding import SMALLEST_M, sample_noise_m, slide_m
 from skincal.dataset.tables import HOLD, IDLE
 from skincal.dataset.toml_table import MILLIMETRES, TWICE
+from skincal.dataset.unit_checks import (
+    CODE,
+    FORCE_BEYOND_DOUBT_N,
+    check_values,
+    force_unit,
+    scaled_by,
+    unit_of_ratio,
+)
 
 if TYPE_CHECKING:
     from skincal.model import Surface
@@ -26,9 +35,6 @@ IntArray = NDArray[np.int64]
 HIGHEST_PRESSURE_PA = 3e6
 LOWEST_PRESSURE_PA = 100.0
 """Mean pressures under the indenter beyond which a median force is not meant in newtons."""
-
-FORCE_BEYOND_DOUBT_N = 50.0
-"""A median force below this is never called too high: a needle reaches any pressure."""
 
 WHICH_FRAME = "Is the surface in dataset.toml the right one, and the frame the fingertip's?"
 
@@ -66,6 +72,7 @@ def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings)
         _check_positions(dataset, surface, points, (files["presses"], TARGET), findings)
     _check_forces(dataset, presses.force_n, f"{files['presses']}, column force_n", findings)
     _check_covariates(dataset, files["presses"], findings)
+    check_values(dataset, files, findings)
     if frames is not None:
         touching = np.flatnonzero(frames.phase != IDLE)
         touched = frames.position_m[touching[:: max(len(touching) // MOST_POINTS, 1)]]
@@ -79,7 +86,9 @@ def check_scale(points: FloatArray, file: str, findings: Findings) -> None:
     if size > 1.0:
         fix = MILLIMETRES if size / 1000 < 1.0 else ""
         place = f"{file}, columns x_m, y_m, z_m"
-        findings.error(place, "contact points [m]", f"a median distance of {size:.3g} m", fix)
+        findings.error(
+            place, "contact points [m]", f"a median distance of {size:.3g} m", fix, **_millimetres(fix)
+        )
 
 
 def _check_positions(
@@ -103,14 +112,16 @@ def _check_positions(
         if wrong.sum() == 1:
             place = f"{at[0]}, column {at[1][int(wrong.argmax())]}"
         fix = MILLIMETRES if _median_away(scaled, centre) < FAR * reach else WHICH_FRAME
-        findings.error(place, "contact points [m] near the patch", f"a median distance of {away:.3g} m", fix)
+        got = f"a median distance of {away:.3g} m"
+        findings.error(place, "contact points [m] near the patch", got, fix, **_millimetres(fix))
         return
     off = _median_off(surface, points)
     allowed = dataset.meta.position.slack_m + 3 * dataset.meta.position.sigma_m
     if not np.isfinite(allowed) or off <= max(allowed, 1e-4):
         return
     if _median_off(surface, points * 1000) <= max(allowed, 1e-4):
-        findings.error(place, "contact points [m] on the surface", f"a median of {off:.3g} m off it", TWICE)
+        got = f"a median of {off:.3g} m off it"
+        findings.error(place, "contact points [m] on the surface", got, TWICE, code=CODE, factor=1000.0)
         return
     findings.warn(
         place,
@@ -118,6 +129,10 @@ def _check_positions(
         f"a median of {off:.3g} m off it",
         WHICH_FRAME,
     )
+
+
+def _millimetres(fix: str) -> dict[str, Any]:
+    return {"code": CODE, "factor": 1e-3} if fix == MILLIMETRES else {}
 
 
 def _median_away(points: FloatArray, centre: FloatArray) -> float:
@@ -145,7 +160,7 @@ def patch_reach_m(dataset: Dataset) -> float:
 def pressed_area_m2(dataset: Dataset) -> float:
     """The area that the indenter can press on at most [m²]: its own, or the patch if that is less.
 
-    A flat punch larger than the patch stands for a pressure everywhere: its own area counts.
+    A flat punch on a plane may stand for a pressure everywhere: its own area counts.
     """
     low, high = dataset.layout().bounds_m
     patch = float(np.prod(high - low))
@@ -153,19 +168,32 @@ def pressed_area_m2(dataset: Dataset) -> float:
     if not np.isfinite(radii).any():
         return patch
     own = float(np.pi * np.median(radii[np.isfinite(radii)]) ** 2)
-    return own if dataset.meta.indenter.kind == "flat" else min(own, patch)
+    everywhere = dataset.meta.indenter.kind == "flat" and dataset.meta.surface.kind == "plane"
+    return own if everywhere else min(own, patch)
 
 
 def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Findings) -> None:
-    median = _median(force)
-    pressure = median / pressed_area_m2(dataset)
+    median, area = _median(force), pressed_area_m2(dataset)
+    pressure = median / area
     got = f"a median of {median:.3g} N, {pressure:.2g} Pa under the indenter"
-    if pressure > HIGHEST_PRESSURE_PA and median > FORCE_BEYOND_DOUBT_N:
-        findings.error(place, "forces [N]", got, "It looks like millinewtons; divide by 1000.")
-    elif 0 < pressure < LOWEST_PRESSURE_PA:
-        findings.error(place, "forces [N]", got, "It looks like kilonewtons; multiply by 1000.")
-    elif median <= 0:
-        findings.error(place, "positive normal forces [N]", got, "Forces on the skin count positive.")
+    if median <= 0:
+        fix = "Forces on the skin count positive: sign = -1 in the mapping."
+        findings.error(place, "positive normal forces [N]", got, fix, code=CODE, factor=-1.0)
+        return
+    found = force_unit(median, area)
+    if found is None:
+        return
+    unit, factor = found
+    beyond = (
+        pressure > HIGHEST_PRESSURE_PA and median > FORCE_BEYOND_DOUBT_N
+    ) or pressure < LOWEST_PRESSURE_PA
+    if beyond:
+        fix = f"It looks like {unit}; {scaled_by(factor)}."
+        findings.error(place, "forces [N]", got, fix, code=CODE, factor=factor)
+        return
+    say = findings.warn if pressure > 1 and factor < 1 else findings.note
+    fix = f"Is it in {unit}? Then {scaled_by(factor)}."
+    say(place, "forces [N] as a skin is pressed with", got, fix, code=CODE, factor=factor)
 
 
 def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
@@ -183,9 +211,13 @@ def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
     target = _median(presses.column("target_force_n"))
     if target > 100 * median > 0:
         got = f"a median of {target:.3g} N where {median:.3g} N were measured"
-        findings.error(
-            place("target_force_n"), "forces [N]", got, "It looks like millinewtons; divide by 1000."
-        )
+        name, factor = unit_of_ratio(target / median) or ("millinewtons", 1e-3)
+        fix = f"It looks like {name}; {scaled_by(factor)}."
+        findings.error(place("target_force_n"), "forces [N]", got, fix, code=CODE, factor=factor)
+    elif target > 0 and median > 0 and (unit := unit_of_ratio(median / target)) is not None:
+        got = f"a median of {median:.3g} N where {target:.3g} N were commanded"
+        fix = f"Is force_n in {unit[0]}? Then {scaled_by(unit[1])}."
+        findings.warn(place("force_n"), "forces [N]", got, fix, code=CODE, factor=unit[1])
     for name in ("shear_u_n", "shear_v_n"):
         column = presses.column(name)
         shear = 0.0 if column is None else _median(np.abs(column))
@@ -218,14 +250,16 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
         findings.warn(f"{file}, column phase", "frames of the hold of each press", "none")
         return
     ratio = _median(force[held]) / _median(presses.force_n[held])
+    unit = unit_of_ratio(ratio)
     if ratio <= 0:
         got = f"{ratio:.3g} times those of the presses in the hold"
         fix = "Was the force recorded? Leave the frames out if it was not."
         findings.error(f"{file}, column force_n", "the forces of the presses", got, fix)
-    elif ratio > 30 or ratio < 1 / 30:
-        unit = "millinewtons; divide" if ratio > 30 else "kilonewtons; multiply"
+    elif ratio > 30 or ratio < 1 / 30 or unit is not None:
+        name, factor = unit or (("millinewtons", 1e-3) if ratio > 30 else ("kilonewtons", 1e3))
         got = f"{ratio:.3g} times those of the presses in the hold"
-        findings.error(f"{file}, column force_n", "forces [N]", got, f"It looks like {unit} by 1000.")
+        fix = f"It looks like {name}; {scaled_by(factor)}."
+        findings.error(f"{file}, column force_n", "forces [N]", got, fix, code=CODE, factor=factor)
     elif abs(ratio - 1) > 0.2:
         got = f"{ratio:.3g} times those of the presses in the hold"
         findings.warn(f"{file}, column force_n", "the same forces as in the table of presses", got)
@@ -233,6 +267,7 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
         got = f"none for {int(np.sum(~held))} of {len(presses)}"
         findings.warn(f"{file}, column phase", "frames of the hold of each press", got)
     _check_dropouts(dataset, force, file, findings)
+    _check_slides(dataset, file, findings)
     _check_same_presses(dataset, force, file, findings)
     _check_session_clock(dataset, middle, held, file, findings)
 
@@ -276,6 +311,35 @@ def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings
     say = findings.error if other.sum() > looked / 2 else findings.warn
     fix = "Are the presses numbered alike in both files?"
     say(f"{file}, column press", "frames of the presses of the table", got, fix)
+
+
+def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
+    """Contacts rest while they are held: an image that is a mean over a slide is of no place."""
+    frames, presses, sigma = dataset.frames, dataset.presses, dataset.meta.position.sigma_m
+    assert frames is not None
+    if not np.isfinite(sigma):
+        return
+    hold = np.flatnonzero(frames.phase == HOLD)
+    order = hold[np.argsort(frames.press[hold], kind="stable")]
+    numbers, starts = np.unique(frames.press[order], return_index=True)
+    holds = np.split(frames.position_m[order], starts[1:])
+    noise = sample_noise_m(holds)
+    slides = {
+        int(number): slide_m(held, noise)
+        for number, held in zip(numbers, holds, strict=True)
+        if number in presses.press
+    }
+    sliding = [number for number, slid in slides.items() if slid > max(sigma, SMALLEST_M)]
+    if not sliding:
+        return
+    shown = ", ".join(f"{number} ({1e3 * slides[number]:.2g} mm)" for number in sliding[:6])
+    more = f" and {len(sliding) - 6} more" if len(sliding) > 6 else ""
+    findings.warn(
+        f"{file}, columns x_m, y_m, z_m", f"contacts that rest in their hold, within sigma_m = {sigma:.2g} m",
+        f"{len(sliding)} of {len(slides)} that slide: press {shown}{more}",
+        "Cut their holds to where the contact rests; `skincal import` does so.",
+        code="slides_in_hold", presses=sliding,
+    )  # fmt: skip
 
 
 def _rows_of(presses: IntArray, numbers: IntArray) -> IntArray:

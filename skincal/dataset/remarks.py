@@ -8,10 +8,19 @@ from skincal.dataset.columns import NORMAL
 from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet
-from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, rest_in_doubt
+from skincal.dataset.rest import (
+    ACTIVE_COUNTS,
+    REST_IN_DOUBT,
+    active_taxels,
+    active_threshold,
+    rest_in_doubt,
+)
 
 SLACK_SIGMAS = 50.0
 """A slack of more sigmas than this is never used: one of the two is in another unit."""
+
+FEWEST_ACTIVE = 1e-3
+"""Where the threshold is one of noise, an answer in fewer readings than this is noise."""
 
 STUCK_SHARE = 0.9
 """A taxel that reads value_max in more than this share of the presses is called stuck."""
@@ -35,8 +44,12 @@ def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
 
 
 def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
-    active = active_taxels(dataset)
-    expected = f"taxels more than {ACTIVE_COUNTS:g} counts above their level at rest"
+    threshold = active_threshold(dataset)
+    active = active_taxels(dataset, threshold)
+    # Noise alone lights a taxel now and then.
+    if threshold < ACTIVE_COUNTS and active.mean() < FEWEST_ACTIVE:
+        active[:] = False
+    expected = f"taxels more than {threshold:.3g} {dataset.meta.sensor.unit_label} above their level at rest"
     if not active.any():
         why = f"{REST_IN_DOUBT}." if rest_in_doubt(dataset) else "Do the counts grow with load?"
         fix = f"Nothing can be fitted to such data. {why}"

@@ -13,6 +13,9 @@ from skincal.dataset.tables import IDLE
 ACTIVE_COUNTS = 5.0
 """How far above its level at rest a taxel must be to count as active [counts]."""
 
+ACTIVE_SIGMAS = 6.0
+"""The same in standard deviations of the noise at rest, for values that are no counts."""
+
 REST_IN_DOUBT = (
     "Without frames at rest the level at rest is taken from the presses, and some taxels then rest far above the "
     "others: if all presses light the same taxels alike, add frames at rest (phase idle), or press at other places"
@@ -68,6 +71,37 @@ def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
         Means [counts], shape (J,), NaN for a taxel that is dead throughout; None where there are too few idle frames.
     """
     return _of_idle_frames(dataset, np.nanmean)
+
+
+def noise_at_rest(dataset: Dataset) -> float:
+    """Standard deviation of an untouched taxel about its level [counts], the median over the taxels; 0 if clipped.
+
+    It is that of single frames where there are idle ones, else that of the lower readings of the presses.
+    """
+    spreads = _of_idle_frames(dataset, _low_spread)
+    if spreads is None:
+        counts = dataset.presses.counts
+        spreads = np.array([_low_spread(c) for c in counts.T if np.isfinite(c).any()])
+    alive = spreads[np.isfinite(spreads)]
+    return float(np.median(alive)) if alive.size else 0.0
+
+
+def _low_spread(counts: NDArray[np.float64]) -> np.floating:
+    """Standard deviation of the lower half of readings, by two quantiles that lie 1.03 sigmas apart if normal."""
+    middle, low = np.nanquantile(counts, (0.4, 0.1))
+    return (middle - low) / 1.028
+
+
+def active_threshold(dataset: Dataset) -> float:
+    """How far above its level at rest a taxel counts as active: five counts, less where all values are small.
+
+    Values in volts, or in shares of full scale, never reach five: there it is six sigmas of the noise at rest.
+    """
+    apart = dataset.presses.counts - rest_levels(dataset)
+    top = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
+    if top > ACTIVE_COUNTS or dataset.meta.sensor.unit == "counts":
+        return ACTIVE_COUNTS
+    return max(ACTIVE_SIGMAS * noise_at_rest(dataset), 1e-3 * max(top, 0.0))
 
 
 def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:

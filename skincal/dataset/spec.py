@@ -27,6 +27,7 @@ class SensorSpec:
         value_min: where the converter clips below [counts]; None: not known.
         value_max: where the converter clips above [counts]; None: not known.
         integer: whether the converter gives whole numbers.
+        unit: what a taxel value is, for labels (``V``, ``kPa``, ``uT``); None: counts.
         baseline: whether the level at rest has been taken off the counts.
         positions: file with the taxels' positions, for a layout that is no grid.
         extra: keys that skincal does not know.
@@ -42,6 +43,12 @@ class SensorSpec:
     baseline: Baseline = "raw"
     positions: str | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
+    unit: str | None = None
+
+    @property
+    def unit_label(self) -> str:
+        """What a taxel value is, for labels."""
+        return self.unit or "counts"
 
     @property
     def taxels(self) -> int:

@@ -7,14 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from skincal.dataset import Dataset, check_dataset
 from skincal.dataset.columns import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.model_objects import surface_of
+from skincal.dataset.spec import ClockSpec
 from skincal.dataset.writing import write_dataset_files
 from skincal.errors import InputError, Problem
 from skincal.files import check_input, reason, whole_folder
+from skincal.imports.alignment import JoinedClock
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.placement import placed
 from skincal.imports.recording import Dropped, ReadFile, Recording
@@ -33,6 +37,8 @@ class Imported:
         dropped: what was left out, and why.
         assumed: what was not measured but assumed.
         warnings: what a person should know of the dataset.
+        notes: what was mended in the recording: clocks that wrap, stamps that are missing.
+        clocks: how the clocks of other files were put on that of the taxels.
     """
 
     folder: Path
@@ -42,6 +48,8 @@ class Imported:
     dropped: tuple[Dropped, ...]
     assumed: tuple[str, ...]
     warnings: tuple[Problem, ...]
+    notes: tuple[str, ...] = ()
+    clocks: tuple[JoinedClock, ...] = ()
 
 
 def assemble(
@@ -78,16 +86,31 @@ def assemble(
         read=session.read,
         dropped=session.dropped,
         assumed=dataset.meta.assumed,
-        warnings=tuple(_traced(problem, folder, mapping) for problem in checked.warnings),
+        warnings=(*findings.warnings, *(_traced(problem, folder, mapping) for problem in checked.warnings)),
+        notes=session.notes,
+        clocks=session.clocks,
     )
 
 
 def _dataset(session: Session, mapping: Mapping) -> Dataset:
     files = ", ".join(file.file for file in session.read)
     meta = replace(
-        mapping.meta, source=mapping.meta.source or f"imported from {files}", assumed=assumed(mapping)
+        mapping.meta,
+        source=mapping.meta.source or f"imported from {files}",
+        assumed=assumed(mapping),
+        clock=_clock(session, mapping),
     )
     return Dataset(meta, session.presses, session.frames, mapping.positions, mapping.meshes)
+
+
+def _clock(session: Session, mapping: Mapping) -> ClockSpec | None:
+    """How well the clocks agree: what the mapping says, and what an estimated offset adds to that."""
+    given = mapping.meta.clock
+    found = [clock.sigma_s for clock in session.clocks if clock.estimated]
+    if not found:
+        return given
+    said = ClockSpec() if given is None else given
+    return replace(said, sigma_s=float(np.hypot(said.sigma_s, max(found))))
 
 
 def assumed(mapping: Mapping) -> tuple[str, ...]:
@@ -96,11 +119,12 @@ def assumed(mapping: Mapping) -> tuple[str, ...]:
         q.target for q in mapping.quantities if q.constant is not None and not isinstance(q.constant, str)
     ]
     found = [*mapping.meta.assumed]
-    if any(name in constant for name in POSITION):
+    whole = all(name in constant for name in POSITION)
+    if whole:
         found.append("position")
     elif mapping.placement.project:
         found.append("position.depth")
-    found += [name for name in constant if name not in POSITION]
+    found += [name for name in constant if not (whole and name in POSITION)]
     return tuple(dict.fromkeys(found))
 
 

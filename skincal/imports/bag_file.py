@@ -11,9 +11,13 @@ from typing import Any
 from skincal.bounded import read_text
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import check_input, reason
+from skincal.files import check_input, open_input, reason
 
 MISSING = "ROS bags are read by the library rosbags, which is not installed: pip install skincal[ros]"
+
+OTHER_ENCODINGS = ("json", "protobuf", "flatbuffer", "cbor", "msgpack")
+INDEX_BYTES = 1 << 20
+"""So much of the end of an MCAP file is looked at for its index."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +132,24 @@ def _types(name: str, file: Path) -> Any:
 
 
 def _damaged(path: Path, error: Exception) -> Problem:
+    encodings = _other_encodings(path)
+    if encodings:
+        got = f"an MCAP file of {' and '.join(encodings)} messages"
+        fix = "Write its channels as .csv or .npz, and use `skincal import csv`."
+        return Problem(str(path), "messages of ROS 2 (cdr)", got, fix)
     got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     expected = (
         "a whole ROS 1 bag" if path.suffix == ".bag" else "a whole ROS 2 bag (folder with metadata.yaml)"
     )
     fix = "Was the recording cut short? `rosbag reindex` (ROS 1) or `ros2 bag reindex` may mend it."
     return Problem(str(path), expected, got, fix)
+
+
+def _other_encodings(path: Path) -> list[str]:
+    """Encodings of messages in an MCAP file that are none of ROS; its index, at its end, names them in the open."""
+    if path.suffix != ".mcap" or not path.is_file():
+        return []
+    with open_input(path) as file:
+        file.seek(max(path.stat().st_size - INDEX_BYTES, 0))
+        tail = file.read()
+    return [name for name in OTHER_ENCODINGS if len(name).to_bytes(4, "little") + name.encode() in tail]

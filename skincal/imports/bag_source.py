@@ -13,11 +13,12 @@ from skincal.errors import InputError
 from skincal.imports import targets
 from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
-from skincal.imports.csv_source import constant, joined, length
+from skincal.imports.csv_source import joined
 from skincal.imports.mapping import BagFormat, Mapping, Quantity
 from skincal.imports.recording import Column, Dropped, FloatArray, ReadFile, Recording
 from skincal.imports.resample import resampled
 from skincal.imports.streams import Collector, Stream
+from skincal.imports.values import constant, length
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:

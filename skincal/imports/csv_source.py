@@ -1,40 +1,71 @@
-"""Text files to a recording: every mapped column converted to SI, every bad cell named."""
+"""Text files, and tables of other formats, to a recording: every mapped column in SI, every bad cell named."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings
-from skincal.imports import targets, units
+from skincal.imports import targets
+from skincal.imports.join import assigned, join_file
 from skincal.imports.mapping import CsvFormat, Mapping, Quantity
-from skincal.imports.recording import Column, Dropped, FloatArray, ReadFile, Recording
-from skincal.imports.text_table import TextTable, read_text_table
+from skincal.imports.other_file import explain_missing
+from skincal.imports.recording import Dropped, ReadFile, Recording
+from skincal.imports.source_table import read_source_table
+from skincal.imports.stamps import read_clock
+from skincal.imports.text_table import TextTable
+from skincal.imports.values import is_text, quantity_values
 
 
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
-    """Reads text files after a mapping.
+    """Reads files after a mapping.
 
     Args:
         mapping: what their columns mean.
-        files: the files, in the order of the session.
+        files: the files, in the order of the session, those of ``[files]`` among them.
         findings: where errors go.
 
     Returns:
-        All of them as one recording; None where one cannot be read at all.
+        One row a row of the files with the taxels; None where one cannot be read at all.
+
+    Raises:
+        InputError: a file of ``[files]`` is not there.
     """
     form = mapping.source
     assert isinstance(form, CsvFormat)
-    texts = {name for q in mapping.quantities for name in q.sources if _is_text(q)}
-    numbers = [name for q in mapping.quantities for name in q.sources if not _is_text(q)]
-    numbers += [mapping.taxels.names[j] for j in mapping.taxels.order]
-    tables = [read_text_table(path, form, numbers, texts, findings) for path in files]
-    parts = [_recording(mapping, i, table) for i, table in enumerate(tables) if table is not None]
-    return joined(parts) if len(parts) == len(files) and parts else None
+    paths, others = assigned(form.joined, files, mapping.path.parent)
+    own = [q for q in mapping.quantities if not q.topic]
+    texts = {name for q in own for name in q.sources if is_text(q)}
+    numbers = [name for q in own for name in q.sources if not is_text(q)]
+    numbers += list(dict.fromkeys(mapping.taxels.names))
+    tables = [read_source_table(path, form, numbers, texts, findings) for path in paths]
+    if len(paths) > 1 and any(table is None for table in tables):
+        explain_missing(paths, form, mapping, findings)
+    read = [table for table in tables if table is not None]
+    if len(read) < len(paths) or not read:
+        return None
+    parts = [_recording(mapping, own, i, table) for i, table in enumerate(read)]
+    if mapping.rows == targets.PRESSES:
+        return _complete(joined(parts), mapping)
+    time = mapping.quantity("time_s")
+    clock = read_clock(read, time, form, findings, own_clocks=mapping.cut.own_clocks)
+    parts = [part.select(rows) for part, rows in zip(parts, clock.rows, strict=True)]
+    parts = [
+        replace(part, columns={"time_s": times, **part.columns})
+        for part, times in zip(parts, clock.times_s, strict=True)
+    ]
+    recording = replace(joined(parts), notes=clock.notes)
+    for entry in form.joined:
+        if findings.errors:
+            return recording
+        recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
+    if findings.errors:
+        return recording
+    return _complete(recording, mapping)
 
 
 def joined(parts: Sequence[Recording]) -> Recording:
@@ -57,14 +88,12 @@ def summed(dropped: Sequence[Dropped]) -> tuple[Dropped, ...]:
     return tuple(Dropped(count, what, why) for (what, why), count in counts.items() if count)
 
 
-def _is_text(quantity: Quantity) -> bool:
-    return targets.is_text(quantity.target) or quantity.unit.name == units.DATETIME
-
-
-def _recording(mapping: Mapping, part: int, table: TextTable) -> Recording:
+def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
+    """One file; the clock of a time series is read by itself, from all files together."""
     form = mapping.source
     assert isinstance(form, CsvFormat)
-    columns = {q.target: _values(q, table) for q in mapping.quantities}
+    series = mapping.rows == targets.SERIES
+    columns = {q.target: quantity_values(q, table) for q in own if not (series and q.target == "time_s")}
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
     images = np.column_stack([raw[name] for name in mapping.taxels.names])
     recording = Recording(
@@ -73,30 +102,54 @@ def _recording(mapping: Mapping, part: int, table: TextTable) -> Recording:
         np.full(table.rows, part, dtype=np.int64),
         (ReadFile(table.sheet.file, table.rows),),
     )
-    gaps = {q.target: np.isnan(columns[q.target]) for q in mapping.quantities if _needed(mapping, q)}
     if form.drop_incomplete:
-        incomplete = np.logical_or.reduce([np.zeros(table.rows, dtype=bool), *gaps.values()])
-        why = f"nothing in a column that is needed ({', '.join(name for name in gaps if gaps[name].any())})"
-        lost = int(incomplete.sum())
-        return recording.select(~incomplete, (Dropped(lost, "row", why),) if lost else ())
-    for quantity in mapping.quantities:
-        if quantity.target in gaps:
-            name = ", ".join(quantity.sources)
-            missing = gaps[quantity.target] & _unreported(quantity, table)
+        return recording
+    for quantity in own:
+        if quantity.target in columns and _needed(mapping, quantity):
+            missing = np.isnan(columns[quantity.target]) & _unreported(quantity, table)
             expected = f"a number ({quantity.target} is needed in every row)"
             fix = "drop_incomplete = true in [csv] leaves such rows out."
+            name = ", ".join(quantity.sources)
             table.sheet.bad_rows(name, missing, np.full(table.rows, np.nan), expected, fix)
     return recording
 
 
+def _complete(recording: Recording, mapping: Mapping) -> Recording:
+    """The recording without rows that lack what is needed: from a joined file, or as ``drop_incomplete`` says."""
+    form = mapping.source
+    assert isinstance(form, CsvFormat)
+    kept = np.ones(len(recording), dtype=bool)
+    dropped: list[Dropped] = []
+    for quantity in mapping.quantities:
+        if quantity.topic and _needed_of_joined(mapping, quantity):
+            missing = np.isnan(recording.columns[quantity.target]) & kept
+            why = f"no {quantity.target} from {quantity.topic} at their time (max_age_s in [files.{quantity.topic}])"
+            dropped.append(Dropped(int(missing.sum()), "frame", why))
+            kept &= ~missing
+    if form.drop_incomplete:
+        own = [q.target for q in mapping.quantities if not q.topic and _needed(mapping, q)]
+        gaps = {name: np.isnan(recording.columns[name]) & kept for name in own}
+        lost = np.logical_or.reduce([np.zeros(len(recording), dtype=bool), *gaps.values()])
+        why = f"nothing in a column that is needed ({', '.join(name for name in gaps if gaps[name].any())})"
+        dropped.append(Dropped(int(lost.sum()), "row", why))
+        kept &= ~lost
+    return recording if kept.all() else recording.select(kept, summed(dropped))
+
+
 def _needed(mapping: Mapping, quantity: Quantity) -> bool:
-    """Whether a column needs a value in every row."""
+    """Whether a column needs a value in every row; a clock is completed by itself."""
     if not quantity.sources or targets.is_text(quantity.target):
         return False
     if mapping.rows == targets.SERIES:
-        return quantity.target in ("time_s", "force_n")
+        return quantity.target == "force_n"
     needed = targets.required_targets(mapping.rows, positions=np.isfinite(mapping.meta.position.sigma_m))
     return quantity.target in (*needed, "press")
+
+
+def _needed_of_joined(mapping: Mapping, quantity: Quantity) -> bool:
+    return quantity.target in targets.required_targets(
+        mapping.rows, positions=bool(np.isfinite(mapping.meta.position.sigma_m))
+    )
 
 
 def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
@@ -107,42 +160,3 @@ def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
         if cells.dtype == object:
             bad |= np.array([cell != "" for cell in cells], dtype=bool)
     return ~bad
-
-
-def _values(quantity: Quantity, table: TextTable) -> Column:
-    if quantity.constant is not None:
-        return constant(quantity.constant, table.rows)
-    if targets.is_text(quantity.target):
-        return np.array(
-            [quantity.words.get(word, word) for word in table.text(quantity.sources[0])], dtype=object
-        )
-    if quantity.unit.name == units.DATETIME:
-        return _dates(quantity.sources[0], table)
-    parts = [quantity.si(table.numbers(name)) for name in quantity.sources]
-    return parts[0] if len(parts) == 1 else length(parts)
-
-
-def constant(value: float | str, rows: int) -> Column:
-    """A column that holds the same in every row."""
-    return np.full(rows, value, dtype=object if isinstance(value, str) else np.float64)
-
-
-def length(parts: Sequence[FloatArray]) -> FloatArray:
-    """Length of a vector from its components, shape (rows,)."""
-    return np.linalg.norm(np.column_stack(parts), axis=1)
-
-
-def _dates(name: str, table: TextTable) -> FloatArray:
-    """Dates and times as seconds since 1970; those without a zone are all of one, which does not matter."""
-    cells = table.text(name)
-    seconds, bad = np.full(table.rows, np.nan), np.zeros(table.rows, dtype=bool)
-    for i, cell in enumerate(cells):
-        try:
-            moment = datetime.fromisoformat(cell) if cell else None
-        except ValueError:
-            bad[i] = True
-            continue
-        if moment is not None:
-            seconds[i] = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    table.sheet.bad_rows(name, bad, cells, "a date and time like 2026-11-20 12:00:00.250")
-    return seconds

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta, TaxelPositions
+from skincal.dataset.word_checks import as_word, swapped
 from skincal.imports.units import Unit
 
 FORMAT = "skincal-import/1"
 
 Rows = Literal["presses", "series"]
-By = Literal["force", "plateaus", "press"]
+By = Literal["force", "taxels", "plateaus", "press"]
 ClockKind = Literal["header", "receive"]
 Resampling = Literal["previous", "linear"]
+Layout = Literal["table", "blocks", "labelled"]
+Order = Literal["file", "time"]
+Slides = Literal["cut", "keep", "refuse"]
 
 
 @dataclass(frozen=True)
@@ -31,12 +35,14 @@ class Quantity:
         target: the dataset's column.
         place: of this entry in the mapping, for errors.
         sources: names of source columns, or field paths in a message; several: the length of that vector.
-        topic: the topic of a bag; '' for a CSV file and for a constant.
+        topic: the topic of a bag, or the table of ``[files]``; '' for the file of the taxels and for a constant.
         constant: in the place of a source, in SI where it is a number; None where it is measured.
         unit: of the source.
         scale: factor, with its sign.
         offset: what is added after the factor.
         words: what words of the source stand for; others are kept.
+        wraps_at: what the counter behind a time counts to, in the source's numbers; None: found from the steps back.
+        format: how dates are written, as ``strptime`` takes it; '' for ISO 8601.
     """
 
     target: str
@@ -48,6 +54,8 @@ class Quantity:
     scale: float = 1.0
     offset: float = 0.0
     words: Map[str, str] = field(default_factory=dict[str, str])
+    wraps_at: float | None = None
+    format: str = ""
 
     def si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Numbers of the source in SI, of the same shape."""
@@ -68,6 +76,10 @@ class Taxels:
         scale: factor on the source's values.
         offset: what is added after the factor [counts].
         falling_from: what a sensor whose values fall with load is taken from; None: they grow.
+        axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
+        word: ``uint16``, ``int16``, …: how readings of so many bits are to be taken; '' for as they are.
+        swap_bytes: whether the two bytes of each reading are exchanged.
+        rest_rows: with several axes, so many rows at the start of a file are at rest.
     """
 
     place: str
@@ -78,9 +90,20 @@ class Taxels:
     scale: float = 1.0
     offset: float = 0.0
     falling_from: float | None = None
+    word: str = ""
+    swap_bytes: bool = False
+    axes: int = 1
+    rest_rows: int = 0
 
     def counts(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Images of the source, shape (rows, taxels of the source), as counts that grow with load, (rows, J)."""
+        """Images of the source, shape (rows, columns of the source), as counts that grow with load, (rows, J)."""
+        if self.swap_bytes:
+            values = swapped(values)
+        if self.word:
+            values = as_word(values, self.word)
+        if self.axes > 1:
+            vectors = values.reshape(len(values), -1, self.axes)
+            values = np.linalg.norm(vectors - np.nanmedian(vectors[: self.rest_rows], axis=0), axis=2)
         counts = self.scale * values[:, list(self.order)] + self.offset
         return counts if self.falling_from is None else self.falling_from - counts
 
@@ -110,7 +133,7 @@ class CutRules:
     """How a time series becomes presses.
 
     Attributes:
-        by: a contact is a press, a plateau is one, or a column numbers them.
+        by: a contact is a press, by its force or by the taxels, a plateau is one, or a column numbers them.
         on_n: a contact is a stretch above ``off_n`` that rises above this force [N].
         off_n: see ``on_n`` [N].
         band: half the width of the hold, as a share of the force that is kept longest.
@@ -121,6 +144,9 @@ class CutRules:
         start_at_zero: whether the session clock begins at the first sample.
         own_clocks: whether each file has a clock of its own; then files follow each other.
         gap_s: between such files [s].
+        slides: what becomes of a contact that slides in its hold: the hold is cut to where the contact rests, it is
+            kept, or the import refuses.
+        still_m: how far a contact that rests moves at most [m]; None: sigma_m of the positions.
     """
 
     by: By = "force"
@@ -134,14 +160,58 @@ class CutRules:
     start_at_zero: bool = True
     own_clocks: bool = False
     gap_s: float = 1.0
+    slides: Slides = "cut"
+    still_m: float | None = None
+
+
+@dataclass(frozen=True)
+class JoinedFile:
+    """A file beside that of the taxels, with a clock of its own: a force gauge, a position log.
+
+    Attributes:
+        name: of its table in ``[files]``.
+        place: of that table in the mapping.
+        file: its name, or a pattern of names; relative to the mapping.
+        form: its layout.
+        time: its stamps; None where it has a rate.
+        resample: how its values come to the times of the taxels.
+        max_age_s: a value counts for so long [s]; None: three of its own steps.
+        offset_s: what is added to its times to be on the clock of the taxels [s]; None: found by correlation.
+        within_s: only offsets up to this are looked at then [s].
+    """
+
+    name: str
+    place: str
+    file: str
+    form: CsvFormat
+    time: Quantity | None
+    resample: Resampling = "linear"
+    max_age_s: float | None = None
+    offset_s: float | None = 0.0
+    within_s: float = np.inf
 
 
 @dataclass(frozen=True)
 class CsvFormat:
-    """How text files are laid out."""
+    """How text files are laid out.
+
+    Attributes:
+        rows: what a row is.
+        files: names of the files with the taxels, relative to the mapping.
+        layout: a table, blocks of rows that are a frame each, or lines of ``name=value``.
+        block_rows: rows of a block; 0: up to the next line that is no row.
+        rate_hz: rows a second, for files without stamps [Hz]; None: a column says the time.
+        order: of events: that of the rows, or that of the stamps.
+        joined: other files, by their names in ``[files]``.
+    """
 
     rows: Rows
     files: tuple[str, ...] = ()
+    layout: Layout = "table"
+    block_rows: int = 0
+    rate_hz: float | None = None
+    order: Order = "file"
+    joined: tuple[JoinedFile, ...] = ()
     delimiter: str = ","
     decimal: str = "."
     encoding: str = "utf-8"

@@ -14,7 +14,8 @@ from skincal.imports.strict import StrictTable, as_table
 from skincal.imports.units import Unit
 
 SHARED = ("value", "unit", "sign", "scale", "offset", "words")
-SOURCES = {"csv": ("column", "columns"), "bag": ("topic", "field", "fields")}
+TIME_KEYS = ("wraps_at", "format")
+SOURCES = {"csv": ("file", "column", "columns"), "bag": ("topic", "field", "fields")}
 AXES = ("x", "y", "z")
 
 
@@ -34,9 +35,9 @@ def read_columns(table: StrictTable, source: str, rows: str, findings: Findings)
             content = {"column": content, "unit": _si_name(target)}
         entry = StrictTable(
             findings, table.file, f"columns.{target}", _as_table(table, target, content),
-            (*SOURCES[source], *SHARED),
+            (*SOURCES[source], *SHARED, *(TIME_KEYS if target == "time_s" else ())),
         )  # fmt: skip
-        quantities += _entry(entry, target, source)
+        quantities += read_quantities(entry, target, source)
     doubled = {q.target for q in quantities if sum(p.target == q.target for p in quantities) > 1}
     for target in sorted(doubled):
         table.error(target, "each column once", "it stands alone and in a vector")
@@ -68,7 +69,7 @@ def _check_target(table: StrictTable, target: str, rows: str) -> None:
         )
 
 
-def _entry(entry: StrictTable, target: str, source: str) -> list[Quantity]:
+def read_quantities(entry: StrictTable, target: str, source: str) -> list[Quantity]:
     """The quantities of one entry: one, or the three of a vector."""
     parts = targets.VECTORS.get(target, (target,))
     unit = _unit(entry, parts[0])
@@ -84,15 +85,23 @@ def _entry(entry: StrictTable, target: str, source: str) -> list[Quantity]:
             target=part,
             place=entry.label,
             sources=names[i],
-            topic="" if constants is not None or source == "csv" else entry.text("topic", "the topic's name"),
+            topic=_topic(entry, source) if constants is None else "",
             constant=None if constants is None else constants[i],
             unit=unit,
             scale=sign * scale,
             offset=sign * offset,
             words=_words(entry),
+            wraps_at=entry.number("wraps_at", "what the counter counts to", default=None),
+            format=entry.text("format", 'how dates are written, like "%d.%m.%Y %H:%M:%S.%f"', default=""),
         )
         for i, part in enumerate(parts)
     ]
+
+
+def _topic(entry: StrictTable, source: str) -> str:
+    if source == "csv":
+        return entry.text("file", "the name of a table in [files]", default="")
+    return entry.text("topic", "the topic's name")
 
 
 def _unit(entry: StrictTable, target: str) -> Unit:

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 
 from skincal.dataset.findings import Findings
-from skincal.imports.mapping import BagFormat, CsvFormat, CutRules, Placement, TopicRules
+from skincal.imports.mapping import BagFormat, CsvFormat, CutRules, JoinedFile, Placement, TopicRules
+from skincal.imports.mapping_columns import TIME_KEYS, read_quantities
 from skincal.imports.strict import StrictTable
 
 FRAME_KEYS = ("matrix", "rotation_deg", "quaternion_xyzw", "translation_m", "project")
 SERIES_KEYS = (
     "by", "on_n", "off_n", "band", "settle_s", "min_hold_s", "slope_n_per_s", "window_s", "start_at_zero",
-    "own_clocks", "gap_s",
+    "own_clocks", "gap_s", "slides", "still_m",
 )  # fmt: skip
-CSV_KEYS = (
-    "rows", "files", "delimiter", "decimal", "encoding", "comment", "skip_rows", "skip_after_header", "header",
-    "missing", "drop_incomplete",
+LAYOUT_KEYS = (
+    "delimiter", "decimal", "encoding", "comment", "skip_rows", "skip_after_header", "header", "missing",
+    "layout", "block_rows", "rate_hz", "order",
 )  # fmt: skip
+CSV_KEYS = ("rows", "files", *LAYOUT_KEYS, "drop_incomplete")
+JOINED_KEYS = ("file", "time", "resample", "max_age_s", "offset_s", "within_s", *LAYOUT_KEYS)
 TOPIC_KEYS = ("clock", "resample", "max_age_s", "lag_s")
 BAG_KEYS = ("files", "clock", "resample", "max_age_s", "definitions")
 JOINT_KEYS = ("topic", "names")
+
+ESTIMATE = "estimate"
+"""In the place of an offset of clocks: found by correlation."""
 
 Matrix = tuple[tuple[float, float, float], ...]
 
@@ -79,11 +86,18 @@ def _nested(matrix: Any) -> Matrix:
     return tuple((float(a), float(b), float(c)) for a, b, c in matrix)
 
 
-def read_cut(table: StrictTable, *, numbered: bool) -> CutRules:
-    """``[series]``; ``numbered``: whether a column of the source numbers the presses."""
+def read_cut(table: StrictTable, *, numbered: bool, constant_force: bool = False) -> CutRules:
+    """``[series]``.
+
+    Args:
+        table: the table.
+        numbered: whether a column of the source numbers the presses.
+        constant_force: whether the force was not measured, and so does not tell contacts.
+    """
     d = CutRules()
-    by = table.choice("by", ("force", "plateaus", "press"), default="press" if numbered else "force")
-    if numbered and by in ("force", "plateaus"):
+    usual = "press" if numbered else "taxels" if constant_force else "force"
+    by = table.choice("by", ("force", "taxels", "plateaus", "press"), default=usual)
+    if numbered and by in ("force", "taxels", "plateaus"):
         table.error("by", '"press" where [columns.press] is mapped', f'"{by}"', "Remove one of them.")
     if by == "press" and not numbered:
         table.error("by", "a column press in [columns]", "none")
@@ -100,6 +114,8 @@ def read_cut(table: StrictTable, *, numbered: bool) -> CutRules:
         start_at_zero=table.flag("start_at_zero", default=d.start_at_zero),
         own_clocks=table.flag("own_clocks", default=d.own_clocks),
         gap_s=table.bounded("gap_s", "a time [s], 0 or more", d.gap_s),
+        slides=table.choice("slides", ("cut", "keep", "refuse"), default=d.slides) or d.slides,
+        still_m=table.bounded("still_m", "a length [m], 0 or more", 0.0) if table.has("still_m") else None,
     )
     if rules.off_n > rules.on_n:
         table.error("off_n", f"at most on_n = {rules.on_n:g}", f"{rules.off_n:g}")
@@ -108,12 +124,63 @@ def read_cut(table: StrictTable, *, numbered: bool) -> CutRules:
     return rules
 
 
-def read_csv_format(table: StrictTable) -> CsvFormat:
-    """``[csv]``."""
-    d = CsvFormat("presses")
-    found = CsvFormat(
+def read_csv_format(table: StrictTable, files: StrictTable, findings: Findings) -> CsvFormat:
+    """``[csv]`` and ``[files]``."""
+    joined = tuple(
+        _joined(files.table(name, JOINED_KEYS, findings), name, findings) for name in files.items()
+    )
+    return replace(
+        _layout(table),
         rows=table.choice("rows", ("presses", "series")) or "presses",
         files=table.texts("files", "names of files", default=()),
+        drop_incomplete=table.flag("drop_incomplete", default=False),
+        joined=joined,
+    )
+
+
+def _joined(table: StrictTable, name: str, findings: Findings) -> JoinedFile:
+    """One table of ``[files]``."""
+    form = _layout(table)
+    time = None
+    if table.has("time"):
+        entry = table.table("time", ("column", "unit", "scale", "offset", *TIME_KEYS), findings)
+        time = read_quantities(entry, "time_s", "csv")[0]
+    elif form.rate_hz is None:
+        table.error(
+            "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
+        )
+    found = table.raw("offset_s")
+    estimated = found == ESTIMATE
+    if isinstance(found, str) and not estimated:
+        table.error("offset_s", f'a time [s], or "{ESTIMATE}"', f'"{found}"')
+        estimated = True
+    offset_s = None if estimated else table.bounded("offset_s", "a time [s]", 0.0, low=-math.inf)
+    return JoinedFile(
+        name=name,
+        place=table.label,
+        file=table.text("file", "the name of the file, or a pattern like gauge_*.csv"),
+        form=form,
+        time=time,
+        resample=table.choice("resample", ("previous", "linear"), default="linear") or "linear",
+        max_age_s=table.bounded("max_age_s", "a time [s], 0 or more", 0.0)
+        if table.has("max_age_s")
+        else None,
+        offset_s=offset_s,
+        within_s=table.bounded("within_s", "a time [s], 0 or more", math.inf),
+    )
+
+
+def _layout(table: StrictTable) -> CsvFormat:
+    """How the text of a file is laid out."""
+    d = CsvFormat("series")
+    found = CsvFormat(
+        rows="series",
+        layout=table.choice("layout", ("table", "blocks", "labelled"), default=d.layout) or d.layout,
+        block_rows=_whole(table, "block_rows"),
+        rate_hz=table.bounded("rate_hz", "rows a second [Hz], more than 0", 1.0, low=1e-6)
+        if table.has("rate_hz")
+        else None,
+        order=table.choice("order", ("file", "time"), default=d.order) or d.order,
         delimiter=table.text("delimiter", "a character", default=d.delimiter),
         decimal=table.choice("decimal", (".", ","), default=d.decimal) or d.decimal,
         encoding=table.text("encoding", "an encoding", default=d.encoding),
@@ -122,7 +189,6 @@ def read_csv_format(table: StrictTable) -> CsvFormat:
         skip_after_header=_whole(table, "skip_after_header"),
         header=table.flag("header", default=d.header),
         missing=("", *table.texts("missing", "what stands for no value", default=d.missing[1:])),
-        drop_incomplete=table.flag("drop_incomplete", default=d.drop_incomplete),
     )
     if len(found.delimiter) != 1 and found.delimiter != "whitespace":
         table.error("delimiter", 'one character, like ";" or "\\t", or "whitespace"', f'"{found.delimiter}"')

@@ -10,14 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import SensorSpec
+from skincal.dataset.word_checks import WIDTHS
 from skincal.imports.mapping import Taxels
 from skincal.imports.strict import StrictTable, as_list
 
-KNOWN = ("order", "transpose", "flip_rows", "flip_cols", "scale", "offset", "falling_from")
-CSV_KEYS = ("columns", "first", *KNOWN)
+KNOWN = (
+    "order",
+    "transpose",
+    "flip_rows",
+    "flip_cols",
+    "scale",
+    "offset",
+    "falling_from",
+    "word",
+    "swap_bytes",
+)
+CSV_KEYS = ("columns", "first", "vectors", "axes", "rest_rows", *KNOWN)
 BAG_KEYS = ("topic", "field", "elements", *KNOWN)
 
-PATTERN = 'a pattern like "tax_{r}_{c}" or "s{j}", a list of all columns, or a list of rows of them'
+PATTERN = (
+    'a pattern like "tax_{r}_{c}", "p{R}{c}" or "s{j}", a list of all columns, or a list of rows of them'
+)
+VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of columns for each taxel'
+WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
+REST_ROWS = 50
+"""So many rows at the start of a file are at rest, where the mapping does not say."""
 
 
 def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
@@ -36,7 +53,10 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
         else np.arange(sensor.taxels).reshape(shape)
     )
     names: tuple[str, ...] = ()
-    if source == "csv":
+    axes = 1
+    if source == "csv" and table.has("vectors"):
+        names, axes = _vectors(table, image)
+    elif source == "csv":
         names, image = _names(table, image)
     elif table.has("elements"):
         image = _elements(table, image)
@@ -53,6 +73,12 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
         scale=_finite(table, "scale", 1.0),
         offset=_finite(table, "offset", 0.0),
         falling_from=falling if falling is None or math.isfinite(falling) else 0.0,
+        word=(table.choice("word", WORDS) or "") if table.has("word") else "",
+        swap_bytes=table.flag("swap_bytes", default=False),
+        axes=axes,
+        rest_rows=table.whole("rest_rows", "a number of rows, at least 1", low=1)
+        if table.has("rest_rows")
+        else REST_ROWS,
     )
 
 
@@ -88,6 +114,33 @@ def _names(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...
     return tuple(items), image
 
 
+def _vectors(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...], int]:
+    """Names of the columns of all taxels in the source's flat order, axis by axis, and the number of axes."""
+    given, count = table.raw("vectors"), image.size
+    if table.has("columns"):
+        table.error("vectors", "columns or vectors", "both", "Remove one of them.")
+    if isinstance(given, str):
+        axes = table.texts("axes", 'names of the axes, like ["X", "Y", "Z"]')
+        if "{axis}" not in given:
+            table.error("vectors", VECTORS, f'"{given}"', "Use {axis}.")
+            return ("",) * count, 1
+        named = [_from_pattern(table, given.replace("{axis}", axis), image)[0] for axis in axes]
+        return tuple(name for taxel in zip(*named, strict=True) for name in taxel), max(len(axes), 1)
+    rows = [as_list(row) for row in as_list(given)]
+    width = len(rows[0]) if rows else 0
+    good = all(len(row) == width and all(isinstance(name, str) and name for name in row) for row in rows)
+    if len(rows) != count or not width or not good:
+        table.error("vectors", VECTORS, f"{len(rows)} lists for {count} taxels")
+        return ("",) * count, 1
+    return tuple(name for row in rows for name in row), width
+
+
+def _letters(number: int) -> str:
+    """A, B, ..., Z, AA, AB, ... as spreadsheets count."""
+    head, tail = divmod(number, 26)
+    return (_letters(head - 1) if head else "") + chr(ord("A") + tail)
+
+
 def _from_pattern(
     table: StrictTable, pattern: str, image: NDArray[np.int64]
 ) -> tuple[tuple[str, ...], NDArray[np.int64]]:
@@ -99,13 +152,18 @@ def _from_pattern(
         fields = {field for _, field, _, _ in string.Formatter().parse(pattern) if field is not None}
     except ValueError:
         fields = set[str]()
-    if fields not in ({"r", "c"}, {"j"}):
-        table.error("columns", PATTERN, f'"{pattern}"', "Use {r} and {c}, or {j}.")
+    if {field.lower() for field in fields} not in ({"r", "c"}, {"j"}) or len(fields) > 2 or "J" in fields:
+        fix = "Use {r} and {c}, or {j}; {R} and {C} are letters, A for the first."
+        table.error("columns", PATTERN, f'"{pattern}"', fix)
         return ("",) * image.size, image
     if fields == {"j"}:
         return tuple(pattern.format(j=first + j) for j in range(image.size)), image
     rows, cols = image.shape
-    names = [pattern.format(r=first + r, c=first + c) for r in range(rows) for c in range(cols)]
+    names = [
+        pattern.format(r=first + r, c=first + c, R=_letters(r), C=_letters(c))
+        for r in range(rows)
+        for c in range(cols)
+    ]
     return tuple(names), np.arange(image.size).reshape(image.shape)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from skincal.dataset import DatasetMeta
 from skincal.dataset.companions import read_meshes, read_positions
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
 from skincal.imports import mapping_taxels, targets
 from skincal.imports.mapping import FORMAT, BagFormat, CsvFormat, CutRules, Mapping, Quantity
@@ -29,7 +29,7 @@ from skincal.imports.mapping_taxels import read_taxels
 from skincal.imports.strict import StrictTable
 
 OWN = ("columns", "taxels", "frame", "series")
-KEYS = {"csv": ("csv",), "bag": ("bag", "topics", "joints")}
+KEYS = {"csv": ("csv", "files"), "bag": ("bag", "topics", "joints")}
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
@@ -67,8 +67,10 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
     if not top.has(source):
         top.error(f"[{source}]", f"a table [{source}]", "nothing")
     table = top.table(source, CSV_KEYS, findings) if source == "csv" else top
-    found = read_csv_format(table) if source == "csv" and top.has("csv") else _no_csv() if source == "csv" else (
-        read_bag_format(top, findings)
+    files = top.table("files", (), findings, strict=False)
+    found = (
+        read_bag_format(top, findings) if source == "bag"
+        else read_csv_format(table, files, findings) if top.has("csv") else CsvFormat("presses")
     )  # fmt: skip
     rows = found.rows if isinstance(found, CsvFormat) else targets.SERIES
     quantities = read_columns(top.table("columns", (), findings, strict=False), source, rows, findings)
@@ -77,22 +79,18 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
     # One error for the missing table is enough: what it should hold is not asked for again.
     heard = findings if top.has("taxels") else Findings()
     taxels = read_taxels(top.table("taxels", taxel_keys, heard), meta.sensor, source)
+    cut = _cut(top, quantities, rows, findings)
     return Mapping(
         path=path,
         meta=meta,
         quantities=quantities,
         taxels=taxels,
         placement=read_placement(top.table("frame", FRAME_KEYS, findings)),
-        cut=_cut(top, quantities, rows, findings),
+        cut=replace(cut, own_clocks=True) if isinstance(found, CsvFormat) and found.rate_hz else cut,
         source=found,
         positions=read_positions(path.parent, file, meta.sensor, findings),
         meshes=read_meshes(path.parent, file, meta.surface, meta.indenter, findings),
     )
-
-
-def _no_csv() -> CsvFormat:
-    """A placeholder; its absence has been reported."""
-    return CsvFormat("presses")
 
 
 def _cut(top: StrictTable, quantities: tuple[Quantity, ...], rows: str, findings: Findings) -> CutRules:
@@ -104,7 +102,8 @@ def _cut(top: StrictTable, quantities: tuple[Quantity, ...], rows: str, findings
         return CutRules()
     if "phase" in mapped and "press" not in mapped:
         top.error("[columns.phase]", "a column press beside it", "none", "Map press, or leave phase out.")
-    return read_cut(table, numbered="press" in mapped)
+    constant = any(q.target == "force_n" and q.constant is not None for q in quantities)
+    return read_cut(table, numbered="press" in mapped, constant_force=constant)
 
 
 def _check_required(
@@ -117,16 +116,47 @@ def _check_required(
     mapped = {q.target for q in quantities}
     needed = targets.required_targets(rows, positions=meta.position.sigma_m != float("inf"))
     bag = isinstance(found, BagFormat)
+    if not bag:
+        _check_files(top, quantities, found)
     if bag and "time_s" in mapped:
         top.error("[columns.time_s]", "no time: the clock of the taxels' topic counts", "one", "Remove it.")
     for target in needed:
         if target in mapped or (bag and target == "time_s"):
             continue
+        if target == "time_s" and not bag and found.rate_hz is not None:
+            continue
         vector = next((name for name, parts in targets.VECTORS.items() if target in parts), target)
         known = f" (or {vector})" if vector != target else ""
-        top.error("[columns]", f"the column {target}{known}", "nothing", f"Add [columns.{vector}].")
+        fix = f"Add [columns.{vector}]" + (", or rate_hz in [csv]." if target == "time_s" else ".")
+        top.error("[columns]", f"the column {target}{known}", "nothing", fix)
     if not top.has("taxels"):
         top.error("[taxels]", "a table [taxels]", "nothing")
+
+
+def _check_files(top: StrictTable, quantities: tuple[Quantity, ...], form: CsvFormat) -> None:
+    """Files are joined by time, and every one that is named in ``[columns]`` is described in ``[files]``."""
+    names = [joined.name for joined in form.joined]
+    if names and form.rows == targets.PRESSES:
+        top.error(
+            "[files]", "no other files where each row is a press", "one", 'Set rows = "series" in [csv].'
+        )
+    for quantity in quantities:
+        if not quantity.topic:
+            continue
+        if quantity.target == "time_s":
+            top.error("[columns.time_s] file", "the clock of the file with the taxels", f'"{quantity.topic}"')
+        elif quantity.topic not in names:
+            close = did_you_mean(quantity.topic, names)
+            known = f"a table of [files], which has {', '.join(names) or 'none'}"
+            fix = f'Did you mean "{close}"?' if close else f"Add [files.{quantity.topic}]."
+            top.error(f"[columns.{quantity.target}] file", known, f'"{quantity.topic}"', fix)
+    for name in names:
+        if all(quantity.topic != name for quantity in quantities):
+            top.error(
+                f"[files.{name}]", "a column that is taken from it", "none", f'Write file = "{name}" there.'
+            )
+    if form.rate_hz is not None and any(q.target == "time_s" for q in quantities):
+        top.error("[columns.time_s]", "either stamps or rate_hz in [csv]", "both", "Remove one of them.")
 
 
 def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from skincal.imports.alignment import JoinedClock
 
 FloatArray = NDArray[np.float64]
 Column = NDArray[Any]
@@ -46,6 +49,8 @@ class Recording:
         part: index of the file that each row comes from, shape (M,).
         files: the files.
         dropped: rows that a reader has left out.
+        notes: what a reader has mended, and a person should know.
+        clocks: how the clocks of other files were put on that of the taxels.
     """
 
     columns: Mapping[str, Column]
@@ -53,6 +58,8 @@ class Recording:
     part: NDArray[np.int64]
     files: tuple[ReadFile, ...]
     dropped: tuple[Dropped, ...] = ()
+    notes: tuple[str, ...] = ()
+    clocks: tuple[JoinedClock, ...] = ()
 
     def __len__(self) -> int:
         return len(self.part)
@@ -60,7 +67,13 @@ class Recording:
     def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
         """The recording with only these rows, and what to report of the others."""
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return Recording(columns, self.counts[rows], self.part[rows], self.files, (*self.dropped, *dropped))
+        return replace(
+            self,
+            columns=columns,
+            counts=self.counts[rows],
+            part=self.part[rows],
+            dropped=(*self.dropped, *dropped),
+        )
 
     def vector(self, names: tuple[str, ...]) -> FloatArray:
         """Three columns side by side, shape (M, 3); NaN where one is not mapped."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from skincal.dataset import Frames, Presses
 from skincal.dataset.findings import Findings, listed
 from skincal.imports import targets
+from skincal.imports.activity import cut_by_taxels, in_contact
+from skincal.imports.alignment import JoinedClock
 from skincal.imports.csv_source import summed
 from skincal.imports.cutting import cut
 from skincal.imports.mapping import CutRules, Mapping
 from skincal.imports.numbered import check_phases, cut_numbered
 from skincal.imports.recording import Dropped, FloatArray, ReadFile, Recording
+from skincal.imports.resting import rested
 from skincal.imports.series import Cut, Series
 from skincal.imports.tables import presses_of_rows, tables_of_series
 
@@ -28,12 +31,16 @@ class Session:
         frames: one row a sample; None where each row of the source is a press.
         read: the files.
         dropped: what was left out, and why.
+        notes: what was mended.
+        clocks: how the clocks of other files were put on that of the taxels.
     """
 
     presses: Presses
     frames: Frames | None
     read: tuple[ReadFile, ...]
     dropped: tuple[Dropped, ...]
+    notes: tuple[str, ...] = ()
+    clocks: tuple[JoinedClock, ...] = ()
 
 
 def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Session | None:
@@ -49,14 +56,22 @@ def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Se
     if findings.errors:
         return None
     file = _file_names(recording)
-    rules, counted = mapping.cut, series.press is None
-    found = cut(series, rules) if counted else cut_numbered(series, rules, file, findings)
+    rules = mapping.cut
+    if rules.by == "taxels":
+        found = cut_by_taxels(series, recording.counts, rules)
+        series = replace(series, force_n=in_contact(series.force_n, found, mapping))
+    else:
+        found = cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
+    if not findings.errors:
+        found = rested(found, series, recording, mapping, file, findings)
     if not found.spans and not findings.errors:
-        findings.error(file, "at least one press", _why_none(series, found), _cut_hint(mapping.cut))
+        hint = "" if rules.by == "taxels" else _cut_hint(rules)
+        findings.error(file, "at least one press", _why_none(series, found), hint)
     if findings.errors:
         return None
     presses, frames = tables_of_series(recording, series, found)
-    return Session(presses, frames, recording.files, summed((*recording.dropped, *_rejections(found))))
+    dropped = summed((*recording.dropped, *_rejections(found)))
+    return Session(presses, frames, recording.files, dropped, recording.notes, recording.clocks)
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:
@@ -103,12 +118,7 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
     back[1:] = np.diff(time) < 0
     if back.any():
         row = int(np.flatnonzero(back)[0])
-        between = recording.part[row] != recording.part[row - 1]
-        fix = (
-            "Set own_clocks = true in [series], or give the files in order."
-            if between
-            else "Sort the rows by time."
-        )
+        fix = "Set own_clocks = true in [series], or give the files in order."
         got = f"{time[row]:.6g} s after {time[row - 1]:.6g} s"
         findings.error(f"{_where(recording, back)}, time_s", "times in order", got, fix)
     return time - time[0] if rules.start_at_zero and len(time) else time

@@ -21,9 +21,9 @@ MOST_LOG_BYTES = 1 << 30
 
 
 class SourceSheet(Sheet):
-    """Names places in a text file; ``lines`` holds the number of the line of each row."""
+    """Names places in a file; ``lines`` holds the number of the line of each row, None where there are no lines."""
 
-    def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64]) -> None:
+    def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64] | None) -> None:
         super().__init__(findings, file, None)
         self._lines = lines
 
@@ -31,9 +31,12 @@ class SourceSheet(Sheet):
         """The place of some rows (counted from 0) of a column, the first of ``total``: the lines of the file."""
         index = np.atleast_1d(np.asarray(rows))
         count = index.size if total is None else total
-        named = ", ".join(f"{int(row) + 1} (line {self._lines[row]})" for row in index[:SHOWN])
+        named = ", ".join(f"{int(row) + 1}{self._line(row)}" for row in index[:SHOWN])
         more = f" and {count - SHOWN} more" if count > SHOWN else ""
         return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}{more}'
+
+    def _line(self, row: int) -> str:
+        return "" if self._lines is None else f" (line {self._lines[row]})"
 
 
 class TextTable:
@@ -82,7 +85,7 @@ def read_text_table(
         texts: columns that hold words or dates.
         findings: where errors go.
     """
-    lines = _lines(path, form, findings)
+    lines = text_lines(path, form, findings)
     if lines is None:
         return None
     names, kept = _header(path.name, form, lines, findings)
@@ -97,8 +100,16 @@ def read_text_table(
     return None if columns is None else TextTable(sheet, columns, len(kept), form.decimal)
 
 
-def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, str]] | None:
-    """The lines that are neither skipped, empty nor comments, with their numbers."""
+def column_names(path: Path, form: CsvFormat) -> list[str]:
+    """The names of the columns of a text file; none where it has no header."""
+    lines = text_lines(path, form, Findings())
+    return _header(path.name, form, lines, Findings())[0] if lines else []
+
+
+def text_lines(
+    path: Path, form: CsvFormat, findings: Findings, *, blank: bool = False
+) -> list[tuple[int, str]] | None:
+    """The lines that are neither skipped, comments nor, unless ``blank``, empty, with their numbers."""
     encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
     try:
         text = read_bytes(path, MOST_LOG_BYTES).decode(encoding)
@@ -116,7 +127,11 @@ def _lines(path: Path, form: CsvFormat, findings: Findings) -> list[tuple[int, s
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     numbered = enumerate(lines[form.skip_rows :], start=form.skip_rows + 1)
     comment = form.comment
-    return [(n, s) for n, s in numbered if s.strip() and not (comment and s.lstrip().startswith(comment))]
+    return [
+        (n, s)
+        for n, s in numbered
+        if (blank or s.strip()) and not (comment and s.lstrip().startswith(comment))
+    ]
 
 
 def _header(
@@ -220,7 +235,11 @@ def _parse(
 
 def _column(column: Any, kind: str, form: CsvFormat) -> Column:
     if str(column.type) == "double":
-        return np.asarray(column.to_numpy(), dtype=np.float64)
+        values = np.array(column.to_numpy(), dtype=np.float64)
+        # A number that stands for nothing may be written as -1, -1.0 or -1.00.
+        marks, no_mark = _parsed(np.array(form.missing, dtype=object), form.decimal)
+        values[np.isin(values, marks[np.isfinite(marks) & ~no_mark])] = np.nan
+        return values
     cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
     words = np.array(cells, dtype=object)
     if kind == "text":

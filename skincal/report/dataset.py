@@ -59,7 +59,8 @@ def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) ->
         grid = figure.add_gridspec(3, 3, width_ratios=(1.0, 1.0, 0.95), height_ratios=(1, 1, 0.9))
         _draw_patch(figure, figure.add_subplot(grid[:2, :2]), dataset, active.sum(axis=1))
         _draw_forces(figure.add_subplot(grid[0, 2]), dataset.presses.force_n)
-        _draw_numbers(figure.add_subplot(grid[1, 2]), active.sum(axis=1), threshold_counts)
+        unit = dataset.meta.sensor.unit_label
+        _draw_numbers(figure.add_subplot(grid[1, 2]), active.sum(axis=1), threshold_counts, unit)
         _draw_session(figure.add_subplot(grid[2, :2]), dataset)
         _draw_taxels(figure, figure.add_subplot(grid[2, 2]), dataset, active)
     return figure
@@ -172,7 +173,7 @@ def _draw_forces(axes: Axes, force: FloatArray) -> None:
     axes.legend(loc="upper right")
 
 
-def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float) -> None:
+def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float, unit: str) -> None:
     most = int(number.max(initial=0))
     if most <= 2 * FEW_NUMBERS:
         bars = axes.bar(np.arange(most + 1), np.bincount(number), width=0.8)
@@ -185,7 +186,7 @@ def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float) -> No
         axes.hist(number[number < 2], bins=1, range=(-0.5, 1.5), color=GREY)
         axes.hist(number[number >= 2], bins=20, color=BLUE, edgecolor="white", linewidth=0.5)
     axes.set_title("Answers (grey: fewer than two)" if number.min(initial=2) < 2 else "Answers")
-    axes.set_xlabel(f"taxels more than {threshold:g} counts above rest")
+    axes.set_xlabel(f"taxels more than {threshold:.3g} {unit} above rest")
     axes.set_ylabel("presses")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 

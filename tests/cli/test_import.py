@@ -57,6 +57,10 @@ def test_csv_as_json(run: Run, source: tuple[Path, Path], tmp_path: Path):
         "dropped": [{"count": 1, "what": "row", "why": "nothing in a column that is needed (force_n)"}],
         "assumed": [],
         "warnings": [],
+        "notes": [],
+        "clocks": [],
+        "picture": None,
+        "findings": [],
     }
 
 

@@ -246,7 +246,8 @@ def test_times_that_go_back(tmp_path: Path, recording: Recorded):
     table = series_table(recording)
     table.loc[50, "t"] = table.loc[20, "t"]
     found = refused(tmp_path, [table], mapping(SERIES))
-    assert found.startswith("part0.csv, row 51, time_s: expected times in order")
+    assert found.startswith('part0.csv, column "t", row 51 (line 52): expected times in order')
+    assert "empty their cells" in found
 
 
 def test_force_that_is_missing(tmp_path: Path, recording: Recorded):

@@ -43,7 +43,7 @@ def test_everything_at_once(tmp_path: Path):
         '[columns] temprature_c: expected a known column; got an unknown one. Did you mean "temperature_c"?',
         "[columns]: expected the column x_m (or position); got nothing. Add [columns.position].",
         "[columns.branch] value: expected a text; got 3",
-        "Use {r} and {c}, or {j}.",
+        "Use {r} and {c}, or {j};",
         "expected a rotation; got a reflection (determinant -1)",
     ):
         assert any(text in problem for problem in found), text

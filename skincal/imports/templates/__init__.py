@@ -4,7 +4,29 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from skincal.dataset.findings import did_you_mean
+from skincal.errors import InputError, Problem
+
+FOLDER = Path(__file__).parent
+
+
+def template_names() -> tuple[str, ...]:
+    """Names of the mapping files that there are."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
 
 def template(kind: str) -> str:
-    """A mapping file that works, with comments; ``kind`` is ``csv`` or ``rosbag``."""
-    return (Path(__file__).parent / f"{kind}.toml").read_text(encoding="utf-8")
+    """A mapping file that works, with comments.
+
+    Args:
+        kind: ``csv`` or ``rosbag``, or the name of a public data set.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    names = template_names()
+    if kind not in names:
+        close = did_you_mean(kind, names)
+        fix = f'Did you mean "{close}"?' if close else ""
+        raise InputError([Problem("template", f"one of {', '.join(names)}", f'"{kind}"', fix)])
+    return (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")

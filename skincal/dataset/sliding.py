@@ -1,0 +1,81 @@
+"""How far a contact moves while it is held. Pure numerics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+SMALLEST_M: Final = 1e-4
+"""A contact that moves less than this rests, however well its position is known [m]."""
+
+FEWEST_SAMPLES: Final = 4
+"""A hold of fewer samples says nothing of their noise."""
+
+PARTS: Final = 8
+"""Positions are smoothed over this part of a hold."""
+
+NOISE_SIGMAS: Final = 6.0
+"""What noise alone makes of the extent of a smoothed path, in its standard deviations (simulated: 1 in 1000 above)."""
+
+
+def sample_noise_m(holds: Sequence[FloatArray]) -> float:
+    """Standard deviation of a single position, of its vector, the median over the holds of a session [m].
+
+    Args:
+        holds: positions sample by sample, each (n, 3).
+    """
+    found: list[float] = []
+    for position in holds:
+        if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
+            # Differences of neighbours are of the noise alone: a slide is slow.
+            apart = np.diff(position, axis=0)
+            spread = np.median(np.abs(apart - np.median(apart, axis=0)), axis=0)
+            found.append(float(np.linalg.norm(1.4826 * spread)) / np.sqrt(2))
+    return float(np.median(found)) if found else 0.0
+
+
+def slide_m(position_m: FloatArray, noise_m: float) -> float:
+    """How far a contact moves in its hold [m], noise of the positions left out; NaN where they are not known.
+
+    Args:
+        position_m: sample by sample, shape (n, 3).
+        noise_m: standard deviation of a single one (:func:`sample_noise_m`).
+    """
+    path, width = _path(position_m)
+    if len(path) < 2:
+        return float("nan")
+    noise = NOISE_SIGMAS * noise_m / np.sqrt(width)
+    return max(float(np.linalg.norm(np.ptp(path, axis=0))) - noise, 0.0)
+
+
+def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
+    """The longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
+
+    Args:
+        position_m: sample by sample, shape (n, 3).
+        still_m: how far a contact that rests moves [m].
+        noise_m: standard deviation of a single position.
+    """
+    path, width = _path(position_m)
+    allowed = still_m + NOISE_SIGMAS * noise_m / np.sqrt(width)
+    best, start = (0, 0), 0
+    for stop in range(1, len(path) + 1):
+        while np.linalg.norm(np.ptp(path[start:stop], axis=0)) > allowed:
+            start += 1
+        if stop - start > best[1] - best[0]:
+            best = start, stop
+    return best[0], best[1] + width - 1 if best[1] else 0
+
+
+def _path(position_m: FloatArray) -> tuple[FloatArray, int]:
+    """Positions smoothed over some samples (m, 3), and over how many; none where they are not known."""
+    if len(position_m) < 2 or not np.isfinite(position_m).all():
+        return np.zeros((0, 3)), 1
+    width = max(1, len(position_m) // PARTS)
+    total = np.cumsum(np.vstack([np.zeros(3), position_m]), axis=0)
+    return (total[width:] - total[:-width]) / width, width

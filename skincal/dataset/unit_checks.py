@@ -1,0 +1,241 @@
+"""Units that cannot be meant, from what is physically plausible, each with the factor that would mend it."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.count_checks import named
+from skincal.dataset.dataset import Dataset
+from skincal.dataset.findings import Findings
+from skincal.dataset.rest import noise_at_rest, rest_levels
+from skincal.dataset.tables import HOLD, IDLE
+from skincal.dataset.word_checks import bytes_swapped, correlation, find_wrapped
+
+FloatArray = NDArray[np.float64]
+
+CODE: Final = "unit_suspect"
+
+FORCE_UNITS: Final = {
+    "grams-force": 9.80665e-3, "kilograms-force": 9.80665, "millinewtons": 1e-3, "kilonewtons": 1e3,
+    "centinewtons": 1e-2, "pounds-force": 4.4482216, "ounces-force": 0.27801385,
+}  # fmt: skip
+"""What one unit of force is in newtons."""
+
+LIKELY_UNITS: Final = ("grams-force", "kilograms-force", "millinewtons", "kilonewtons")
+"""Those that are guessed from a size alone."""
+
+USUAL_PRESSURE_PA: Final = 3e4
+"""Mean pressure under an indenter that touches a skin: 1 N on 0.3 cm². Of several units the one that comes nearest."""
+
+HIGH_PRESSURE_PA, LOW_PRESSURE_PA = 6e5, 4e3
+"""Beyond these a session is unusual enough to ask for the unit: a skin is seldom pressed with 6 bar, nor with 4 kPa."""
+
+FORCE_BEYOND_DOUBT_N: Final = 50.0
+"""A median force below this is never called too high: a needle reaches any pressure."""
+
+CONTACT_M2: Final = 1e-4
+"""The area of a contact is hardly larger than this, however large the indenter."""
+
+RATIO_TOLERANCE: Final = 0.06
+"""Two columns of force differ by a unit where their ratio comes so near to it."""
+
+LEAST_COUNT: Final = 5.0
+"""Values that all lie below this are no counts of a converter."""
+
+FALLING_SIGMAS, FALLING_PART, FALLING_CELLS = 6.0, 4.0, 6
+"""A sensor falls where readings so many sigmas below rest weigh so many times those above, in so many cells."""
+
+
+FALLING_CORRELATION: Final = -0.35
+"""Or where they go so much against the load (that of images in another order of the taxels is -0.15 at least)."""
+
+REACH_PITCHES: Final = 1.5
+"""A press reaches about so many pitches, the nominal pose being off by some (a tolerance)."""
+
+
+def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
+    """The unit that would make a median force plausible, with its factor; None where it is plausible as it is.
+
+    Args:
+        median_n: of the forces, as newtons.
+        area_m2: that the indenter presses on at most.
+    """
+    pressure = median_n / area_m2
+    low = median_n / min(area_m2, CONTACT_M2) < LOW_PRESSURE_PA and median_n / area_m2 < LOW_PRESSURE_PA
+    high = pressure > HIGH_PRESSURE_PA and median_n > FORCE_BEYOND_DOUBT_N
+    if not (low or high) or median_n <= 0:
+        return None
+    area = min(area_m2, CONTACT_M2) if low else area_m2
+    fitting = [name for name in LIKELY_UNITS if (FORCE_UNITS[name] > 1) == low]
+    best = min(fitting, key=lambda name: abs(np.log(median_n * FORCE_UNITS[name] / area / USUAL_PRESSURE_PA)))
+    return best, FORCE_UNITS[best]
+
+
+def unit_of_ratio(ratio: float) -> tuple[str, float] | None:
+    """The unit of a force that is ``ratio`` times the same force in newtons; None where there is none."""
+    name = min(FORCE_UNITS, key=lambda unit: abs(ratio * FORCE_UNITS[unit] - 1))
+    return (name, FORCE_UNITS[name]) if abs(ratio * FORCE_UNITS[name] - 1) < RATIO_TOLERANCE else None
+
+
+def scaled_by(factor: float) -> str:
+    """What to do to values that a factor mends."""
+    if factor >= 1:
+        return f"multiply by {factor:.6g}"
+    whole = np.isclose(1 / factor, round(1 / factor))
+    return f"divide by {1 / factor:.6g}" if whole else f"multiply by {factor:.6g}"
+
+
+def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
+    """Adds what is wrong with the taxels' values as such.
+
+    Args:
+        dataset: the data, of the right form.
+        files: names of the files of ``presses`` and ``frames``.
+        findings: where warnings and notes go.
+    """
+    tables = [(files["presses"], dataset.presses.counts)]
+    if dataset.frames is not None:
+        tables.insert(0, (files["frames"], dataset.frames.counts))
+    if any(_check_words(dataset, file, counts, findings) for file, counts in tables):
+        return
+    _check_whole(dataset, files, findings)
+    _check_direction(dataset, files["presses"], findings)
+
+
+def expected_load(dataset: Dataset) -> FloatArray:
+    """About what each taxel bore in each press: the force, less with the distance, at the nominal pose, (K, J)."""
+    presses, layout = dataset.presses, dataset.layout()
+    force = np.repeat(np.abs(presses.force_n)[:, None], dataset.meta.sensor.taxels, axis=1)
+    if not np.isfinite(dataset.meta.position.sigma_m) or not np.isfinite(presses.position_m).all():
+        return force
+    centres = dataset.surface().wrap(dataset.nominal_pose(), layout.centres_m)[0]
+    away = np.linalg.norm(presses.position_m[:, None] - centres, axis=2)
+    low, high = layout.bounds_m
+    pitch = float(np.sqrt(np.prod(high - low) / max(dataset.meta.sensor.taxels, 1)))
+    return force * np.exp(-0.5 * (away / (REACH_PITCHES * pitch)) ** 2)
+
+
+def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Findings) -> bool:
+    names = list(dataset.meta.sensor.taxel_columns())
+    wrapped = find_wrapped(counts, expected_load(dataset) if counts is dataset.presses.counts else None)
+    if wrapped is not None:
+        size = 2**wrapped.bits
+        mapping = f'[taxels] word = "{wrapped.word}"'
+        mend = f"add {size} to negative ones" if counts[np.isfinite(counts)].min() < 0 else (
+            f"add {size} to those that came out low" if wrapped.word.startswith("u") else f"take {size} off high ones"
+        )  # fmt: skip
+        between = "with nothing between, " if wrapped.apart else "where the load is largest, "
+        findings.warn(
+            file, "readings within the range of their words",
+            f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from "
+            f"{named(names, wrapped.taxels)}",
+            f"The words have overflowed: {mend}, or import again with {mapping}.",
+            code="counter_wrapped", modulus=size, mapping=mapping,
+            taxels=[names[j] for j in wrapped.taxels],
+        )  # fmt: skip
+        return True
+    if bytes_swapped(counts):
+        mapping = "[taxels] swap_bytes = true"
+        findings.warn(
+            file, "readings whose high byte changes with load, and whose low byte is the fine part",
+            "low bytes that hardly change, while high bytes are spread over their whole range",
+            f"The two bytes of each reading are exchanged: import again with {mapping}.",
+            code="bytes_swapped", mapping=mapping,
+        )  # fmt: skip
+        return True
+    return False
+
+
+def _check_whole(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
+    """Counts of a converter are whole numbers, and more than a few."""
+    sensor = dataset.meta.sensor
+    if sensor.unit not in (None, "counts"):
+        return
+    values = np.abs(dataset.presses.counts[np.isfinite(dataset.presses.counts)])
+    top = float(values.max()) if values.size else 0.0
+    if top == 0.0 or (top >= LEAST_COUNT and not _shares(values)):
+        return
+    broken = (values != np.rint(values)).any()
+    if not broken:
+        return
+    step = value_step(dataset.presses.counts if dataset.frames is None else dataset.frames.counts)
+    details: dict[str, Any] = {} if step is None else {"factor": 1 / step}
+    likely = "shares of full scale" if top <= 1.0 else "volts"
+    mapping = '[sensor] unit = "V"' + (", integer = false" if sensor.integer else "")
+    scale = (
+        "" if step is None else f", or import with [taxels] scale = {1 / step:.6g}, which makes them whole"
+    )
+    got = f"{top:.3g} at most: volts, or {likely}?" if likely != "volts" else f"{top:.3g} at most: volts?"
+    (findings.warn if sensor.integer else findings.note)(
+        files["presses"], "counts of a converter (no other [sensor] unit is given)", got,
+        f"Values of any unit are fitted as they are: write {mapping}, or the unit that it is{scale}.",
+        code=CODE, mapping=mapping, **details,
+    )  # fmt: skip
+
+
+def _shares(values: FloatArray) -> bool:
+    return bool(values.max() <= 1.0)
+
+
+def value_step(counts: FloatArray) -> float | None:
+    """The step of a converter behind scaled values; None where they are not multiples of one.
+
+    Args:
+        counts: readings, shape (n, J).
+    """
+    values = np.unique(counts[np.isfinite(counts)])
+    if len(values) < 3:
+        return None
+    steps = np.diff(values)
+    size = float(np.abs(values).max())
+    steps = steps[steps > 1e-6 * size]
+    if not steps.size:
+        return None
+    step = float(steps.min())
+    part = values / step
+    # Values written with few digits are multiples of a power of ten only by that.
+    return step if np.abs(part - np.rint(part)).max() < 0.02 and size / step < 2**20 else None
+
+
+def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
+    """Counts grow with load: what lies far from rest lies above it."""
+    noise = noise_at_rest(dataset)
+    rest = rest_levels(dataset)
+    counts = dataset.presses.counts
+    if (
+        dataset.frames is not None
+        and (dataset.frames.phase == IDLE).any()
+        and (dataset.frames.phase == HOLD).any()
+    ):
+        counts = dataset.frames.counts[dataset.frames.phase == HOLD]
+        idle = dataset.frames.counts[dataset.frames.phase == IDLE]
+        rest = np.where(np.isfinite(idle).any(axis=0), _median(idle), rest)
+    elif dataset.meta.sensor.baseline == "raw":
+        # The level at rest of a falling sensor is not below its readings.
+        rest = _median(counts)
+    apart = counts - rest
+    clear = np.abs(apart) > FALLING_SIGMAS * np.maximum(noise, 1e-12)
+    clear &= np.isfinite(apart)
+    below, above = -apart[clear & (apart < 0)].sum(), apart[clear & (apart > 0)].sum()
+    cells = int((clear & (apart < 0)).sum())
+    against = correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
+    falls = cells >= FALLING_CELLS and below > FALLING_PART * above
+    if not (against or falls):
+        return
+    mapping = "[taxels] falling_from = " + (
+        "0" if dataset.meta.sensor.baseline == "subtracted" else f"{float(np.nanmax(counts)):.6g}"
+    )
+    findings.warn(
+        file, "values that grow with load", f"values that fall by up to {float(-np.nanmin(apart)):.3g} below rest",
+        f"Convert them: import with {mapping}.", code=CODE, factor=-1.0, mapping=mapping,
+    )  # fmt: skip
+
+
+def _median(values: FloatArray) -> FloatArray:
+    result = np.full(values.shape[1], np.nan)
+    alive = np.isfinite(values).any(axis=0)
+    result[alive] = np.nanmedian(values[:, alive], axis=0)
+    return result

@@ -1,0 +1,193 @@
+"""Taxel values that a converter's words have mangled: counters that overflow, bytes in the wrong order. Pure numerics.
+
+Both leave marks that no load on a skin makes: readings of one taxel at both ends of the range of a word with nothing
+between, or high bytes that are spread over everything while low bytes hardly change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+WIDTHS: Final = (8, 10, 12, 14, 16, 24, 32)
+"""Bits of the words that are looked for."""
+
+FEWEST_CELLS: Final = 2
+"""One reading at the other end may be a glitch."""
+
+NEAR_END: Final = 1 / 64
+"""Readings that fell below zero lie in this part of the range at its upper end."""
+
+GAINED: Final = 0.15
+"""Readings have wrapped where taking them as unsigned adds so much to their correlation with the load (set by eye)."""
+
+SHRINKS: Final = 1 / 8
+"""Bytes are called swapped where exchanging them makes the range of most taxels this much smaller."""
+
+
+@dataclass(frozen=True)
+class Wrapped:
+    """Readings that have wrapped.
+
+    Attributes:
+        bits: of the words.
+        word: how they are to be read: ``uint16``, ``int16``, …
+        taxels: flat indices of the taxels concerned.
+        readings: how many have wrapped.
+        apart: whether nothing lies between them and the others; else it is the load that tells.
+    """
+
+    bits: int
+    word: str
+    taxels: NDArray[np.int64]
+    readings: int
+    apart: bool = True
+
+
+def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
+    """Readings that went beyond their word and came out at its other end; None where there are none.
+
+    Args:
+        counts: readings as they are stored, shape (n, J).
+        load: about what each taxel bore, in any unit, shape (n, J); with it, signed words that fill all of their range
+            are told as well. None: not known.
+    """
+    finite = np.isfinite(counts)
+    if not finite.any():
+        return None
+    low, high = float(counts[finite].min()), float(counts[finite].max())
+    for bits in WIDTHS:
+        size = 2.0**bits
+        if low < 0 and low >= -size / 2 and high < size / 2:
+            # Signed words above half of their range went on at the lower end.
+            found = [_signed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
+            if sum(found) >= FEWEST_CELLS:
+                return Wrapped(bits, f"uint{bits}", np.flatnonzero(found), sum(found))
+            negative = finite & (counts < -size / 16)
+            if (
+                load is not None
+                and high > size / 4
+                and negative.sum() >= FEWEST_CELLS
+                and _whole(counts[finite])
+            ):
+                word = f"uint{bits}"
+                if correlation(as_word(counts, word), load) > correlation(counts, load) + GAINED:
+                    return Wrapped(
+                        bits, word, np.flatnonzero(negative.any(axis=0)), int(negative.sum()), apart=False
+                    )
+        elif low >= 0 and high < size:
+            found = [_overflowed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
+            if sum(found) >= FEWEST_CELLS:
+                return Wrapped(bits, f"uint{bits}", np.flatnonzero(found), sum(found))
+            found = [_fell_below(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
+            if np.count_nonzero(found) > counts.shape[1] / 2:
+                return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found))
+    return None
+
+
+def correlation(counts: FloatArray, load: FloatArray) -> float:
+    """How the readings of the taxels go with their loads, each about its mean; 0 where nothing changes.
+
+    Args:
+        counts: readings, shape (n, J).
+        load: what each taxel bore, shape (n, J).
+    """
+    both = np.isfinite(counts) & np.isfinite(load)
+    number = np.maximum(both.sum(axis=0), 1)
+    x = np.where(both, counts - np.where(both, counts, 0).sum(axis=0) / number, 0.0)
+    y = np.where(both, load - np.where(both, load, 0).sum(axis=0) / number, 0.0)
+    size = float(np.sqrt((x**2).sum() * (y**2).sum()))
+    return float((x * y).sum()) / size if size > 0 else 0.0
+
+
+def _whole(values: FloatArray) -> bool:
+    return bool((values == np.rint(values)).all())
+
+
+def as_word(values: FloatArray, word: str) -> FloatArray:
+    """Readings taken as unsigned (``uint16``) or signed (``int16``) words of so many bits, of the same shape."""
+    signed = not word.startswith("u")
+    size = 2.0 ** int(word.removeprefix("u").removeprefix("int"))
+    return np.mod(values + size / 2, size) - size / 2 if signed else np.mod(values, size)
+
+
+def swapped(values: FloatArray) -> FloatArray:
+    """Whole readings of 16 bits with their two bytes exchanged, 0 to 65535; others stay NaN."""
+    words = np.mod(np.where(np.isfinite(values), values, 0), 65536).astype(np.int64)
+    return np.where(np.isfinite(values), (words & 255) * 256.0 + (words >> 8), np.nan)
+
+
+def bytes_swapped(counts: FloatArray) -> bool:
+    """Whether readings of 16 bits have their bytes in the wrong order.
+
+    Args:
+        counts: readings as they are stored, shape (n, J).
+    """
+    finite = np.isfinite(counts)
+    values = counts[finite]
+    if len(counts) < 8 or not values.size or values.min() < -32768 or not 256 <= values.max() < 65536:
+        return False
+    if (values != np.rint(values)).any():
+        return False
+    words = np.where(finite, np.mod(np.where(finite, counts, 0), 65536), np.nan)
+    low = np.mod(words, 256)[finite]
+    # Values of 8 bits shifted up have no low byte to speak of: both orders are the same to the eye.
+    if not low.any():
+        return False
+    alive = finite.sum(axis=0) >= 8
+    if not alive.any():
+        return False
+    range_now, range_swapped = _range(words[:, alive]), _range(swapped(counts)[:, alive])
+    moves = range_now > 0
+    return bool(moves.any()) and float(np.median(range_swapped[moves] / range_now[moves])) < SHRINKS
+
+
+def _range(values: FloatArray) -> FloatArray:
+    low, high = np.nanquantile(values, (0.02, 0.98), axis=0)
+    return high - low
+
+
+def _groups(values: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:
+    """The readings below and above a gap of more than half of the range; None where there is no such gap."""
+    ordered = np.sort(values)
+    steps = np.diff(ordered)
+    if not steps.size or steps.max() <= size / 2:
+        return None
+    at = int(steps.argmax()) + 1
+    return ordered[:at], ordered[at:]
+
+
+def _signed(values: FloatArray, size: float) -> int:
+    groups = _groups(values, size)
+    if groups is None or groups[0][-1] >= 0 or groups[1][0] < 0:
+        return 0
+    return len(groups[0])
+
+
+def _overflowed(values: FloatArray, size: float) -> int:
+    """Readings of a taxel that rests high, and went beyond the top when it was pressed hard."""
+    groups = _groups(values, size)
+    if groups is None:
+        return 0
+    low, high = groups
+    rest = float(np.median(high))
+    rises, sinks = float(high[-1] - rest), float(rest - high[0])
+    climbed = rises > max(3 * sinks, size * NEAR_END) and high[-1] > size * (1 - 4 * NEAR_END)
+    return len(low) if len(low) < len(high) and climbed else 0
+
+
+def _fell_below(values: FloatArray, size: float) -> int:
+    """Readings of a taxel that rests at zero, and came out at the top when noise made them negative."""
+    groups = _groups(values, size)
+    if groups is None:
+        return 0
+    low, high = groups
+    tight = high[0] > size * (1 - NEAR_END) and len(np.unique(high)) > 1
+    share = len(high) / len(values)
+    return len(high) if tight and low[0] < size * NEAR_END and 0.1 < share < 0.9 else 0

@@ -1,0 +1,54 @@
+"""Contacts told by the taxels, for recordings without a force: weights laid on by hand, say. Pure numerics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from skincal.imports.cutting import cut
+from skincal.imports.mapping import CutRules, Mapping
+from skincal.imports.recording import FloatArray
+from skincal.imports.series import Cut, Series
+
+ON_SIGMAS, OFF_SIGMAS = 8.0, 4.0
+"""A contact lifts the sum of the taxels by so many standard deviations of its noise at rest, and ends below so many."""
+
+LEAST_PART: Final = 0.1
+"""And by this part of what the strongest contacts do (a tolerance for creep and crosstalk of rests)."""
+
+
+def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
+    """The contacts of a series, by how far the taxels are from their level at rest.
+
+    Args:
+        series: the time series; its force is not looked at.
+        images: the taxels, shape (M, J).
+        rules: of the hold; ``on_n`` and ``off_n`` do not count.
+    """
+    activity = taxel_activity(images)
+    low = activity <= np.quantile(activity, 0.95) / 2
+    rest = float(np.median(activity[low])) if low.any() else 0.0
+    sigma = 1.4826 * float(np.median(np.abs(activity[low] - rest))) if low.any() else 0.0
+    top = float(np.quantile(activity, 0.99)) - rest
+    on = max(ON_SIGMAS * sigma, LEAST_PART * top)
+    found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
+    return cut(replace(series, force_n=activity - rest), found)
+
+
+def taxel_activity(images: FloatArray) -> FloatArray:
+    """Sum over the taxels of how far each is above its lowest tenth, its level at rest, shape (M,)."""
+    rest = np.nanquantile(images, 0.1, axis=0)
+    return np.nansum(np.maximum(images - rest, 0.0), axis=1)
+
+
+def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
+    """A force that was not measured, where there is contact, and 0 elsewhere; a measured one as it is [N], (M,)."""
+    quantity = mapping.quantity("force_n")
+    if quantity is None or quantity.constant is None:
+        return force_n
+    touched = np.zeros(len(force_n), dtype=bool)
+    for span in found.spans:
+        touched[span.start : span.stop] = True
+    return np.where(touched, force_n, 0.0)

@@ -1,0 +1,247 @@
+"""The offset of two clocks from what both devices saw: the lag at which force and taxels go together. Pure numerics.
+
+The masked normalised cross-correlation of the force with the activity of the taxels gives the lag to a step of a
+common grid; then it is refined on the line between samples, and found again in parts of the recording. How these
+scatter is the uncertainty; where they follow a line, the clocks run at different rates, and that line is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.signal import fftconvolve
+
+from skincal.imports.clock import usual_step
+from skincal.imports.recording import FloatArray
+
+LEAST_OVERLAP: Final = 0.5
+"""Lags are looked for at which this part of the shorter recording lies within the other."""
+
+LEAST_CORRELATION: Final = 0.6
+"""Below this the two recordings do not show the same contacts (set by eye; random traces reach 0.3)."""
+
+ALIKE: Final = 1.2
+"""Another lag explains the data as well where its residual variance is no larger than this times the best one's."""
+
+PARTS: Final = 12
+SIGMAS: Final = 4.0
+MOST_SAMPLES: Final = 1 << 20
+
+
+class NoOffsetError(ValueError):
+    """The recordings do not tell the offset of their clocks; the text says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedClock:
+    """How the clock of one file was put on that of the taxels: ``t + offset_s + rate (t - middle_s)``.
+
+    Attributes:
+        name: of the file's table in the mapping.
+        offset_s: what was added to its times [s].
+        sigma_s: standard deviation of that [s]; NaN where it was given.
+        rate: how much faster the clock of the taxels runs, as a share of one; 0 where that cannot be told.
+        middle_s: about which the rate turns [s].
+        estimated: whether the offset was found by correlation.
+        by: the column that was compared with the taxels.
+        correlation: of the two at that offset.
+        lags_s: lags round the best [s], shape (n,); empty where nothing was compared.
+        correlations: at these lags, shape (n,).
+        time_s: times of the two traces below, on the clock of the taxels [s], shape (m,).
+        traces: activity of the taxels, and the column, as shares of their ranges, shape (2, m).
+    """
+
+    name: str
+    offset_s: float
+    sigma_s: float = np.nan
+    rate: float = 0.0
+    middle_s: float = 0.0
+    estimated: bool = False
+    by: str = ""
+    correlation: float = np.nan
+    lags_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    correlations: FloatArray = field(default_factory=lambda: np.zeros(0))
+    time_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    traces: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
+
+    def onto(self, time_s: FloatArray) -> FloatArray:
+        """Times of the file on the clock of the taxels."""
+        return time_s + self.offset_s + self.rate * (time_s - self.middle_s)
+
+
+def activities(images: FloatArray) -> list[FloatArray]:
+    """Signals that follow the force on a skin, each of shape (M,): the sum of the taxels, and their distance from rest.
+
+    The second serves sensors whose channels differ in sign.
+    """
+    rest = np.nanmedian(images, axis=0)
+    apart = np.nan_to_num(images - rest)
+    return [apart.sum(axis=1), np.abs(apart).sum(axis=1)]
+
+
+def estimate_offset(
+    name: str,
+    taxels_s: FloatArray,
+    images: FloatArray,
+    file_s: FloatArray,
+    columns: Mapping[str, FloatArray],
+    within_s: float = np.inf,
+) -> JoinedClock:
+    """The offset of a file's clock.
+
+    Args:
+        name: of the file.
+        taxels_s: times of the taxels, ascending [s], shape (M,).
+        images: their readings, shape (M, J).
+        file_s: times of the file, ascending [s], shape (n,).
+        columns: what the file says, force or positions, each (n,); the one that goes best with the taxels is taken.
+        within_s: only offsets up to this are looked at [s]; presses that recur evenly need such a bound.
+
+    Raises:
+        NoOffsetError: nothing goes with the taxels, or several offsets do alike.
+    """
+    # Seconds since 1970 would take the last digits from the search.
+    zeros = float(taxels_s[0]), float(file_s[0])
+    apart = zeros[0] - zeros[1]
+    taxels_s, file_s = taxels_s - zeros[0], file_s - zeros[1]
+    step = max(
+        min(usual_step(taxels_s), usual_step(file_s)),
+        (taxels_s[-1] - taxels_s[0]) / MOST_SAMPLES, (file_s[-1] - file_s[0]) / MOST_SAMPLES, 1e-6,
+    )  # fmt: skip
+    best: tuple[float, FloatArray, FloatArray, FloatArray, FloatArray, str] | None = None
+    for activity in activities(images):
+        for column, values in columns.items():
+            given = np.isfinite(values)
+            if given.sum() < 3 or np.ptp(values[given]) == 0 or np.ptp(activity) == 0:
+                continue
+            lags, found = _correlations(taxels_s, activity, file_s[given], values[given], step)
+            found[np.abs(lags + apart) > within_s] = np.nan
+            peak = float(np.nanmax(np.abs(found), initial=0.0))
+            if best is None or peak > best[0]:
+                best = peak, lags, found, activity, values, column
+    if best is None or best[0] < LEAST_CORRELATION:
+        reached = "nothing in it changes" if best is None else f"a correlation of {best[0]:.2f} at most"
+        raise NoOffsetError(f"no lag at which {', '.join(columns)} goes with the taxels ({reached})")
+    peak, lags, found, activity, values, column = best
+    at = int(np.nanargmax(np.abs(found)))
+    _check_unique(lags + apart, np.abs(found), at)
+    if within_s - abs(lags[at] + apart) < step:
+        raise NoOffsetError(f"the correlation is largest at the bound of {within_s:g} s (within_s)")
+    given = np.isfinite(values)
+    file_s, values = file_s[given], values[given] * np.sign(found[at])
+    offset, correlation = _refined(taxels_s, activity, file_s, values, float(lags[at]), 2 * step)
+    sigma, rate, middle, offset = _parts(taxels_s, activity, file_s, values, offset, step)
+    near = np.abs(lags - offset) < 10 * max(step, (taxels_s[-1] - taxels_s[0]) / 100)
+    shift = offset + rate * (file_s - middle)
+    start, stop = max(taxels_s[0], (file_s + shift)[0]), min(taxels_s[-1], (file_s + shift)[-1])
+    common = np.linspace(float(start), float(stop), 2000)
+    return JoinedClock(
+        name, offset + apart, sigma, rate, middle + zeros[1], True, column, correlation,
+        lags_s=lags[near] + apart, correlations=np.abs(found[near]), time_s=common + zeros[0],
+        traces=np.stack([_share(np.interp(common, taxels_s, activity)),
+                         _share(np.interp(common, file_s + shift, values))]),
+    )  # fmt: skip
+
+
+def _share(values: Any) -> FloatArray:
+    return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
+
+
+def _correlations(
+    a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, step: float
+) -> tuple[FloatArray, FloatArray]:
+    """Offsets of the clock of ``b``, and the correlations of its overlap with ``a`` there; NaN where that is short."""
+    x = np.interp(np.arange(a_s[0], a_s[-1] + step / 2, step), a_s, a)
+    y = np.interp(np.arange(b_s[0], b_s[-1] + step / 2, step), b_s, b)
+    x, y = (x - x.mean()) / (x.std() or 1.0), (y - y.mean()) / (y.std() or 1.0)
+    flipped = y[::-1]
+
+    def both(left: FloatArray, right: FloatArray) -> FloatArray:
+        return np.asarray(fftconvolve(left, right))
+
+    ones_x, ones_y = np.ones(len(x)), np.ones(len(y))
+    count = np.maximum(np.rint(both(ones_x, ones_y)), 1.0)
+    sum_x, sum_y = both(x, ones_y), both(ones_x, flipped)
+    var_x = both(x**2, ones_y) - sum_x**2 / count
+    var_y = both(ones_x, flipped**2) - sum_y**2 / count
+    low = 1e-3 * count
+    good = (count >= LEAST_OVERLAP * min(len(x), len(y))) & (var_x > low) & (var_y > low)
+    top = both(x, flipped) - sum_x * sum_y / count
+    found = np.divide(
+        top, np.sqrt(np.maximum(var_x * var_y, 1e-300)), out=np.full(len(top), np.nan), where=good
+    )
+    lags = (np.arange(len(top)) - (len(y) - 1)) * step + a_s[0] - b_s[0]
+    return lags, found
+
+
+def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
+    """Raises where a lag beyond the foot of the peak does nearly as well."""
+    filled = np.nan_to_num(found)
+    left, right = at, at
+    half = filled[at] / 2
+    while left > 0 and filled[left] > half:
+        left -= 1
+    while right < len(filled) - 1 and filled[right] > half:
+        right += 1
+    others = filled.copy()
+    others[left : right + 1] = 0.0
+    second = int(others.argmax())
+    if 1 - others[second] ** 2 < ALIKE * (1 - filled[at] ** 2) + 1e-9:
+        raise NoOffsetError(
+            f"two offsets fit alike, {lags[at]:.4g} s and {lags[second]:.4g} s (correlations {filled[at]:.3f} and "
+            f"{others[second]:.3f}): the presses are too much alike; within_s narrows the search"
+        )
+
+
+def _refined(
+    a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, start: float, reach: float
+) -> tuple[float, float]:
+    """The offset within ``reach`` of a first one at which the correlation is largest, and that correlation."""
+
+    def lost(offset: float) -> float:
+        inside = (a_s >= b_s[0] + offset) & (a_s <= b_s[-1] + offset)
+        x, y = a[inside], np.interp(a_s[inside] - offset, b_s, b)
+        x, y = x - x.mean(), y - y.mean()
+        return -float(x @ y) / float(np.sqrt((x @ x) * (y @ y)) or 1.0)
+
+    found = minimize_scalar(
+        lost, bounds=(start - reach, start + reach), method="bounded", options={"xatol": 1e-5}
+    )
+    return float(found.x), -float(found.fun)
+
+
+def _parts(
+    a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, offset: float, step: float
+) -> tuple[float, float, float, float]:
+    """Standard deviation of the offset, the rate, its middle and the offset there, from parts of the recording."""
+    start, stop = max(a_s[0], b_s[0] + offset), min(a_s[-1], b_s[-1] + offset)
+    edges = np.linspace(float(start), float(stop), PARTS + 1).tolist()
+    reach = max(6 * step, 3 * usual_step(b_s), 0.5)
+    total = float(np.var(a))
+    at: list[float] = []
+    found: list[float] = []
+    for low, high in pairwise(edges):
+        inside = (a_s >= low) & (a_s < high)
+        # A part in which hardly anything happens says nothing.
+        if inside.sum() < 8 or float(np.var(a[inside])) < 0.1 * total:
+            continue
+        part, correlation = _refined(a_s[inside], a[inside], b_s, b, offset, reach)
+        if correlation > LEAST_CORRELATION and abs(part - offset) < 0.95 * reach:
+            at.append((low + high) / 2 - offset)
+            found.append(part)
+    middle, floor = float(np.mean(at)) if at else 0.0, step / np.sqrt(12 * max(len(found), 1))
+    if len(found) < 3:
+        return max(usual_step(b_s), step), 0.0, middle, offset
+    offsets, times = np.array(found), np.array(at) - middle
+    if len(found) >= 5:
+        (rate, mean), covariance = np.polyfit(times, offsets, 1, cov=True)
+        span = float(np.ptp(times))
+        if abs(rate) > SIGMAS * np.sqrt(covariance[0, 0]) and abs(rate) * span > usual_step(b_s) / 2:
+            return max(float(np.sqrt(covariance[1, 1])), floor), float(rate), middle, float(mean)
+    spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
+    return max(spread / np.sqrt(len(found)), floor), 0.0, middle, offset

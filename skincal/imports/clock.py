@@ -1,0 +1,159 @@
+"""Stamps as devices write them, made into one ascending clock: wraps, equal and missing stamps. Pure numerics.
+
+The rows of a file are taken in the order in which they stand: it is the order of events, and the stamps are what may
+be wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.imports.recording import FloatArray
+
+BITS: Final = (8, 16, 24, 32)
+"""Widths of counters that are looked for."""
+
+DAY_S: Final = 86400.0
+CLOCK_PERIODS_S: Final = {"24 h": DAY_S, "12 h": DAY_S / 2}
+"""Periods of clocks on the wall."""
+
+LARGEST_STEP: Final = 20.0
+"""A wrap is believed where the step that it leaves is at most so many usual steps (a tolerance), or this part of it:"""
+
+SMALL_PART: Final = 0.02
+
+EPOCH_S: Final = (9.46e8, 4.1e9)
+"""Seconds since 1970 of the years 2000 and 2100: what stamps of today lie between."""
+
+
+@dataclass(frozen=True)
+class Wraps:
+    """The wraps of a clock.
+
+    Attributes:
+        period: what the clock counts to, in the unit of the stamps.
+        words: what kind of clock counts so far; '' where the period was given.
+        rows: first row after each wrap.
+    """
+
+    period: float
+    words: str
+    rows: NDArray[np.int64]
+
+
+def steps_back(stamps: FloatArray) -> NDArray[np.int64]:
+    """Rows whose stamp is lower than that of the row before; stamps that are missing are passed over."""
+    given = np.flatnonzero(np.isfinite(stamps))
+    return given[1:][np.diff(stamps[given]) < 0]
+
+
+def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
+    """The period that explains every step back of a clock; None where there is no step back, or no such period.
+
+    A counter wraps where adding its period turns the step back into a small step on. Of several periods that do so
+    the one with the smallest steps is taken.
+
+    Args:
+        stamps: in the order of events, NaN where one is missing, shape (n,).
+        unit_s: one unit of them [s].
+    """
+    back = steps_back(stamps)
+    if not back.size:
+        return None
+    before = _last_given(stamps)[back - 1]
+    fall = before - stamps[back]
+    usual = usual_step(stamps)
+    best: tuple[float, float, str] | None = None
+    span = float(np.nanmax(stamps) - np.nanmin(stamps))
+    for words, period in _periods(unit_s):
+        step = period - fall
+        allowed = max(LARGEST_STEP * usual, SMALL_PART * period)
+        # A clock shows nothing beyond its period, and falls by most of it.
+        if (
+            span < period < 2 * fall.min()
+            and (step >= 0).all()
+            and (step <= allowed).all()
+            and (best is None or step.max() < best[0])
+        ):
+            best = float(step.max()), period, words
+    return None if best is None else Wraps(best[1], best[2], back)
+
+
+def unwrapped(stamps: FloatArray, wraps: Wraps) -> FloatArray:
+    """The stamps with the period added once more from every wrap on."""
+    turns = np.zeros(len(stamps))
+    turns[wraps.rows] = wraps.period
+    return stamps + np.cumsum(turns)
+
+
+def usual_step(stamps: FloatArray) -> float:
+    """Median step from row to row, of those that go on; 0 where there is none."""
+    given = np.flatnonzero(np.isfinite(stamps))
+    steps = np.diff(stamps[given]) / np.diff(given)
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if steps.size else 0.0
+
+
+def with_missing(stamps: FloatArray) -> FloatArray:
+    """The stamps with those that are missing put evenly between their neighbours, shape (n,).
+
+    Beyond the first and the last that are given they go on at the usual step.
+    """
+    given = np.flatnonzero(np.isfinite(stamps))
+    if given.size in (0, len(stamps)):
+        return stamps
+    rows = np.arange(len(stamps))
+    filled = np.interp(rows, given, stamps[given])
+    step = usual_step(stamps)
+    filled[: given[0]] -= step * (given[0] - rows[: given[0]])
+    filled[given[-1] + 1 :] += step * (rows[given[-1] + 1 :] - given[-1])
+    return filled
+
+
+def spread_equal(time: FloatArray) -> FloatArray:
+    """Ascending times with rows of one stamp spread evenly up to the next stamp, shape (n,).
+
+    Clocks of whole seconds, and rows that arrive in packets, give several rows the same stamp. A packet before a gap
+    is spread over no more than its rows take at the mean rate.
+    """
+    first = np.flatnonzero(np.concatenate([[True], np.diff(time) != 0]))
+    size = np.diff(np.append(first, len(time)))
+    if not (size > 1).any():
+        return time
+    step = np.append(np.diff(time[first]), np.inf)
+    rate_step = (time[-1] - time[0]) / max(len(time) - size[-1], 1)
+    each = np.minimum(step / size, rate_step)
+    within = np.arange(len(time)) - np.repeat(first, size)
+    return time + within * np.repeat(each, size)
+
+
+def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str | None:
+    """The unit in which stamps are times since 1970 of this century; None where they are in no unit.
+
+    Args:
+        stamps: shape (n,).
+        factors: names of units and what one of them is [s].
+    """
+    middle = float(np.nanmedian(stamps)) if np.isfinite(stamps).any() else 0.0
+    return next((name for name, factor in factors if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
+
+
+def _periods(unit_s: float) -> list[tuple[str, float]]:
+    """Kinds of clocks and their periods in the unit of the stamps."""
+    counters = [
+        (f"a counter of {bits} bits" + (f" divided by {divided}" if divided > 1 else ""), 2.0**bits / divided)
+        for bits in BITS
+        for divided in (1, 1000, 1_000_000)
+    ]
+    return counters + [(f"a clock of {words}", period / unit_s) for words, period in CLOCK_PERIODS_S.items()]
+
+
+def _last_given(stamps: FloatArray) -> FloatArray:
+    """At each row the last stamp that is not missing, up to there."""
+    rows = np.where(np.isfinite(stamps), np.arange(len(stamps)), 0)
+    return stamps[np.maximum.accumulate(rows)]

@@ -1,0 +1,65 @@
+"""The columns that a mapping asks for, out of all that a file of arrays, or of frames, holds."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.findings import Findings, did_you_mean
+from skincal.imports.text_table import SourceSheet, TextTable
+
+Columns = Mapping[str, NDArray[Any]]
+"""One-dimensional columns by name; they need not be of one length."""
+
+SHOWN = 12
+
+
+def chosen(
+    file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
+    lines: NDArray[np.int64] | None = None, hint: str = "",
+) -> TextTable | None:  # fmt: skip
+    """A table of the columns that are asked for; None, and errors, where one is missing or they differ in length.
+
+    Args:
+        file: its name.
+        columns: all that it holds.
+        numbers: columns that hold numbers.
+        texts: columns that hold words or dates.
+        decimal: the decimal mark of cells that are text.
+        findings: where errors go.
+        lines: numbers of the lines of the rows, where the file is text.
+        hint: what to do where a column is missing and none has a name like it.
+    """
+    wanted = [*dict.fromkeys((*numbers, *texts))]
+    missing = [name for name in wanted if name not in columns]
+    if missing:
+        shown = ", ".join(f'"{name}"' for name in [*columns][:SHOWN]) or "none"
+        more = f", … ({len(columns)} in all)" if len(columns) > SHOWN else ""
+        close = did_you_mean(missing[0], columns)
+        others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        fix = f'Did you mean "{close}"?' if close else hint
+        findings.error(file, f'a column "{missing[0]}"{others}', f"the columns {shown}{more}", fix)
+        return None
+    sizes = {len(columns[name]) for name in wanted}
+    if len(sizes) > 1:
+        got = ", ".join(f"{name}: {len(columns[name])}" for name in wanted[:SHOWN])
+        fix = "Columns of another length have a clock of their own: name the file in [files] as well."
+        findings.error(file, "columns of one length", got, fix)
+        return None
+    rows = sizes.pop() if sizes else max((len(column) for column in columns.values()), default=0)
+    cells = {name: _column(columns[name], text=name in texts) for name in wanted}
+    return TextTable(SourceSheet(findings, file, lines), cells, rows, decimal)
+
+
+def _column(column: NDArray[Any], *, text: bool) -> NDArray[Any]:
+    if column.dtype.kind in "biuf" and not text:
+        return column.astype(np.float64)
+    if column.dtype.kind == "M":
+        column = np.datetime_as_string(column)
+    words = [
+        "" if cell is None else cell.decode() if isinstance(cell, bytes) else str(cell) for cell in column
+    ]
+    return np.array(words, dtype=object)

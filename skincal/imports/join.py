@@ -1,0 +1,201 @@
+"""Files with clocks of their own, joined to the taxels by time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+
+from skincal.dataset.findings import Findings
+from skincal.errors import InputError, Problem
+from skincal.imports import targets
+from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
+from skincal.imports.clock import DAY_S, usual_step
+from skincal.imports.mapping import JoinedFile, Mapping, Quantity, TopicRules
+from skincal.imports.recording import Column, FloatArray, Recording
+from skincal.imports.resample import resampled
+from skincal.imports.source_table import read_source_table
+from skincal.imports.stamps import Clock, Kind, read_clock
+from skincal.imports.values import is_text, quantity_values
+
+STEPS_OLD = 3.0
+"""A value of a joined file counts for so many of its own steps, where the mapping does not say how long."""
+
+APART_SIGMAS, APART_STEPS, LOOKED_S = 4.0, 2.0, 5.0
+"""Clocks that are said to agree are called apart beyond so many sigmas and steps; only so near is looked [s]."""
+
+
+ZONE_S = 900.0
+"""Zones of time differ by multiples of this [s]."""
+
+
+def assigned(
+    joined: Sequence[JoinedFile], given: Sequence[Path], folder: Path
+) -> tuple[list[Path], dict[str, list[Path]]]:
+    """Which of the files on the command line hold the taxels, and which are whose of ``[files]``.
+
+    Args:
+        joined: the tables of ``[files]``.
+        given: the files that were named.
+        folder: of the mapping, where files that were not named are looked for.
+
+    Raises:
+        InputError: a file of ``[files]`` was neither named nor lies beside the mapping.
+    """
+    rest = list(given)
+    found: dict[str, list[Path]] = {}
+    for entry in joined:
+        own = [path for path in rest if fnmatch(path.name, Path(entry.file).name)]
+        rest = [path for path in rest if path not in own]
+        found[entry.name] = own or sorted(folder.glob(entry.file))
+        if not found[entry.name]:
+            fix = "Name it on the command line, or lay it beside the mapping."
+            raise InputError([Problem(f"{entry.place} file", f"a file {entry.file}", "none", fix)])
+    return rest, found
+
+
+def join_file(
+    recording: Recording,
+    kind: Kind,
+    entry: JoinedFile,
+    paths: Sequence[Path],
+    mapping: Mapping,
+    findings: Findings,
+) -> Recording:
+    """The recording with the columns of one of ``[files]``, at the times of the taxels.
+
+    Args:
+        recording: with ``time_s`` as its clock says.
+        kind: of that clock.
+        entry: the file's table.
+        paths: the files: one for all of the recording, or, with clocks of their own, one for each of its files.
+        mapping: says what is taken from them.
+        findings: where errors go.
+    """
+    quantities = [q for q in mapping.quantities if q.topic == entry.name]
+    texts = {name for q in quantities for name in q.sources if is_text(q)}
+    numbers = [name for q in quantities for name in q.sources if not is_text(q)]
+    if entry.time is not None:
+        (texts.update if is_text(entry.time) else numbers.extend)(entry.time.sources)
+    tables = [read_source_table(path, entry.form, numbers, texts, findings) for path in paths]
+    if not all(tables):
+        return recording
+    read = [table for table in tables if table is not None]
+    own = mapping.cut.own_clocks and len(paths) > 1
+    if own and len(paths) != len(recording.files):
+        findings.error(
+            f"{entry.place} file", f"as many files as of the taxels ({len(recording.files)})", len(paths)
+        )
+        return recording
+    clock = read_clock(read, entry.time, entry.form, findings, own_clocks=own)
+    if findings.errors:
+        return recording
+    values = [[quantity_values(q, table) for q in quantities] for table in read]
+    groups = [[i] for i in range(len(read))] if own else [[*range(len(read))]]
+    columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
+    clocks: list[JoinedClock] = []
+    for group in groups:
+        rows = recording.part == group[0] if own else np.ones(len(recording), dtype=bool)
+        times = np.concatenate([clock.times_s[i] for i in group])
+        order = np.argsort(times, kind="stable")
+        held = [
+            np.concatenate([values[i][k][clock.rows[i]] for i in group])[order]
+            for k in range(len(quantities))
+        ]
+        ours = recording.columns["time_s"][rows]
+        times, note = _same_day(ours, kind, times[order], clock)
+        aligned = _aligned(entry, ours, recording.counts[rows], times, quantities, held, note, findings)
+        if aligned is None:
+            return recording
+        onto = aligned.onto(times)
+        clocks.append(aligned)
+        for quantity, column in zip(quantities, held, strict=True):
+            columns[quantity.target].append(_onto(quantity, entry, onto, column, ours))
+    return replace(
+        recording,
+        columns={**recording.columns, **{name: np.concatenate(parts) for name, parts in columns.items()}},
+        notes=(*recording.notes, *clock.notes),
+        clocks=(*recording.clocks, *clocks),
+    )
+
+
+def _same_day(ours: FloatArray, kind: Kind, times: FloatArray, clock: Clock) -> tuple[FloatArray, str]:
+    """Times of a file on the day of the taxels, where one of the two, or both, have no date."""
+    if "day" not in (kind, clock.kind):
+        return times, ""
+    # The two start no more than half a day apart.
+    shift = DAY_S * np.rint((ours[0] - times[0]) / DAY_S)
+    return times + shift, " (of the same day)"
+
+
+def _aligned(
+    entry: JoinedFile, ours: FloatArray, images: FloatArray, times: FloatArray, quantities: Sequence[Quantity],
+    held: Sequence[Column], note: str, findings: Findings,
+) -> JoinedClock | None:  # fmt: skip
+    """How the clock of a file goes on that of the taxels; None, and an error, where that cannot be told."""
+    numbers = {
+        q.target: column for q, column in zip(quantities, held, strict=True)
+        if not is_text(q) and not targets.is_whole(q.target)
+    }  # fmt: skip
+    if "force_n" in numbers:
+        numbers = {"force_n": numbers["force_n"]}
+    if entry.offset_s is None:
+        try:
+            return estimate_offset(entry.name, ours, images, times, numbers, entry.within_s)
+        except NoOffsetError as error:
+            findings.error(
+                f"{entry.place} offset_s",
+                "an offset that the recordings tell",
+                str(error),
+                "Give it in seconds.",
+            )
+            return None
+    onto = times + entry.offset_s
+    if onto[-1] < ours[0] or onto[0] > ours[-1]:
+        zone = ZONE_S * float(np.rint((ours[0] - onto[0]) / ZONE_S))
+        meets = onto[-1] + zone > ours[0] and onto[0] + zone < ours[-1] and abs(zone) <= DAY_S / 2
+        close = f" (for a time zone, {entry.offset_s + zone:g})" if zone and meets else ""
+        findings.error(
+            f"{entry.place}", f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
+            f"{onto[0]:.12g} s to {onto[-1]:.12g} s{note}",
+            f"Their clocks differ: give offset_s, what is to be added to its times{close}, or set "
+            'offset_s = "estimate".',
+        )  # fmt: skip
+        return None
+    given = JoinedClock(entry.name, entry.offset_s)
+    try:
+        inside = (ours >= onto[0] - LOOKED_S) & (ours <= onto[-1] + LOOKED_S)
+        found = estimate_offset(entry.name, ours[inside], images[inside], onto, numbers, LOOKED_S)
+    except (NoOffsetError, ValueError):
+        return given
+    apart = abs(found.offset_s) > max(
+        APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times))
+    )
+    if apart:
+        findings.warn(
+            f"{entry.place} offset_s", f"the clock of the taxels, with {entry.offset_s:g} s added",
+            f"{found.by} goes best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
+            "Is the skin so slow, or do the clocks differ? In the second case: offset_s = "
+            f'{entry.offset_s + found.offset_s:.6g}, or "estimate".',
+        )  # fmt: skip
+    return replace(found, offset_s=entry.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
+
+
+def _onto(
+    quantity: Quantity, entry: JoinedFile, times: FloatArray, column: Column, ours: FloatArray
+) -> Column:
+    """A column of a file at the times of the taxels."""
+    age = STEPS_OLD * usual_step(times) if entry.max_age_s is None else entry.max_age_s
+    whole = targets.is_whole(quantity.target) or column.dtype == object
+    # Half of press 3 and half of press 4 is no press.
+    rules = TopicRules("receive", "previous" if whole else entry.resample, age)
+    if column.dtype == object:
+        known = [*dict.fromkeys(column.tolist())]
+        codes = resampled(times, np.array([known.index(word) for word in column], dtype=float), ours, rules)
+        return np.array(["" if np.isnan(code) else known[int(code)] for code in codes], dtype=object)
+    # Where the file says nothing in a row, the row before counts for as long as it may.
+    given = np.isfinite(column)
+    return resampled(times[given], column[given], ours, rules)

@@ -1,0 +1,84 @@
+"""Contacts that slide while they are held: the hold is cut to where the contact rests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.dataset.columns import POSITION
+from skincal.dataset.findings import Findings
+from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
+from skincal.imports.mapping import Mapping
+from skincal.imports.recording import FloatArray, Recording
+from skincal.imports.series import Cut, Rejected, Series, Span
+
+SHOWN = 8
+TRIES, SMALLER = 6, 0.7
+"""A part of a hold is smoothed less than all of it: where it still slides by that measure, it is cut more closely."""
+
+
+def rested(
+    found: Cut, series: Series, recording: Recording, mapping: Mapping, file: str, findings: Findings
+) -> Cut:
+    """The cut with every hold no longer than the contact rests, as ``slides`` of ``[series]`` says.
+
+    Args:
+        found: the presses.
+        series: what they were cut from.
+        recording: with positions in the fingertip frame.
+        mapping: says how far a contact that rests moves.
+        file: what the place of a warning is called.
+        findings: where the warning, or the error, goes.
+    """
+    sigma = mapping.meta.position.sigma_m
+    still = mapping.cut.still_m if mapping.cut.still_m is not None else sigma
+    if not np.isfinite(still):
+        return found
+    still = max(still, SMALLEST_M)
+    position = recording.vector(POSITION)
+    noise = sample_noise_m([position[span.hold : span.hold_stop] for span in found.spans])
+    slides = {span.number: slide_m(position[span.hold : span.hold_stop], noise) for span in found.spans}
+    sliding = [span for span in found.spans if slides[span.number] > still]
+    if not sliding:
+        return found
+    rule = mapping.cut.slides if series.phase is None else "keep"
+    shown = ", ".join(f"{span.number} ({1e3 * slides[span.number]:.2g} mm)" for span in sliding[:SHOWN])
+    more = f" and {len(sliding) - SHOWN} more" if len(sliding) > SHOWN else ""
+    expected = f"contacts that rest in their hold, within {1e3 * still:.2g} mm (still_m in [series])"
+    got = f"{len(sliding)} of {len(found.spans)} that slide: press {shown}{more}"
+    if rule == "refuse":
+        findings.error(
+            file, expected, got, 'slides = "cut" takes the part of each hold in which the contact rests.'
+        )
+        return found
+    if rule == "keep":
+        fix = "Their image is the mean over the slide, at its mean position."
+        findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
+        return found
+    fix = 'Their holds were cut to where the contact rests; slides = "refuse" in [series] refuses such recordings.'
+    findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
+    spans: list[Span] = []
+    rejected = list(found.rejected)
+    for span in found.spans:
+        if span not in sliding:
+            spans.append(span)
+            continue
+        start, stop = _rest(position[span.hold : span.hold_stop], still, noise)
+        time = series.time_s[span.hold + start : span.hold + stop]
+        if len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s:
+            why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
+            rejected.append(Rejected(span.start, span.stop, why))
+            continue
+        spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
+    return Cut(tuple(spans), tuple(rejected))
+
+
+def _rest(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
+    """The longest part of a hold in which the contact rests, also by the measure of that part alone."""
+    start, stop = 0, 0
+    for turn in range(TRIES):
+        start, stop = rests(position_m, still_m * SMALLER**turn, noise_m)
+        if not slide_m(position_m[start:stop], noise_m) > still_m:
+            break
+    return start, stop

@@ -1,0 +1,109 @@
+"""The one place where files become tables: a reader a format, and for the rest what kind of file it is.
+
+Every reader gives a :class:`~skincal.imports.text_table.TextTable` with the columns that a mapping asks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Final
+
+from skincal.dataset.findings import Findings
+from skincal.files import open_input, reason
+from skincal.imports.array_files import read_hdf5, read_matlab, read_numpy, read_parquet
+from skincal.imports.columns_of import Columns, chosen
+from skincal.imports.frame_text import layout_hint, read_blocks, read_labelled
+from skincal.imports.mapping import CsvFormat
+from skincal.imports.text_table import TextTable, read_text_table
+
+ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
+    b"\x89HDF\r\n\x1a\n": read_hdf5,
+    b"MATLAB 5.0 MAT": read_matlab,
+    b"MATLAB 7.3 MAT": read_hdf5,
+    b"PAR1": read_parquet,
+    b"\x93NUMPY": read_numpy,
+}
+"""Readers of binary files by how these begin."""
+
+REFUSED: Final = {
+    b"\x89MCAP": ("an MCAP recording", "Use `skincal import rosbag`, or write its channels as .csv or .npz."),
+    b"#ROSBAG": ("a ROS 1 bag", "Use `skincal import rosbag`."),
+    b"SQLite format 3": (
+        "an SQLite database",
+        "Is it a ROS 2 bag? Use `skincal import rosbag` with its folder.",
+    ),
+    b"\xd0\xcf\x11\xe0": ("an Excel workbook", "Save the sheet as CSV."),
+    b"\x1f\x8b": ("a file compressed by gzip", "Unpack it first."),
+    b"BZh": ("a file compressed by bzip2", "Unpack it first."),
+    b"\xfd7zXZ": ("a file compressed by xz", "Unpack it first."),
+    b"TDSm": ("a LabVIEW TDMS file", "Export it as CSV, or as .mat."),
+    b"\x80\x02": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
+    b"\x80\x03": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
+    b"\x80\x04": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
+    b"\x80\x05": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
+}
+"""What other files begin with: their kind, and what to do."""
+
+READ: Final = "text, .mat, .npz, .npy, HDF5 or Parquet"
+
+
+def read_source_table(
+    path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
+) -> TextTable | None:
+    """Reads the columns that are asked for; None, and errors, where the file does not hold them.
+
+    Args:
+        path: the file.
+        form: its layout, where it is text.
+        numbers: columns that hold numbers.
+        texts: columns that hold words or dates.
+        findings: where errors go.
+    """
+    try:
+        with open_input(path) as file:
+            head = file.read(4096)
+    except OSError as error:
+        findings.error(str(path), "a file to read", reason(error))
+        return None
+    reader = next((reader for magic, reader in ARRAYS.items() if head.startswith(magic)), None)
+    if head.startswith(b"PK\x03\x04"):
+        reader = None if path.suffix.lower() in (".xlsx", ".xlsm", ".ods", ".zip") else read_numpy
+    if reader is not None:
+        try:
+            columns = reader(path)
+        except (OSError, ValueError, KeyError, NotImplementedError) as error:
+            got = " ".join(str(error).split())[:200]
+            findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
+            return None
+        return chosen(path.name, columns, numbers, texts, form.decimal, findings)
+    kind = _refused(path, head, form)
+    if kind:
+        findings.error(path.name, READ, *kind)
+        return None
+    if form.layout == "blocks":
+        return read_blocks(path, form, numbers, texts, findings)
+    if form.layout == "labelled":
+        return read_labelled(path, form, numbers, texts, findings)
+    before = len(findings.errors)
+    table = read_text_table(path, form, numbers, texts, findings)
+    hint = layout_hint(path, form) if table is None else ""
+    if hint:
+        del findings.errors[before:]
+        findings.error(path.name, "a table: one row a sample, one column a taxel", "another layout", hint)
+    return table
+
+
+def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None:
+    """The kind of a file that is not read, and what to do; None for text."""
+    known = next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None)
+    if known:
+        return known
+    if head.startswith(b"PK\x03\x04"):
+        office = path.suffix.lower() in (".xlsx", ".xlsm", ".ods")
+        return (
+            ("a spreadsheet", "Save the sheet as CSV.") if office else ("a zip archive", "Unpack it first.")
+        )
+    if b"\0" in head and not form.encoding.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
+        return f'a binary file of an unknown kind ("{path.suffix}")', "Export it as CSV, .mat or .npz."
+    return None

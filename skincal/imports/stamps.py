@@ -1,0 +1,226 @@
+"""The clock of text files: stamps read as numbers, dates or times of day, then mended and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset.findings import Findings
+from skincal.imports import units
+from skincal.imports.clock import (
+    DAY_S,
+    Wraps,
+    epoch_unit,
+    find_wraps,
+    spread_equal,
+    steps_back,
+    unwrapped,
+    usual_step,
+    with_missing,
+)
+from skincal.imports.mapping import CsvFormat, Quantity
+from skincal.imports.recording import FloatArray
+from skincal.imports.text_table import TextTable
+
+Kind = Literal["number", "date", "day"]
+
+TIME_OF_DAY = r"\d{1,2}:\d{2}:\d{2}(?:\.\d+)?"
+
+DATE_MARKS = ("%d", "%j", "%x", "%c", "%D", "%F", "%s")
+"""What a format says of the date; without any of these it is of a time of day."""
+
+DISPLACED = 20
+"""Rows that stand so many places from where their stamps put them were written late; farther, the clock was set."""
+
+FASTEST_HZ = 5e4
+"""A tactile sensor gives fewer frames a second than this: faster, the unit of its stamps is wrong."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clock of the files of one device.
+
+    Attributes:
+        times_s: of the rows of each file, ascending within a file [s].
+        rows: of each file, the order in which its rows are to be taken.
+        kind: ``day`` for times of day, ``date`` for times since 1970, ``number`` for any others.
+        notes: what was mended.
+    """
+
+    times_s: tuple[FloatArray, ...]
+    rows: tuple[NDArray[np.int64], ...]
+    kind: Kind
+    notes: tuple[str, ...] = ()
+
+
+def read_clock(
+    tables: Sequence[TextTable],
+    time: Quantity | None,
+    form: CsvFormat,
+    findings: Findings,
+    *,
+    own_clocks: bool = False,
+) -> Clock:
+    """The clock of some files, in the order of the session.
+
+    Args:
+        tables: the files.
+        time: where their stamps stand; None: their rows come at ``rate_hz``.
+        form: their layout.
+        findings: where errors go.
+        own_clocks: whether each file has a clock of its own; else a wrap may lie between two files.
+    """
+    sizes = [table.rows for table in tables]
+    if time is None:
+        assert form.rate_hz is not None
+        return Clock(
+            tuple(np.arange(rows) / form.rate_hz for rows in sizes), tuple(map(np.arange, sizes)), "number"
+        )
+    if not time.sources:
+        assert isinstance(time.constant, float)
+        time_s = tuple(np.full(rows, time.constant) for rows in sizes)
+        findings.error(time.place, "stamps", "the same time in every row", "Set rate_hz in [csv] instead.")
+        return Clock(time_s, tuple(map(np.arange, sizes)), "number")
+    read = [_stamps(table, time) for table in tables]
+    kinds = {kind for _, kind in read}
+    if len(kinds) > 1:
+        findings.error(time.place, "dates, or times of day, in all files", "both")
+    kind = read[0][1]
+    if kind == "number":
+        _check_unit([stamps for stamps, _ in read], time, findings)
+    groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
+    rows = [_order(stamps, form) for stamps, _ in read]
+    times: list[FloatArray] = []
+    notes: list[str] = []
+    for group in groups:
+        stamps = np.concatenate([read[i][0][rows[i]] for i in group])
+        ends = np.cumsum([sizes[i] for i in group])[:-1]
+        mended, said = _mended(stamps, time, kind)
+        times += np.split(time.si(mended), ends)
+        notes += said
+    for table, time_s in zip(tables, times, strict=True):
+        _check_order(table, time_s, time, findings)
+    equal = sum(int((np.diff(part) == 0).sum()) for part in times)
+    if equal:
+        notes.append(
+            f"{time.place}: {equal} rows have the stamp of the row before; such rows were spread evenly up to the "
+            "next stamp"
+        )
+    return Clock(
+        tuple(spread_equal(part) if len(part) else part for part in times), tuple(rows), kind,
+        tuple(dict.fromkeys(notes)),
+    )  # fmt: skip
+
+
+def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
+    """The stamps of a file as the source's numbers, or as seconds; NaN where one is missing."""
+    name = time.sources[0]
+    if time.unit.name != units.DATETIME:
+        return table.numbers(name), "number"
+    import pandas as pd
+
+    cells = pd.Series(table.text(name), dtype=object).astype(str).str.strip()
+    given = cells.to_numpy() != ""
+    day = cells.str.replace(",", ".").str.fullmatch(TIME_OF_DAY).to_numpy(dtype=bool)
+    if not time.format and day.any() and (day | ~given).all():
+        parsed = pd.to_timedelta(cells.where(given).str.replace(",", "."), errors="coerce")
+        return np.asarray(parsed.dt.total_seconds(), dtype=np.float64), "day"
+    dates = pd.to_datetime(
+        cells.where(given), errors="coerce", utc=True, format=time.format or "ISO8601"
+    )  # those without a zone are all of one, which does not matter
+    good = dates.notna().to_numpy()
+    expected = (
+        f'a date and time like "{time.format}" (format)'
+        if time.format
+        else "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
+    )
+    fix = "" if time.format else 'Dates of another form need a format, like "%d.%m.%Y %H:%M:%S.%f".'
+    table.sheet.bad_rows(name, given & ~good, cells.to_numpy(), expected, fix)
+    if time.format and not any(mark in time.format for mark in DATE_MARKS):
+        within = dates - dates.dt.normalize()
+        return np.asarray(within.dt.total_seconds(), dtype=np.float64), "day"
+    since = (dates - pd.Timestamp("1970-01-01", tz="UTC")).dt.total_seconds()
+    return np.asarray(since, dtype=np.float64), "date"
+
+
+def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
+    if form.order == "file":
+        return np.arange(len(stamps))
+    return np.argsort(with_missing(stamps), kind="stable")
+
+
+def _mended(stamps: FloatArray, time: Quantity, kind: Kind) -> tuple[FloatArray, list[str]]:
+    """Stamps without wraps, none missing, and what was done."""
+    notes: list[str] = []
+    wraps = _wraps(stamps, time, kind)
+    if wraps is not None and wraps.rows.size:
+        stamps = unwrapped(stamps, wraps)
+        times = "once" if wraps.rows.size == 1 else f"{wraps.rows.size} times"
+        where = ", ".join(str(row + 1) for row in wraps.rows[:3]) + (" ..." if wraps.rows.size > 3 else "")
+        notes.append(
+            f"{time.place}: the clock wraps at {wraps.period:.12g}{f' ({wraps.words})' if wraps.words else ''} "
+            f"{times}, before row {where}; it was made to go on"
+            + (f". To fix it: wraps_at = {wraps.period:.12g}" if wraps.words and kind == "number" else "")
+        )
+    missing = int(np.isnan(stamps).sum())
+    if 0 < missing < len(stamps):
+        notes.append(
+            f"{time.place}: {missing} rows have no stamp; they were put evenly between their neighbours"
+        )
+        stamps = with_missing(stamps)
+    return stamps, notes
+
+
+def _wraps(stamps: FloatArray, time: Quantity, kind: Kind) -> Wraps | None:
+    if time.wraps_at is not None:
+        return Wraps(time.wraps_at, "", steps_back(stamps))
+    if kind == "date":
+        return None
+    return find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
+
+
+def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings) -> None:
+    """Stamps that count from 1970 say themselves which unit they are in."""
+    together = np.concatenate(stamps) * abs(time.scale)
+    known = [(name, units.FACTORS[units.TIME][name]) for name in ("s", "ms", "us", "ns")]
+    found = epoch_unit(together, known)
+    factor = time.unit.factor
+    if found is None or found == time.unit.name:
+        return
+    beyond = float(np.nanmedian(together)) * factor > DAY_S * 365 * 130
+    step = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale) * factor
+    if beyond or 0 < step < 1 / FASTEST_HZ:
+        got = f'"{time.unit.name}", and stamps of about {np.nanmedian(together):.0f}'
+        fix = f'As times since 1970 they are in "{found}".'
+        findings.error(f"{time.place} unit", "the unit of the stamps", got, fix)
+
+
+def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> None:
+    """Times in the order of the rows; a step back that no wrap explains is an error that says what it may be."""
+    if not np.isfinite(time_s).all():
+        if not findings.errors:
+            findings.error(f"{table.sheet.file}, {time.place}", "stamps", "none in any row")
+        return
+    back = np.flatnonzero(np.diff(time_s) < 0) + 1
+    if not back.size:
+        return
+    row = int(back[0])
+    largest = float((time_s[back - 1] - time_s[back]).max())
+    moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
+    single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
+    fix = (
+        "These stamps alone are wrong: empty their cells, and they are put between their neighbours."
+        if single and moved > DISPLACED
+        else 'If rows were written late and their stamps are right, set order = "time".'
+        if moved <= DISPLACED
+        else "The clock was set, or began anew, and the order of the rows is that of the events: give wraps_at if it "
+        "counts to a limit, or split the file there and set own_clocks = true in [series]."
+    )
+    got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s" + (
+        f", and {back.size - 1} more steps back, of {largest:.3g} s at most" if back.size > 1 else ""
+    )
+    findings.error(table.sheet.rows(time.sources[0], back), "times in order", got, fix)

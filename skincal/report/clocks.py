@@ -1,0 +1,46 @@
+"""How the clock of a joined file was put on that of the taxels, as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skincal.report.style import BLUE, GREY, RED, new_figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from skincal.imports.alignment import JoinedClock
+
+
+def clocks_figure(clocks: Sequence[JoinedClock]) -> Figure:
+    """One row a file: the two traces at the offset that was taken, and the correlation about it.
+
+    Args:
+        clocks: those that were compared with the taxels.
+    """
+    with style():
+        figure = new_figure(11, 3.2 * len(clocks), "Clocks of the joined files")
+        grid = figure.add_gridspec(len(clocks), 2, width_ratios=(2.2, 1.0))
+        for row, clock in enumerate(clocks):
+            traces = figure.add_subplot(grid[row, 0])
+            start = clock.time_s[0] if len(clock.time_s) else 0.0
+            for values, colour, label in zip(clock.traces, (GREY, BLUE), ("taxels", clock.by), strict=True):
+                traces.plot(clock.time_s - start, values, color=colour, label=label, linewidth=1.0)
+            traces.set(xlabel="time [s]", ylabel="share of the range")
+            traces.set_title(f"{clock.name}: correlation {clock.correlation:.3f}")
+            traces.legend(loc="upper right")
+            lags = figure.add_subplot(grid[row, 1])
+            lags.plot(clock.lags_s, clock.correlations, color=BLUE)
+            lags.axvline(clock.offset_s, color=RED, linewidth=1.0)
+            if np.isfinite(clock.sigma_s):
+                low, high = clock.offset_s - 2 * clock.sigma_s, clock.offset_s + 2 * clock.sigma_s
+                lags.axvspan(low, high, color=RED, alpha=0.25, linewidth=0)
+            how = f"± {clock.sigma_s:.2g} s" if clock.estimated else "as given"
+            lags.set(
+                xlabel="offset [s]", ylabel="correlation", title=f"offset {clock.offset_s:+.4f} s, {how}"
+            )
+            lags.ticklabel_format(useOffset=False, style="plain")
+    return figure

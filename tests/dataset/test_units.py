@@ -1,0 +1,229 @@
+"""Values that cannot be meant: overflown and swapped words, units that are off by a factor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from skincal.cli.main import app
+from skincal.dataset import Dataset, check_dataset, read_dataset, write_dataset
+from skincal.dataset.unit_checks import force_unit, unit_of_ratio, value_step
+from skincal.dataset.word_checks import as_word, find_wrapped, swapped
+
+Session = Callable[..., Dataset]
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared"
+
+
+@pytest.fixture
+def original() -> Dataset:
+    return read_dataset(ROOT / "data" / "paper-like")
+
+
+def changed(dataset: Dataset, counts: np.ndarray | None = None, force: float = 1.0, **sensor: Any) -> Dataset:
+    """The dataset with other taxel values, forces times a factor, and another ``[sensor]``."""
+    presses = replace(
+        dataset.presses,
+        counts=dataset.presses.counts if counts is None else counts,
+        force_n=dataset.presses.force_n * force,
+    )
+    free = {"value_min": None, "value_max": None} if counts is not None else {}
+    meta = replace(dataset.meta, sensor=replace(dataset.meta.sensor, **{**free, **sensor}))
+    return replace(dataset, meta=meta, presses=presses)
+
+
+def found(folder: Path, dataset: Dataset) -> list[Any]:
+    write_dataset(dataset, folder / "set")
+    checked = check_dataset(folder / "set")
+    return [problem for problem in (*checked.errors, *checked.warnings) if problem.code]
+
+
+def words_16(dataset: Dataset, rest: float = 30000.0, gain: float = 30.0) -> np.ndarray:
+    rng = np.random.default_rng(4)
+    counts = dataset.presses.counts
+    levels = rest + rng.integers(0, 1500, counts.shape[1])
+    return np.rint(levels + gain * counts + rng.normal(0, 4, counts.shape))
+
+
+def test_signed_words_that_overflow(tmp_path: Path, original: Dataset):
+    true = words_16(original)
+    stored = as_word(true, "int16")
+    (problem,) = found(tmp_path, changed(original, stored))
+    assert problem.code == "counter_wrapped"
+    assert problem.details["modulus"] == 65536
+    assert problem.got.startswith(f"{int((stored < 0).sum())} readings at the other end of 16 bits")
+    assert problem.details["mapping"] == '[taxels] word = "uint16"'
+    np.testing.assert_array_equal(as_word(stored, "uint16"), true)
+
+
+def test_signed_words_that_fill_their_range(tmp_path: Path, original: Dataset):
+    """A sensor that rests at zero: what lies between the ends is full of readings, and the load tells."""
+    counts = np.rint(1.4 * original.presses.counts)
+    (problem,) = found(tmp_path, changed(original, as_word(counts, "int8")))
+    assert problem.code == "counter_wrapped" and problem.details["mapping"] == '[taxels] word = "uint8"'
+
+
+@pytest.mark.parametrize("bits", [8, 12, 24])
+def test_words_of_other_widths(bits: int, original: Dataset):
+    size = 2.0**bits
+    true = np.rint(0.42 * size + original.presses.counts * size / 600)
+    wrapped = find_wrapped(as_word(true, f"int{bits}"))
+    assert wrapped is not None and wrapped.bits == bits and wrapped.word == f"uint{bits}"
+    assert wrapped.readings == int((true >= size / 2).sum())
+
+
+def test_unsigned_words_at_both_ends(original: Dataset):
+    rng = np.random.default_rng(0)
+    high = np.rint(60000 + 60 * original.presses.counts)
+    over = find_wrapped(as_word(high, "uint16"))
+    assert over is not None and over.word == "uint16" and over.readings == int((high > 65535).sum())
+    loads = original.presses.counts - np.median(original.presses.counts)
+    rest = np.rint(20 * loads + rng.normal(0, 2, original.presses.counts.shape))
+    under = find_wrapped(as_word(rest, "uint16"))
+    assert under is not None and under.word == "int16"
+
+
+def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):
+    true = words_16(original, 20000.0, 10.0)
+    (problem,) = found(tmp_path, changed(original, swapped(true)))
+    assert problem.code == "bytes_swapped"
+    np.testing.assert_array_equal(swapped(swapped(true)), true)
+
+
+@pytest.mark.parametrize("rest", [0.0, 100.0, 20000.0])
+@pytest.mark.parametrize("gain", [1.0, 10.0, 64.0, 256.0])
+def test_good_words_are_good(rest: float, gain: float, original: Dataset):
+    """Values of 8 bits, of more, and such as are shifted up in their words."""
+    from skincal.dataset.word_checks import bytes_swapped
+
+    counts = np.rint(rest + original.presses.counts) * gain if gain >= 64 else words_16(original, rest, gain)
+    counts = np.clip(counts, 0, 65535)
+    assert find_wrapped(counts) is None
+    assert not bytes_swapped(counts)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("V", 1e-3), ("V", 3.3 / 256), ("1", 1 / 256)])
+def test_small_values_are_no_counts(tmp_path: Path, original: Dataset, unit: str, scale: float):
+    counts = original.presses.counts * scale
+    (problem,) = found(tmp_path, changed(original, counts, integer=True))
+    assert problem.code == "unit_suspect" and problem.severity == "warning"
+    assert "[sensor] unit" in problem.details["mapping"]
+    (tmp_path / "b").mkdir()
+    (problem,) = found(tmp_path / "b", changed(original, counts, integer=False))
+    assert problem.severity == "note"
+    # With its unit all is well, and nobody asks whether counts grow with load.
+    (tmp_path / "c").mkdir()
+    write_dataset(changed(original, counts, integer=False, unit=unit), tmp_path / "c" / "set")
+    checked = check_dataset(tmp_path / "c" / "set")
+    assert not checked.warnings
+    assert checked.dataset is not None and checked.dataset.meta.sensor.unit == unit
+
+
+def test_step_of_a_converter(original: Dataset):
+    assert value_step(np.rint(original.presses.counts) * 3.3 / 4096) == pytest.approx(3.3 / 4096)
+    assert (
+        value_step(original.presses.counts * 1e-3 + np.random.default_rng(0).normal(0, 1e-4, (60, 16)))
+        is None
+    )
+
+
+@pytest.mark.parametrize("baseline", ["raw", "subtracted"])
+def test_falling_sensor(tmp_path: Path, original: Dataset, baseline: str):
+    counts = (240.0 if baseline == "raw" else 0.0) - original.presses.counts
+    (problem,) = found(tmp_path, changed(original, counts, baseline=baseline))
+    assert problem.code == "unit_suspect" and problem.details["factor"] == -1.0
+    assert "falling_from" in problem.fix
+
+
+def test_busy_falling_sensor(tmp_path: Path, original: Dataset):
+    """Most presses touch most taxels: the level at rest is not to be seen, the load tells."""
+    from skincal.dataset.unit_checks import expected_load
+
+    counts = 800.0 - np.rint(100 * expected_load(original) ** 0.5)
+    (problem,) = found(tmp_path, changed(original, counts))
+    assert problem.details["factor"] == -1.0
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"),
+    [
+        (1 / 9.80665e-3, "grams-force"),
+        (1 / 9.80665, "kilograms-force"),
+        (1e3, "millinewtons"),
+        (1e-3, "kilonewtons"),
+    ],
+)
+def test_force_in_another_unit(tmp_path: Path, original: Dataset, factor: float, unit: str):
+    (problem,) = found(tmp_path, changed(original, force=factor))
+    assert problem.code == "unit_suspect"
+    assert unit in problem.fix
+    assert problem.details["factor"] == pytest.approx(1 / factor)
+
+
+def test_force_of_the_wrong_sign(tmp_path: Path, original: Dataset):
+    (problem,) = found(tmp_path, changed(original, force=-1.0))
+    assert problem.code == "unit_suspect" and problem.details["factor"] == -1.0
+
+
+@pytest.mark.parametrize("factor", [9.80665e-3, 9.80665, 1e-3, 4.4482216])
+def test_frames_in_another_unit_than_presses(tmp_path: Path, session: Session, factor: float):
+    dataset = session(12)
+    assert dataset.frames is not None
+    frames = replace(dataset.frames, force_n=dataset.frames.force_n / factor)
+    assert [p.details["factor"] for p in found(tmp_path, replace(dataset, frames=frames)) if p.code] == [
+        pytest.approx(factor)
+    ]
+    assert unit_of_ratio(1.0) is None and unit_of_ratio(1.3) is None
+
+
+def test_usual_forces_are_not_doubted():
+    area = np.pi * 0.006**2
+    assert all(force_unit(force, area) is None for force in (0.5, 1.0, 3.0, 20.0, 50.0))
+
+
+def test_millimetres_have_a_factor(tmp_path: Path, original: Dataset):
+    presses = replace(original.presses, position_m=original.presses.position_m * 1e3)
+    (problem,) = found(tmp_path, replace(original, presses=presses))
+    assert problem.code == "unit_suspect" and problem.details["factor"] == 1e-3
+
+
+def test_findings_stand_in_the_json(tmp_path: Path, original: Dataset):
+    write_dataset(changed(original, as_word(words_16(original), "int16")), tmp_path / "set")
+    done = CliRunner().invoke(app, ["dataset", "check", str(tmp_path / "set"), "--json"])
+    (finding,) = json.loads(done.stdout)["findings"]
+    assert {"code", "severity", "text", "advice"} <= set(finding)
+    assert finding["code"] == "counter_wrapped" and finding["severity"] == "warning"
+
+
+def test_unit_of_values_is_kept_and_shown(tmp_path: Path, original: Dataset):
+    write_dataset(
+        changed(original, original.presses.counts * 1e-3, unit="V", integer=False), tmp_path / "set"
+    )
+    assert 'unit = "V"' in (tmp_path / "set" / "dataset.toml").read_text()
+    done = CliRunner().invoke(
+        app, ["dataset", "show", str(tmp_path / "set"), "--out", str(tmp_path / "a.png")]
+    )
+    assert " V)" in done.output and "counts" not in done.output
+
+
+GOOD = [
+    ROOT / "data" / "paper-like",
+    *sorted((SHARED / "practice").glob("*/")),
+    *sorted((SHARED / "real").glob("insole")),
+    *sorted((SHARED / "field" / "01-unclipped-rest").glob("*/")),
+    SHARED / "field" / "13-untouched-scatter" / "counts",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "folder", [path for path in GOOD if (path / "dataset.toml").exists()], ids=lambda p: p.name
+)
+def test_no_finding_on_good_data(folder: Path):
+    assert [problem.code for problem in check_dataset(folder).warnings if problem.code] == []

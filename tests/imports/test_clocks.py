@@ -1,0 +1,174 @@
+"""Stamps of devices: counters that wrap, times of day, epochs, equal and missing stamps, and none at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skincal.dataset import Dataset, read_dataset
+from skincal.errors import InputError
+from skincal.imports import Imported, import_csv
+from skincal.imports.clock import find_wraps, spread_equal, unwrapped, with_missing
+from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
+from tests.imports.foreign import mapping, write_mapping
+
+RATE_HZ = 50.0
+FOUND = contacts()
+TIME = np.arange(0, FOUND.end_s, 1 / RATE_HZ)
+TABLE = pd.concat([taxel_table(FOUND, TIME), gauge_table(FOUND, TIME)], axis=1)
+
+
+def bring(folder: Path, stamps: Any, time: dict[str, Any] | None, **changes: Any) -> tuple[Dataset, Imported]:
+    table = TABLE if stamps is None else TABLE.assign(t=stamps)
+    table.to_csv(folder / "a.csv", index=False)
+    content = mapping(PLANE, ONE_FILE, columns={"time_s": None}, **changes)
+    if time is not None:
+        content["columns"]["time_s"] = {"column": "t", **time}
+    done = import_csv(write_mapping(folder, content), folder / "out", [folder / "a.csv"])
+    return read_dataset(folder / "out"), done
+
+
+def assert_same(back: Dataset, *, tolerance_s: float = 1e-3) -> None:
+    assert back.frames is not None
+    np.testing.assert_allclose(back.frames.time_s, TIME, atol=tolerance_s)
+    np.testing.assert_allclose(back.presses.force_n, FOUND.force_n, rtol=0.02)
+    np.testing.assert_allclose(back.presses.columns["t_start_s"], FOUND.start_s, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("bits", "unit", "per_s"), [(16, "ms", 1e3), (24, "us", 1e6), (32, "us", 1e6), (32, "ms", 1e3)]
+)
+def test_counter_that_wraps_goes_on(tmp_path: Path, bits: int, unit: str, per_s: float):
+    ticks = np.rint(TIME * per_s).astype(np.int64) + 2**bits - int(10 * per_s)
+    back, done = bring(tmp_path, ticks % 2**bits, {"unit": unit})
+    assert_same(back)
+    assert f"wraps at {2**bits} (a counter of {bits} bits)" in done.notes[0]
+    assert f"wraps_at = {2**bits}" in done.notes[0]
+
+
+def test_signed_counter_and_given_period(tmp_path: Path):
+    ticks = (np.rint(TIME * 1e6).astype(np.int64) + 2**31 - 10**7 + 2**31) % 2**32 - 2**31
+    back, _ = bring(tmp_path, ticks, {"unit": "us"})
+    assert_same(back)
+    # No period that skincal knows.
+    (tmp_path / "b").mkdir()
+    back, _ = bring(tmp_path / "b", np.rint(TIME * 1000).astype(int) % 7919, {"unit": "ms", "wraps_at": 7919})
+    assert_same(back)
+
+
+@pytest.mark.parametrize("comma", [False, True])
+def test_time_of_day_goes_over_midnight(tmp_path: Path, comma: bool):
+    moments = pd.Timestamp("2026-11-20 23:59:50") + pd.to_timedelta(TIME, unit="s")
+    words = moments.strftime("%H:%M:%S.%f").str[:-3]
+    back, done = bring(tmp_path, words.str.replace(".", ",") if comma else words, {"unit": "datetime"})
+    assert_same(back)
+    assert "a clock of 24 h" in done.notes[0]
+
+
+@pytest.mark.parametrize(("unit", "per_s"), [("s", 1), ("ms", 10**3), ("us", 10**6)])
+def test_epochs(tmp_path: Path, unit: str, per_s: int):
+    stamps = (1_763_683_170 + TIME) * per_s
+    back, _ = bring(tmp_path, stamps if unit == "s" else np.rint(stamps).astype(np.int64), {"unit": unit})
+    assert_same(back, tolerance_s=1.1e-3)
+
+
+def test_epoch_in_another_unit_is_named(tmp_path: Path):
+    with pytest.raises(InputError, match=r'As times since 1970 they are in "ms"'):
+        bring(tmp_path, np.rint((1_763_683_170 + TIME) * 1000).astype(np.int64), {"unit": "s"})
+
+
+def test_dates_of_a_format(tmp_path: Path):
+    words = (pd.Timestamp("2026-11-20 12:00:00") + pd.to_timedelta(TIME, unit="s")).strftime(
+        "%d.%m.%Y %H:%M:%S.%f"
+    )
+    back, _ = bring(tmp_path, words, {"unit": "datetime", "format": "%d.%m.%Y %H:%M:%S.%f"})
+    assert_same(back)
+    (tmp_path / "b").mkdir()
+    with pytest.raises(InputError, match="need a format"):
+        bring(tmp_path / "b", words, {"unit": "datetime"})
+
+
+def test_missing_stamps_are_filled(tmp_path: Path):
+    stamps = pd.Series(TIME)
+    stamps[[0, 100, 101, 102, 700]] = np.nan
+    back, done = bring(tmp_path, stamps, {"unit": "s"}, series={"start_at_zero": False})
+    assert_same(back)
+    assert "5 rows have no stamp" in done.notes[0]
+
+
+def test_equal_stamps_are_spread(tmp_path: Path):
+    """Stamps of whole tenths: five rows each."""
+    back, done = bring(tmp_path, np.floor(TIME * 10 + 1e-6) / 10, {"unit": "s"})
+    assert_same(back)
+    assert "have the stamp of the row before" in done.notes[0]
+
+
+def test_rate_in_the_place_of_stamps(tmp_path: Path):
+    back, _ = bring(tmp_path, None, None, csv={"rate_hz": RATE_HZ})
+    assert_same(back)
+
+
+def test_neither_stamps_nor_rate(tmp_path: Path):
+    with pytest.raises(InputError, match="or rate_hz in"):
+        bring(tmp_path, None, None)
+
+
+def test_order_of_events_is_not_sorted(tmp_path: Path):
+    """A clock that is set back: the file's order counts, and nobody is told to sort."""
+    stamps = TIME.copy()
+    stamps[900:] -= 7.3
+    with pytest.raises(InputError, match="the order of the rows is that of the events") as caught:
+        bring(tmp_path, stamps, {"unit": "s"})
+    assert "row 901 (line 902)" in str(caught.value)
+    assert "ort the rows" not in str(caught.value)
+
+
+def test_rows_written_late(tmp_path: Path):
+    order = np.arange(len(TIME))
+    order[[500, 501, 502]] = [502, 500, 501]
+    table, TABLE_before = TABLE.assign(t=TIME).iloc[order], TABLE
+    table.to_csv(tmp_path / "a.csv", index=False)
+    content = mapping(PLANE, ONE_FILE)
+    with pytest.raises(InputError, match='set order = "time"'):
+        import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
+    content["csv"]["order"] = "time"
+    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
+    back = read_dataset(tmp_path / "out")
+    assert_same(back)
+    np.testing.assert_array_equal(back.frames.counts, TABLE_before.to_numpy()[:, :9])
+
+
+@given(
+    st.sampled_from([(16, 1e-3), (24, 1e-6), (32, 1e-6), (32, 1e-3)]),
+    st.floats(0.0, 1.0),
+    st.floats(1e-3, 0.02),
+)
+def test_wraps_are_found_wherever_they_lie(clock: tuple[int, float], phase: float, step_s: float):
+    bits, unit_s = clock
+    true = np.floor((np.arange(400) * step_s) / unit_s + 2**bits - phase * 400 * step_s / unit_s)
+    stamps = true % 2**bits
+    wraps = find_wraps(stamps, unit_s)
+    if (np.diff(stamps) < 0).any():
+        assert wraps is not None and wraps.period == 2**bits
+        np.testing.assert_array_equal(np.diff(unwrapped(stamps, wraps)), np.diff(true))
+    else:
+        assert wraps is None
+
+
+def test_restart_is_no_wrap():
+    stamps = np.concatenate([np.arange(0, 21.7, 0.02), np.arange(0, 9, 0.02)])
+    assert find_wraps(stamps, 1.0) is None
+
+
+def test_mended_stamps_ascend():
+    time = spread_equal(np.array([0.0, 0.0, 0.1, 0.1, 0.1, 0.5]))
+    assert (np.diff(time) > 0).all() and time[0] == 0.0 and time[-1] == 0.5
+    np.testing.assert_allclose(
+        with_missing(np.array([np.nan, 1.0, np.nan, 3.0, 4.0, np.nan])), np.arange(6.0)
+    )

@@ -1,0 +1,254 @@
+"""Text that is no table, and files of arrays: read, or refused with their kind."""
+
+from __future__ import annotations
+
+import gzip
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from skincal.dataset import Dataset, read_dataset
+from skincal.errors import InputError, WorkError
+from skincal.imports import import_csv, import_rosbag
+from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
+from tests.imports.foreign import mapping, write_mapping
+from tests.imports.ros import BAG
+
+FOUND = contacts()
+TIME = np.arange(0, FOUND.end_s, 0.02)
+IMAGES = FOUND.images(TIME).astype(int)
+GAUGE = gauge_table(FOUND, TIME)
+
+WEIGHTS: dict[str, Any] = {
+    "csv": {"rows": "series", "header": False},
+    "columns": {"force_n": {"value": 2.0, "unit": "N"}},
+    "taxels": {"columns": "{j}", "first": 1},
+    "position": {"sigma_m": float("inf"), "slack_m": 0.001},
+}
+"""A mapping of frames alone: known weights that were laid on by hand."""
+
+
+def bring(folder: Path, file: Path, content: dict[str, Any]) -> Dataset:
+    import_csv(write_mapping(folder, content), folder / "out", [file])
+    return read_dataset(folder / "out")
+
+
+def refused(folder: Path, file: Path, content: dict[str, Any]) -> str:
+    with pytest.raises(InputError) as caught:
+        bring(folder, file, content)
+    assert not (folder / "out").exists()
+    assert len(str(caught.value).splitlines()) == 1
+    return str(caught.value)
+
+
+def assert_weights(back: Dataset) -> None:
+    """Contacts are told by the taxels; the weight lies on the skin in them, and nowhere else."""
+    assert back.frames is not None
+    assert len(back.presses) == len(FOUND.force_n)
+    np.testing.assert_allclose(back.presses.columns["t_start_s"], FOUND.start_s, atol=0.15)
+    assert (back.presses.force_n == 2.0).all()
+    assert (back.frames.force_n[back.frames.press < 0] == 0.0).all()
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
+def frames_text(*, label: str = "Frame {n}", name: str = "", gap: bool = True, mark: str = ",") -> str:
+    lines = ["DATA_TYPE MOVIE", "ROWS 3", "COLS 3", "ASCII_DATA @@", ""]
+    for n, image in enumerate(IMAGES):
+        lines += [label.format(n=n + 1, t=0.02 * n)] if label else []
+        for r, row in enumerate(image.reshape(3, 3)):
+            before = [name.format(R="ABC"[r])] if name else []
+            lines.append(mark.join([*before, *map(str, row)]))
+        lines += [""] if gap else []
+    return "\n".join(lines)
+
+
+def test_flat_frames_with_a_rate(tmp_path: Path):
+    file = tmp_path / "flat.csv"
+    file.write_text("shape,3,3\n" + pd.DataFrame(IMAGES).to_csv(index=False, header=False))
+    content = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0})
+    assert "Line 1 gives the shape of flat frames" in refused(tmp_path, file, content)
+    content["csv"]["skip_rows"] = 1
+    assert_weights(bring(tmp_path, file, content))
+
+
+def test_blocks_are_named_and_read(tmp_path: Path):
+    file = tmp_path / "movie.asf"
+    file.write_text(frames_text())
+    content = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0, "skip_rows": 4})
+    found = refused(tmp_path, file, content)
+    assert "blocks of 3 rows of 3 cells" in found and 'layout = "blocks"' in found
+    content["csv"]["layout"] = "blocks"
+    assert_weights(bring(tmp_path, file, content))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        {"mark": " ", "label": "# {n}"},
+        {"mark": " ", "name": "p{R}", "label": ""},
+        {"mark": ",", "name": "{R}", "label": "", "gap": False},
+        {"mark": ", ", "name": "{R}:", "gap": False},
+        {"mark": "\t"},
+    ],
+)
+def test_blocks_of_many_kinds(tmp_path: Path, text: dict[str, Any]):
+    file = tmp_path / "log.txt"
+    file.write_text(frames_text(**text))
+    content = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0, "layout": "blocks", "skip_rows": 5})
+    assert_weights(bring(tmp_path, file, content))
+
+
+def test_blocks_with_the_time_above_them(tmp_path: Path):
+    file = tmp_path / "movie.txt"
+    file.write_text(frames_text(label="Frame {n}, t = {t:.2f}"))
+    content = mapping(
+        PLANE, WEIGHTS, csv={"layout": "blocks"}, columns={"time_s": {"column": "t", "unit": "s"}}
+    )
+    assert_weights(bring(tmp_path, file, content))
+
+
+def test_block_that_is_cut_short(tmp_path: Path):
+    file = tmp_path / "movie.asf"
+    file.write_text("\n".join(frames_text().splitlines()[:-2]))
+    content = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0, "layout": "blocks"})
+    assert "expected a block of 3 rows of 3 cells as most; got 1 of 3" in refused(tmp_path, file, content)
+
+
+def test_rows_named_by_letters(tmp_path: Path):
+    names = [f"p{'ABC'[r]}{c + 1}" for r in range(3) for c in range(3)]
+    file = tmp_path / "a.csv"
+    pd.DataFrame(IMAGES, columns=names).to_csv(file, index=False)
+    content = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0, "header": True}, taxels={"columns": "p{R}{c}"})
+    assert_weights(bring(tmp_path, file, content))
+
+
+def test_lines_of_names_and_values(tmp_path: Path):
+    """What a serial monitor saves."""
+    file = tmp_path / "serial.log"
+    names = [f"p{'ABC'[r]}{c + 1}" for r in range(3) for c in range(3)]
+    stamps = pd.to_datetime(TIME, unit="s").strftime("%H:%M:%S.%f").str[:-3]
+    lines = [
+        f"{stamp} -> {' '.join(f'{n}:{v}' for n, v in zip(names, image, strict=True))}"
+        for stamp, image in zip(stamps, IMAGES, strict=True)
+    ]
+    file.write_text("\n".join(["connected", *lines]))
+    content = mapping(PLANE, WEIGHTS, columns={"time_s": {"column": "time", "unit": "datetime"}},
+                      taxels={"columns": "p{R}{c}"})  # fmt: skip
+    assert 'layout = "labelled"' in refused(tmp_path, file, content)
+    content["csv"]["layout"] = "labelled"
+    assert_weights(bring(tmp_path, file, content))
+
+
+def arrays() -> dict[str, np.ndarray]:
+    return {"t": TIME, "F": GAUGE.F.to_numpy(), "place": GAUGE[["px", "py"]].to_numpy(), "skin": IMAGES}
+
+
+ARRAYS = {
+    **ONE_FILE,
+    "columns": ONE_FILE["columns"]
+    | {"x_m": {"column": "place[0]", "unit": "mm"}, "y_m": {"column": "place[1]", "unit": "mm"}},
+    "taxels": {"columns": "skin[{j}]"},
+}
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat", "mat struct", "mat rows", "h5", "parquet", "cubes"])
+def test_arrays(tmp_path: Path, kind: str):
+    content = mapping(PLANE, ARRAYS)
+    file = tmp_path / f"data.{'npz' if kind == 'cubes' else kind.split()[0]}"
+    held = arrays()
+    if kind == "npz":
+        np.savez(file, **held)
+    elif kind == "cubes":
+        np.savez(file, **held | {"skin": IMAGES.reshape(-1, 3, 3)})
+        content["taxels"]["columns"] = "skin[{r},{c}]"
+    elif kind.startswith("mat"):
+        from scipy.io import savemat
+
+        if kind == "mat rows":
+            held["skin"] = IMAGES.T
+        savemat(file, {"run": held} if kind == "mat struct" else held)
+        if kind == "mat struct":
+            content["taxels"]["columns"] = "run.skin[{j}]"
+            for entry in content["columns"].values():
+                if "column" in entry:
+                    entry["column"] = f"run.{entry['column']}"
+    elif kind == "h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(file, "w") as out:
+            for name, array in held.items():
+                out[f"run/{name}"] = array
+        content["taxels"]["columns"] = "run/skin[{j}]"
+        for entry in content["columns"].values():
+            if "column" in entry:
+                entry["column"] = f"run/{entry['column']}"
+    else:
+        table = pd.concat([taxel_table(FOUND, TIME), GAUGE], axis=1).assign(t=TIME)
+        table.to_parquet(file)
+        content = mapping(PLANE, ONE_FILE)
+    back = bring(tmp_path, file, content)
+    np.testing.assert_allclose(back.presses.force_n, FOUND.force_n, rtol=0.01)
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
+def test_arrays_that_are_not_there(tmp_path: Path):
+    np.savez(tmp_path / "a.npz", **arrays())
+    content = mapping(PLANE, ARRAYS, taxels={"columns": "skim[{j}]"})
+    assert 'expected a column "skim[0]" and 8 more; got the columns "t", "F"' in refused(
+        tmp_path, tmp_path / "a.npz", content
+    )
+    np.savez(tmp_path / "b.npz", **arrays() | {"F": GAUGE.F[::3]})
+    assert "expected columns of one length" in refused(tmp_path, tmp_path / "b.npz", mapping(PLANE, ARRAYS))
+
+
+def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    monkeypatch.setitem(__import__("sys").modules, "h5py", None)
+    with pytest.raises(WorkError, match=r"pip install skincal\[hdf5\]"):
+        bring(tmp_path, tmp_path / "a.h5", mapping(PLANE, ARRAYS))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("a.mcap", b"\x89MCAP0\r\n" + bytes(50), "an MCAP recording. Use `skincal import rosbag`"),
+        ("a.bag", b"#ROSBAG V2.0\n", "a ROS 1 bag"),
+        ("a.db3", b"SQLite format 3\0" + bytes(50), "Is it a ROS 2 bag?"),
+        ("a.xlsx", b"PK\x03\x04" + bytes(50), "a spreadsheet. Save the sheet as CSV."),
+        ("a.csv.gz", gzip.compress(b"a,b"), "compressed by gzip"),
+        ("a.pkl", pickle.dumps([1]), "a Python pickle"),
+        ("a.fsx", b"\1\2\0\0\0\3", 'a binary file of an unknown kind (".fsx")'),
+        ("a.mat", b"MATLAB 5.0 MAT-file" + bytes(30), "Was it cut short?"),
+        ("a.npz", b"PK\x03\x04" + bytes(50), "Was it cut short?"),
+    ],
+)
+def test_other_files_are_refused_by_their_kind(tmp_path: Path, name: str, content: bytes, text: str):
+    (tmp_path / name).write_bytes(content)
+    assert text in refused(tmp_path, tmp_path / name, mapping(PLANE, ONE_FILE))
+
+
+def test_mcap_of_other_messages(tmp_path: Path):
+    """Its index names the encoding of its channels."""
+    name = b"protobuf"
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(64) + len(name).to_bytes(4, "little") + name)
+    content = mapping(BAG, {"topics": None, "joints": None})
+    with pytest.raises(InputError, match="an MCAP file of protobuf messages"):
+        import_rosbag(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.mcap"])
+
+
+def test_vectors_of_three_axes(tmp_path: Path):
+    """A magnetometer's channels differ in sign and rest anywhere; its value is the length of the change."""
+    load = FOUND.images(TIME) - 20.0
+    table = pd.DataFrame({"t": TIME, **GAUGE})
+    for j in range(9):
+        for axis, share, rest in (("X", 0.6, 900.0), ("Y", -0.8, -300.0), ("Z", 0.0, 9000.0)):
+            table[f"S-{axis}[{j}]"] = rest + 10 * j + share * load[:, j]
+    table.to_csv(tmp_path / "a.csv", index=False)
+    content = mapping(PLANE, ONE_FILE, taxels={"columns": None, "vectors": "S-{axis}[{j}]", "axes": ["X", "Y", "Z"],
+                                               "rest_rows": 20}, sensor={"integer": None, "unit": "uT"})  # fmt: skip
+    back = bring(tmp_path, tmp_path / "a.csv", content)
+    np.testing.assert_allclose(back.frames.counts, np.abs(load), atol=2.0)
+    assert back.meta.sensor.unit == "uT"

@@ -1,0 +1,93 @@
+"""Contacts that slide while they are held."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from skincal.dataset import HOLD, Dataset, check_dataset
+from skincal.dataset.sliding import rests, sample_noise_m, slide_m
+from skincal.errors import InputError
+from skincal.imports import Imported, import_csv
+from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
+from tests.imports.foreign import mapping, write_mapping
+
+FOUND = contacts(slide_m=0.006)
+TIME = np.arange(0, FOUND.end_s, 0.02)
+
+
+def bring(
+    folder: Path, *, noise_m: float = 1e-4, slide: bool = True, **changes: Any
+) -> tuple[Dataset, Imported]:
+    found = FOUND if slide else contacts()
+    table = pd.concat([taxel_table(found, TIME), gauge_table(found, TIME)], axis=1).assign(t=TIME)
+    table[["px", "py"]] += np.random.default_rng(2).normal(0, 1e3 * noise_m, (len(TIME), 2))
+    table.to_csv(folder / "a.csv", index=False)
+    done = import_csv(
+        write_mapping(folder, mapping(PLANE, ONE_FILE, **changes)), folder / "out", [folder / "a.csv"]
+    )
+    checked = check_dataset(folder / "out")
+    assert checked.dataset is not None
+    return checked.dataset, done
+
+
+def findings(done: Any) -> list[Any]:
+    return [problem for problem in done.warnings if problem.code == "slides_in_hold"]
+
+
+def test_hold_is_cut_to_where_the_contact_rests(tmp_path: Path):
+    back, done = bring(tmp_path)
+    (found,) = findings(done)
+    assert found.details["presses"] == [0, 2, 4, 6, 8, 10]
+    assert "press 0 (5." in found.got
+    # Half a millimetre is what the positions are worth; the mean of the slide lies 3 mm off.
+    np.testing.assert_allclose(back.presses.position_m[:, :2], FOUND.place_m, atol=5e-4)
+    assert not findings(check_dataset(tmp_path / "out"))
+
+
+def test_sliding_is_refused_or_kept_where_asked(tmp_path: Path):
+    with pytest.raises(InputError, match="6 of 12 that slide: press 0"):
+        bring(tmp_path, series={"slides": "refuse"})
+    back, done = bring(tmp_path, series={"slides": "keep"})
+    assert findings(done)
+    away = np.abs(back.presses.position_m[:, 0] - FOUND.place_m[:, 0])
+    assert (away[::2] > 1.5e-3).all() and (away[1::2] < 1e-4).all()
+    # The dataset says it as well, with the presses.
+    (found,) = [p for p in findings(check_dataset(tmp_path / "out")) if "sigma_m" in p.expected]
+    assert found.details["presses"] == [0, 2, 4, 6, 8, 10]
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 1e-4, 1e-3])
+def test_noise_is_no_slide(tmp_path: Path, noise_m: float):
+    back, done = bring(tmp_path, noise_m=noise_m, slide=False)
+    assert not findings(done)
+    assert len(back.presses) == 12
+
+
+def test_contact_that_never_rests_is_left_out(tmp_path: Path):
+    changes = {"series": {"min_hold_s": 0.6}, "position": {"sigma_m": 1e-4, "slack_m": 1e-3}}
+    back, done = bring(tmp_path, noise_m=0.0, **changes)
+    assert len(back.presses) < 12
+    assert any("the contact rests for less than 0.6 s" in str(item) for item in done.dropped)
+    assert back.frames is not None and (back.frames.phase == HOLD).any()
+
+
+@pytest.mark.parametrize("samples", [10, 30, 100, 400])
+def test_false_alarms_of_noise(samples: int):
+    rng = np.random.default_rng(samples)
+    holds = [rng.normal(0, 1e-3, (samples, 3)) for _ in range(300)]
+    slides = [slide_m(hold, sample_noise_m(holds)) for hold in holds]
+    assert np.mean(np.array(slides) > 1e-4) < 0.01
+
+
+def test_where_a_contact_rests():
+    path = np.concatenate([np.zeros(20), np.linspace(0, 0.005, 30), np.full(40, 0.005)])
+    position = np.column_stack([path, np.zeros((90, 2))])
+    start, stop = rests(position, 1e-4, 0.0)
+    assert 45 <= start <= 51 and stop == 90
+    assert slide_m(position, 0.0) == pytest.approx(0.005, rel=0.02)
+    assert np.isnan(slide_m(np.full((20, 3), np.nan), 0.0))

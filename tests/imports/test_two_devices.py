@@ -1,0 +1,190 @@
+"""Taxels in one file, force and place in another with a clock of its own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from skincal.cli.main import app
+from skincal.dataset import Dataset, read_dataset
+from skincal.errors import InputError
+from skincal.imports import Imported, import_csv
+from skincal.imports.alignment import NoOffsetError, estimate_offset
+from tests.imports.devices import ONE_FILE, PLANE, TWO_FILES, Contacts, contacts, gauge_table, taxel_table
+from tests.imports.foreign import mapping, write_mapping
+
+FOUND = contacts(14)
+TAXELS_S = np.arange(0, FOUND.end_s, 0.0125)
+GAUGE_S = np.arange(-0.4, FOUND.end_s + 0.3, 0.1) + 0.03
+EPOCH_S = 1_763_683_200.0  # midnight
+
+
+def recorded(
+    folder: Path, taxel_stamps: Any, gauge_stamps: Any, content: dict[str, Any], found: Contacts = FOUND
+) -> tuple[Dataset, Imported]:
+    taxel_table(found, TAXELS_S).assign(t=taxel_stamps).to_csv(folder / "sensor.csv", index=False)
+    gauge_table(found, GAUGE_S).assign(t=gauge_stamps).to_csv(folder / "gauge.csv", index=False)
+    files = [folder / "sensor.csv", folder / "gauge.csv"]
+    done = import_csv(write_mapping(folder, content), folder / "out", files)
+    return read_dataset(folder / "out"), done
+
+
+def assert_joined(back: Dataset) -> None:
+    np.testing.assert_allclose(back.presses.force_n, FOUND.force_n, rtol=0.01)
+    np.testing.assert_allclose(back.presses.position_m[:, :2], FOUND.place_m, atol=1e-5)
+    # The images are those of the same moments: a taxel's load is the force's.
+    ratio = (back.presses.counts.max(axis=1) - 20) / (40 * back.presses.force_n)
+    away = np.linalg.norm(FOUND.place_m[:, None] - 0.004 * _grid(), axis=2).min(axis=1)
+    np.testing.assert_allclose(ratio, np.exp(-((away / 0.003) ** 2)), atol=0.03)
+
+
+def _grid() -> np.ndarray:
+    return np.array([[c - 1, r - 1] for r in range(3) for c in range(3)], dtype=float)
+
+
+def test_clocks_that_agree(tmp_path: Path):
+    back, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S, mapping(PLANE, TWO_FILES))
+    assert_joined(back)
+    assert done.assumed == ("z_m",)
+    assert not [p for p in done.warnings if "offset_s" in p.place]
+
+
+def test_time_of_day_and_epoch_over_midnight(tmp_path: Path):
+    start = EPOCH_S - 20
+    words = pd.to_datetime(start + TAXELS_S, unit="s").strftime("%H:%M:%S.%f").str[:-3]
+    content = mapping(PLANE, TWO_FILES, columns={"time_s": {"unit": "datetime"}})
+    back, _ = recorded(tmp_path, words, start + GAUGE_S, content)
+    assert_joined(back)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms"])
+def test_offset_is_estimated(tmp_path: Path, unit: str):
+    """A counter since power-on against an epoch."""
+    per_s = {"s": 1.0, "ms": 1e3}[unit]
+    content = mapping(PLANE, TWO_FILES, files={"gauge": {"offset_s": "estimate"}}, series={"start_at_zero": False},
+                      columns={"time_s": {"unit": unit}})  # fmt: skip
+    back, done = recorded(tmp_path, (12.345 + TAXELS_S) * per_s, EPOCH_S + GAUGE_S, content)
+    (clock,) = done.clocks
+    assert clock.estimated and abs(clock.offset_s - (12.345 - EPOCH_S)) < 0.01
+    assert 0 < clock.sigma_s < 0.01
+    assert back.meta.clock is not None and back.meta.clock.sigma_s == pytest.approx(clock.sigma_s)
+    assert_joined(back)
+
+
+def test_clocks_of_different_rates(tmp_path: Path):
+    found = contacts(40)
+    taxels, gauge = np.arange(0, found.end_s, 0.02), np.arange(0.1, found.end_s, 0.05)
+    clock = estimate_offset(
+        "gauge", taxels, found.images(taxels), 500 + gauge * 1.004, {"force_n": found.force(gauge)}
+    )
+    assert clock.rate == pytest.approx(1 / 1.004 - 1, rel=0.05)
+    np.testing.assert_allclose(clock.onto(500 + gauge * 1.004), gauge, atol=0.02)
+
+
+def test_offset_that_cannot_be_told():
+    time = np.arange(0, 60, 0.02)
+    load = ((time % 3) > 1.5).astype(float)
+    with pytest.raises(NoOffsetError, match="two offsets fit alike"):
+        estimate_offset("gauge", time, load[:, None], time[100:-100], {"force_n": load[100:-100]})
+    clock = estimate_offset(
+        "gauge", time, load[:, None], time[100:-100], {"force_n": load[100:-100]}, within_s=1.0
+    )
+    assert abs(clock.offset_s) < 0.01
+    noise = np.random.default_rng(0).normal(size=(2, len(time)))
+    with pytest.raises(NoOffsetError, match="no lag at which force_n goes"):
+        estimate_offset("gauge", time, noise[:1].T, time, {"force_n": noise[1]})
+
+
+def test_clocks_that_do_not_meet(tmp_path: Path):
+    with pytest.raises(InputError, match='set offset_s = "estimate"'):
+        recorded(tmp_path, TAXELS_S, EPOCH_S + GAUGE_S, mapping(PLANE, TWO_FILES))
+
+
+def test_time_zone_is_named(tmp_path: Path):
+    words = pd.to_datetime(EPOCH_S + 7200 + 3600 + TAXELS_S, unit="s").strftime("%I:%M:%S.%f %p")
+    time = {"unit": "datetime", "format": "%I:%M:%S.%f %p"}
+    content = mapping(PLANE, TWO_FILES, columns={"time_s": time})
+    with pytest.raises(InputError, match=r"for a time zone, 3600"):
+        recorded(tmp_path, words, EPOCH_S + 7200 + GAUGE_S, content)
+    content["files"]["gauge"]["offset_s"] = 3600.0
+    assert_joined(recorded(tmp_path, words, EPOCH_S + 7200 + GAUGE_S, content)[0])
+
+
+def test_gauge_that_starts_after_midnight(tmp_path: Path):
+    start = EPOCH_S - 2.0
+    words = [
+        pd.to_datetime(start + time, unit="s").strftime("%H:%M:%S.%f").str[:-3]
+        for time in (TAXELS_S, GAUGE_S + 2.5)
+    ]
+    content = mapping(PLANE, TWO_FILES, columns={"time_s": {"unit": "datetime"}},
+                      files={"gauge": {"time": {"unit": "datetime"}, "offset_s": -2.5}})  # fmt: skip
+    assert_joined(recorded(tmp_path, *words, content)[0])
+
+
+def test_clocks_that_are_said_to_agree_and_do_not(tmp_path: Path):
+    _, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S + 1.0, mapping(PLANE, TWO_FILES))
+    (warning,) = [p for p in done.warnings if "offset_s" in p.place]
+    assert "offset_s = -1" in warning.fix
+
+
+def test_files_named_one_after_the_other(tmp_path: Path):
+    """The columns stand in the other file: said with the lines that mend it."""
+    with pytest.raises(InputError) as caught:
+        recorded(tmp_path, TAXELS_S, GAUGE_S, mapping(PLANE, ONE_FILE))
+    text = str(caught.value)
+    assert len(text.splitlines()) == 1
+    assert '[files.gauge] with file = "gauge.csv"' in text
+    assert "[columns.force_n], [columns.x_m], [columns.y_m]" in text
+
+
+def test_single_stretches_of_two_devices(tmp_path: Path):
+    """Each stretch has two files, whose clocks begin anew."""
+    halves = [FOUND.end_s / 2 > TAXELS_S, FOUND.end_s / 2 <= TAXELS_S]
+    table, gauge = taxel_table(FOUND, TAXELS_S), gauge_table(FOUND, GAUGE_S)
+    border = float(FOUND.start_s[7] - 0.3)
+    for k, (mine, theirs) in enumerate(
+        ((border > TAXELS_S, border > GAUGE_S), (border <= TAXELS_S, border - 0.1 <= GAUGE_S))
+    ):
+        zero = TAXELS_S[mine][0]
+        table[mine].assign(t=TAXELS_S[mine] - zero).to_csv(tmp_path / f"sensor{k}.csv", index=False)
+        gauge[theirs].assign(t=GAUGE_S[theirs] - zero).to_csv(tmp_path / f"gauge{k}.csv", index=False)
+    assert len(halves) == 2
+    content = mapping(PLANE, TWO_FILES, files={"gauge": {"file": "gauge*.csv"}}, series={"own_clocks": True})
+    paths = [tmp_path / f"{name}{k}.csv" for name in ("sensor", "gauge") for k in (0, 1)]
+    import_csv(write_mapping(tmp_path, content), tmp_path / "out", paths)
+    assert_joined(read_dataset(tmp_path / "out"))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"columns": {"force_n": {"file": "guage"}}}, 'Did you mean "gauge"?'),
+        ({"files": {"gauge": {"time": None}}}, "Add time, or rate_hz"),
+        ({"files": {"gauge": {"offset_s": "guess"}}}, 'a time [s], or "estimate"'),
+        ({"files": {"other": {"file": "b.csv", "rate_hz": 10.0}}}, 'Write file = "other" there'),
+        ({"files": {"gauge": {"offset": 1.0}}}, 'Did you mean "offset_s"?'),
+    ],
+)
+def test_wrong_tables_of_files(tmp_path: Path, change: dict[str, Any], text: str):
+    with pytest.raises(InputError) as caught:
+        recorded(tmp_path, TAXELS_S, GAUGE_S, mapping(PLANE, TWO_FILES, **change))
+    assert text in str(caught.value)
+
+
+def test_command_says_and_draws_the_offset(tmp_path: Path):
+    content = mapping(PLANE, TWO_FILES, files={"gauge": {"offset_s": "estimate"}})
+    recorded(tmp_path, 5 + TAXELS_S, EPOCH_S + GAUGE_S, content)
+    arguments = ["import", "csv", str(tmp_path / "map.toml"), str(tmp_path / "sensor.csv"), "--out",
+                 str(tmp_path / "again"), "--json"]  # fmt: skip
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    (clock,) = json.loads(done.stdout)["clocks"]
+    assert clock["file"] == "gauge" and clock["by"] == "force_n" and clock["sigma_s"] < 0.01
+    assert "by the correlation of force_n with the taxels" in done.stderr
+    assert (tmp_path / "again" / "clocks.png").stat().st_size > 10_000
