@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skincal import __version__
+from skincal import __version__, compiling
 from skincal.cli import verbs
 from skincal.cli.common import example, say
 from skincal.cli.interrupt import interruptible
@@ -63,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
+    compiling.on_compile = lambda: say("skincal: compiling the skin model, once on this machine (about 15 s)")
     try:
         with interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)

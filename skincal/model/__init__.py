@@ -2,8 +2,9 @@
 
 from skincal.model.contact import Contacts, contact_rotations
 from skincal.model.converter import Converter
+from skincal.model.derivatives import LoadDerivatives, along_surface, load_derivatives, with_pose
 from skincal.model.equilibrium import solve_penetration
-from skincal.model.indenters import Bound, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
+from skincal.model.indenters import ClosedForm, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
 from skincal.model.law import StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch, patch_cells
@@ -14,12 +15,13 @@ from skincal.model.skin import Skin, SkinParameters
 from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Surface
 
 __all__ = [
-    "Bound",
+    "ClosedForm",
     "Contacts",
     "Converter",
     "Cylinder",
     "FlatPunch",
     "Indenter",
+    "LoadDerivatives",
     "MeshIndenter",
     "MeshSurface",
     "Patch",
@@ -35,7 +37,10 @@ __all__ = [
     "StressLaw",
     "Surface",
     "TaxelLayout",
+    "along_surface",
     "contact_rotations",
+    "load_derivatives",
     "patch_cells",
     "solve_penetration",
+    "with_pose",
 ]

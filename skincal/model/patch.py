@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -22,7 +22,6 @@ from skincal.model.arrays import (
 from skincal.model.layout import TaxelLayout
 from skincal.model.press.points import TiledPoints
 from skincal.model.surfaces.base import SensorPose, Surface
-from skincal.model.tiles import Tiles
 
 Rule = Literal["midpoint", "gauss"]
 """How a sum over points stands for an integral over a taxel: ``midpoint``, the centres of even cells, which is the
@@ -89,14 +88,16 @@ class Patch:
         return len(self.points_m)
 
     @cached_property
-    def tiles(self) -> Tiles:
-        """The points in compact groups, cut at first use."""
-        return Tiles.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
-
-    @cached_property
     def tiled(self) -> TiledPoints:
         """The points as the compiled routine takes them, cut at first use."""
         return TiledPoints.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
+
+    def moved(self, points_m: FloatArray, normals: FloatArray) -> Patch:
+        """The same cells at other places (N, 3) with other normals (N, 3), in the same tiles."""
+        patch = replace(self, points_m=points_m, normals=normals)
+        # A cached property, filled before it is asked for.
+        patch.__dict__["tiled"] = self.tiled.moved(patch.points_m, patch.normals, patch.areas_m2)
+        return patch
 
     @classmethod
     def build(

@@ -10,9 +10,7 @@ from skincal.model import FlatPunch, Indenter, MeshIndenter, Sphere
 
 ALL = indenters()
 UP = np.array([0.0, 0.0, 1.0])
-MESHES = {name: indenter for name, indenter in ALL.items() if isinstance(indenter, MeshIndenter)}
 every = pytest.mark.parametrize("indenter", ALL.values(), ids=ALL)
-every_mesh = pytest.mark.parametrize("indenter", MESHES.values(), ids=MESHES)
 
 
 def _directions(count: int, lean: float, seed: int = 0) -> np.ndarray:
@@ -62,38 +60,6 @@ def test_one_direction_stands_for_all_and_shapes_are_kept(indenter: Indenter):
     assert many.distance_m.shape == (3, 20)
     np.testing.assert_allclose(many.distance_m.ravel(), one.distance_m)
     np.testing.assert_allclose(many.normals.reshape(-1, 3), one.normals)
-
-
-@every_mesh
-@pytest.mark.parametrize("lean", [0.0, 0.3, 2.0])
-def test_no_hit_is_nearer_than_the_bound(indenter: Indenter, lean: float):
-    directions = _directions(40, lean)
-    contacts = 1e-3 * np.random.default_rng(2).uniform(-1, 1, (40, 3))
-    origins = np.stack([_origins(400, seed) for seed in range(40)])
-    bound = indenter.bound(directions, contacts)
-    nearest = bound.distance(bound.place(np.swapaxes(origins, 1, 2)))
-    assert np.all(nearest <= indenter.cast(origins, directions[:, None]).distance_m + 1e-12)
-    # A ball round a point starts no later than any point in it.
-    around = bound.distance(bound.place(np.swapaxes(origins, 1, 2)), np.full(400, 1e-3))
-    shifted = origins + 1e-3 * _directions(400, 5.0)
-    assert np.all(around <= indenter.cast(shifted, directions[:, None]).distance_m + 1e-12)
-
-
-@every_mesh
-def test_the_short_way_says_the_same_as_the_cast(indenter: Indenter):
-    directions = _directions(20, 0.5)
-    origins = np.stack([_origins(300, seed) for seed in range(20)])
-    bound = indenter.bound(directions, np.zeros((20, 3)))
-    hits = indenter.cast(origins, directions[:, None])
-    facing = np.where(np.isfinite(hits.distance_m), -np.sum(hits.normals * directions[:, None], axis=-1), 0.0)
-    everything = indenter.heights(origins, directions, bound, np.full(20, np.inf))
-    np.testing.assert_allclose(everything[0], hits.distance_m, atol=1e-15)
-    np.testing.assert_allclose(everything[1], facing, atol=1e-6)  # a root amplifies rounding at a grazing ray
-    limit = np.full(20, 1e-3)
-    distance, _ = indenter.heights(origins, directions, bound, limit)
-    near = hits.distance_m <= limit[:, None]
-    np.testing.assert_allclose(distance[near], hits.distance_m[near], atol=1e-15)
-    assert np.all(distance[~near] > 1e-3)
 
 
 @every

@@ -33,6 +33,12 @@ def device(function: _Function) -> _Function:
     return cast(_Function, numba.njit(**SETTINGS)(function))
 
 
+def plain_device(function: _Function) -> _Function:
+    """As :func:`device`, for a function that looks for NaN: arithmetic as it is written."""
+    _modules.add(function.__module__)
+    return cast(_Function, numba.njit(nogil=True, error_model="numpy")(function))
+
+
 def stamp() -> str:
     """A digest of the sources of all device functions."""
     sources = [inspect.getsource(sys.modules[name]) for name in sorted(_modules)]

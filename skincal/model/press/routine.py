@@ -17,7 +17,7 @@ import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.press.balance import linear_depth, power_depth
-from skincal.model.press.jit import device
+from skincal.model.press.jit import device, plain_device
 from skincal.model.press.meet import FAR, Frame, bound_tiles, meet, paraboloid
 from skincal.model.press.status import Status
 
@@ -27,7 +27,10 @@ _SKIN_BEND = 40.0
 """Curvature over two of a fingertip of 12 mm [1/m]: where Newton's method starts, no more."""
 _CELL = 0.75
 """Parts of a cell's area that its furthest corner lies from its middle, squared: a half for a square, 5/8 for 2 : 1."""
+Law = tuple[float, float, float]
+"""E [Pa/m], the exponent (1: linear) and the reference [m] of the law."""
 OK, AT_BORDER, THROUGH_FINGER = int(Status.OK), int(Status.AT_BORDER), int(Status.THROUGH_FINGER)
+NO_FORCE, UNKNOWN, PRESSES = int(Status.NO_FORCE), int(Status.UNKNOWN), -1
 NOT_TOUCHED, FINER_THAN_POINTS = int(Status.NOT_TOUCHED), int(Status.FINER_THAN_POINTS)
 
 
@@ -53,7 +56,7 @@ def frame_of(row: FloatArray, turned: bool) -> Frame:
     """Contact normal and the axes of the indenter's frame; as :func:`skincal.model.contact_rotations`.
 
     Args:
-        row: (15,) normal, origin, rotation row by row.
+        row: (18,) normal, origin, rotation row by row, point of contact.
         turned: whether the rotation is given.
     """
     nx, ny, nz = row[0], row[1], row[2]
@@ -212,23 +215,33 @@ def falls_between(points: FloatArray, frame: Frame, axis: tuple[float, float, fl
 
 
 @device
+def untouched(
+    points: FloatArray,
+    frame: Frame,
+    axis: tuple[float, float, float],
+    samples: tuple[int, int],
+    info: FloatArray,
+) -> None:
+    """Say of samples at a place that no point is touched there, and why."""
+    status = FINER_THAN_POINTS if falls_between(points, frame, axis) else NOT_TOUCHED
+    for s in range(samples[0], samples[1]):
+        if info[s, 6] == PRESSES:
+            info[s, 6] = status
+
+
+@device
 def settle(
     points: FloatArray,
     taxel: IntArray,
     border: FloatArray,
-    gap: FloatArray,
-    weight: FloatArray,
-    facing: FloatArray,
+    found: FloatArray,
     which: IntArray,
     count: int,
     depth: float,
     load: float,
-    elasticity: float,
-    exponent: float,
-    reference: float,
+    law: Law,
     through: float,
     active: FloatArray,
-    number: IntArray,
     sums: FloatArray,
     loads: FloatArray,
     info: FloatArray,
@@ -242,19 +255,14 @@ def settle(
         points: see :func:`gather`.
         taxel: (N,) flat index; -1: none.
         border: (N,) 1 where the patch ends, 0 elsewhere.
-        gap: of :func:`gather`.
-        weight: of :func:`gather`.
-        facing: of :func:`gather`.
-        which: of :func:`gather`.
-        count: of :func:`gather`.
+        found: (3, count) gaps, weights and facing of :func:`gather`.
+        which: (2, count) numbers of the points; the second row is scratch.
+        count: number of points.
         depth: of :func:`depth_of` [m].
         load: F / E [m³].
-        elasticity: E [Pa/m].
-        exponent: of the law.
-        reference: of the law [m].
+        law: E [Pa/m], exponent and reference [m].
         through: penetration from which on the press is through [m].
         active: (3, count) scratch.
-        number: (count,) scratch.
         sums: (J + 1,) scratch.
         loads: (J,) filled [N].
         info: (7,) filled: penetration, force, centroid, points touched, status.
@@ -262,14 +270,15 @@ def settle(
         entries: (n,) filled with the numbers of the points that feel something; empty: not asked for.
         entry_loads: (n,) filled with what each feels [N].
     """
+    elasticity, exponent, reference = law
     some = 0
     for i in range(count):
         # Written in any case, and kept if it carries: a processor guesses badly which do.
-        active[0, some] = gap[i]
-        active[1, some] = weight[i]
-        active[2, some] = facing[i]
-        number[some] = which[i]
-        some += 1 if gap[i] <= depth and weight[i] > 0 else 0
+        active[0, some] = found[0, i]
+        active[1, some] = found[1, i]
+        active[2, some] = found[2, i]
+        which[1, some] = which[0, i]
+        some += 1 if found[0, i] <= depth and found[1, i] > 0 else 0
     depth = depth_of(active[0], active[1], some, load, depth, exponent, reference)
     force = 0.0
     touched = 0
@@ -283,32 +292,140 @@ def settle(
     for j in range(sums.shape[0]):
         sums[j] = 0.0
     for i in range(some):
-        sums[taxel[number[i]] + 1] += active[1, i] * active[2, i]
+        sums[taxel[which[1, i]] + 1] += active[1, i] * active[2, i]
     for j in range(loads.shape[0]):
         loads[j] = sums[j + 1]
     if entries.shape[0] > 0:
         for i in range(some):
             if active[1, i] > 0:
-                entries[entry] = number[i]
+                entries[entry] = which[1, i]
                 entry_loads[entry] = active[1, i] * active[2, i]
                 entry += 1
     x = y = z = edge = 0.0
     for i in range(some):
-        k = number[i]
+        k = which[1, i]
         x += active[1, i] * points[0, k]
         y += active[1, i] * points[1, k]
         z += active[1, i] * points[2, k]
         edge += active[1, i] * border[k]
-    scale = 1.0 / force if force > 0 else 1.0
     info[0] = depth
     info[1] = force
-    info[2] = x * scale
-    info[3] = y * scale
-    info[4] = z * scale
+    if force > 0:
+        info[2], info[3], info[4] = x / force, y / force, z / force
     info[5] = touched
     info[6] = AT_BORDER if edge > 0 else OK
     if depth > through:
         info[6] = THROUGH_FINGER
+
+
+@device
+def finish(
+    points: FloatArray,
+    taxel: IntArray,
+    border: FloatArray,
+    found: FloatArray,
+    which: IntArray,
+    count: int,
+    deepest: float,
+    most: float,
+    law: Law,
+    through: float,
+    active: FloatArray,
+    sums: FloatArray,
+    samples: tuple[int, int],
+    force: FloatArray,
+    loads: FloatArray,
+    info: FloatArray,
+    entry: IntArray,
+    entries: IntArray,
+    entry_loads: FloatArray,
+) -> None:
+    """Settle every force of a place; the largest over E is ``most``, its depth ``deepest``. See :func:`settle`."""
+    for s in range(samples[0], samples[1]):
+        if info[s, 6] != PRESSES:
+            continue
+        load = force[s] / law[0]
+        depth = deepest
+        if load != most:
+            depth = depth_of(found[0], found[1], count, load, depth, law[1], law[2])
+        settle(
+            points, taxel, border, found, which, count, depth, load, law, through,
+            active, sums, loads[s], info[s], entry[s], entries, entry_loads,
+        )  # fmt: skip
+
+
+@device
+def largest(force: FloatArray, info: FloatArray, first: int, last: int) -> float:
+    """The largest force of samples that press [N]."""
+    most = 0.0
+    for s in range(first, last):
+        if info[s, 6] == PRESSES:
+            most = max(most, force[s])
+    return most
+
+
+@plain_device
+def unknown(row: FloatArray, force: float, turned: bool) -> bool:
+    """Whether a force or what says where it acts is NaN or infinite."""
+    known = abs(force) < math.inf
+    for i in range(18):
+        if turned or not 6 <= i < 15:
+            known = known and abs(row[i]) < math.inf
+    return not known
+
+
+@device
+def group(
+    rows: FloatArray,
+    turned: bool,
+    force: FloatArray,
+    loads: FloatArray,
+    info: FloatArray,
+    starts: IntArray,
+    at: IntArray,
+) -> int:
+    """Samples that follow each other at one place, to the last bit, are cast once: the number of places.
+
+    Args:
+        rows: see :func:`press`.
+        turned: the same.
+        force: the same.
+        loads: NaN is filled in where a sample is not known.
+        info: the status is filled in: ``PRESSES``, or why a sample does not.
+        starts: (K + 1,) filled: place p has the samples from ``starts[p]`` to ``starts[p + 1]``, some of which may
+            not press.
+        at: (K,) filled: the row of place p.
+    """
+    places = 0
+    for s in range(force.shape[0]):
+        if unknown(rows[s], force[s], turned):
+            info[s, 6] = UNKNOWN
+            for j in range(loads.shape[1]):
+                loads[s, j] = math.nan
+            for i in range(5):
+                info[s, i] = math.nan
+            continue
+        for i in range(2, 5):
+            info[s, i] = math.nan
+        if force[s] <= 0:
+            info[s, 6] = NO_FORCE
+            continue
+        info[s, 6] = PRESSES
+        same = places > 0
+        if same:
+            for i in range(18 if turned else 6):
+                same = same and rows[s, i] == rows[at[places - 1], i]
+        if not same:
+            starts[places] = s
+            at[places] = s
+            places += 1
+    starts[places] = force.shape[0]
+    return places
+
+
+def depth(gap: FloatArray, weight: FloatArray, load: float) -> float:
+    """The depth at which points carry a load; see :func:`skincal.model.press.balance.linear_depth`."""
+    return linear_depth(gap, weight, gap.shape[0], load, 0.0)
 
 
 def press(
@@ -321,7 +438,6 @@ def press(
     through: float,
     rows: FloatArray,
     turned: bool,
-    starts: IntArray,
     force: FloatArray,
     elasticity: float,
     exponent: float,
@@ -338,58 +454,54 @@ def press(
         points: (6, N) position [m] and normal times area [m²], tile by tile.
         taxel: (N,) flat index; -1: none.
         border: (N,) 1 where the patch ends, 0 elsewhere.
-        tiles: (11, B) see :class:`skincal.model.tiles.Tiles`.
+        tiles: (11, B) see :class:`skincal.model.press.points.TiledPoints`.
         kind: of closed form.
         size: of the indenter [m].
         through: penetration from which on a press is through [m].
-        rows: (P, 15) places: normal, origin, rotation row by row.
+        rows: (K, 18) places: normal, origin, rotation row by row, point of contact.
         turned: whether rotations are given.
-        starts: (P + 1,) place p has the forces from ``starts[p]`` to ``starts[p + 1]``.
-        force: (S,) forces [N]: known and positive.
+        force: (K,) forces [N].
         elasticity: E [Pa/m].
         exponent: of the law; 1: linear.
         reference: of the law [m].
-        loads: (S, J) zeros; filled [N].
-        info: (S, 7) zeros; filled: see :func:`settle`.
-        entry: (S,) where each press begins in the following.
+        loads: (K, J) zeros; filled [N].
+        info: (K, 7) zeros; filled: see :func:`settle`.
+        entry: (K,) where each press begins in the following.
         entries: (n,) see :func:`settle`.
         entry_loads: (n,) the same.
     """
+    law = (elasticity, exponent, reference)
+    samples = force.shape[0]
+    starts, at = np.empty(samples + 1, np.int64), np.empty(samples, np.int64)
+    places = group(rows, turned, force, loads, info, starts, at)
     count_tiles = tiles.shape[1]
-    each = points.shape[1] // count_tiles if count_tiles else 0
-    begin = np.empty(count_tiles)
-    middle = np.empty(count_tiles)
-    area = np.empty(count_tiles)
+    each = points.shape[1] // max(count_tiles, 1)
+    begin, middle, area = np.empty(count_tiles), np.empty(count_tiles), np.empty(count_tiles)
     coarse = np.empty((2, count_tiles))
-    room = 1024
-    found = np.empty((3, room))
-    active = np.empty((3, room))
-    which = np.empty((2, room), np.int64)
     sums = np.empty(loads.shape[1] + 1)
-    for p in range(rows.shape[0]):
-        frame = frame_of(rows[p], turned)
+    room = 1024
+    found, active, which = np.empty((3, room)), np.empty((3, room)), np.empty((2, room), np.int64)
+    for p in range(places):
+        row = rows[at[p]]
+        frame = frame_of(row, turned)
         normal = (frame[0], frame[1], frame[2])
-        origin = (rows[p, 3], rows[p, 4], rows[p, 5])
+        origin = (row[3], row[4], row[5])
         ax, ay, az, nearest, bend, reach = paraboloid(kind, size, frame)
         axis = (origin[0] + ax, origin[1] + ay, origin[2] + az)
         bound_tiles(tiles, normal, axis, nearest, bend, reach, begin, middle, area)
-        most = 0.0
-        for s in range(starts[p], starts[p + 1]):
-            most = max(most, force[s])
-        most /= elasticity
+        own = (starts[p], starts[p + 1])
+        most = largest(force, info, own[0], own[1]) / elasticity
         level, first = guess(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
         limit = first + AHEAD * (level - first) if level < math.inf else math.inf
         count = 0
         deepest = 0.0
         while True:
-            room = 0
+            need = 0
             for b in range(count_tiles):
-                if begin[b] <= limit:
-                    room += each
-            if room > found.shape[1]:
-                found = np.empty((3, room))
-                active = np.empty((3, room))
-                which = np.empty((2, room), np.int64)
+                need += each if begin[b] <= limit else 0
+            if need > room:
+                room = need
+                found, active, which = np.empty((3, room)), np.empty((3, room)), np.empty((2, room), np.int64)
             count, first = gather(
                 kind, size, frame, origin, points, begin, each, limit,
                 found[0], found[1], found[2], which[0], active,
@@ -400,25 +512,16 @@ def press(
                     break
                 limit = math.inf
                 continue
-            deepest = depth_of(
-                found[0], found[1], count, most, max(min(level, limit) - first, 0.0), exponent, reference
-            )
+            start = max(min(level, limit) - first, 0.0)
+            deepest = depth_of(found[0], found[1], count, most, start, exponent, reference)
             level = first + deepest
             if level <= limit:
                 break
             limit = level
         if count == 0:
-            status = FINER_THAN_POINTS if falls_between(points, frame, axis) else NOT_TOUCHED
-            for s in range(starts[p], starts[p + 1]):
-                info[s, 6] = status
+            untouched(points, frame, axis, own, info)
             continue
-        for s in range(starts[p], starts[p + 1]):
-            load = force[s] / elasticity
-            depth = deepest
-            if load != most:
-                depth = depth_of(found[0], found[1], count, load, depth, exponent, reference)
-            settle(
-                points, taxel, border, found[0], found[1], found[2], which[0], count, depth, load,
-                elasticity, exponent, reference, through, active, which[1], sums, loads[s], info[s],
-                entry[s], entries, entry_loads,
-            )  # fmt: skip
+        finish(
+            points, taxel, border, found, which, count, deepest, most, law, through, active, sums,
+            own, force, loads, info, entry, entries, entry_loads,
+        )  # fmt: skip
