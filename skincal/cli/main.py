@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skincal import __version__
+from skincal import __version__, compiling
 from skincal.cli import verbs
 from skincal.cli.common import example, say
 from skincal.cli.interrupt import interruptible
@@ -67,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
     logging.getLogger("skincal").handlers[:] = [_Said()]
+    compiling.on_compile = lambda: say("skincal: compiling the skin model, once on this machine (about 15 s)")
     try:
         with interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)

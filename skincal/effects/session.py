@@ -24,7 +24,7 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.strokes import strokes
+from skincal.model.press.run import count_places
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +181,7 @@ class EffectSkin:
         felt, count = contacted.samples, 0
         for number in range(len(felt.indenters)):
             rows = np.flatnonzero(felt.touching & (felt.indenter == number))
-            groups = strokes(felt.contacts, rows)
-            count += len(rows) if groups is None else len(groups)
+            count += count_places(felt.contacts[rows])
         return count
 
     def own(self, contacted: Contacted) -> Contacted:

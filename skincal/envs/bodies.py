@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.envs.bolt_indenter import BoltIndenter, BoltShape
-from skincal.model import Contacts, Indenter, Sphere
+from skincal.model import Contacts, Indenter, MeshIndenter, Sphere
 
 FloatArray = NDArray[np.float64]
 
@@ -225,16 +224,8 @@ class Bolt(Body):
 
 
 @lru_cache(maxsize=8)
-def _bolt_indenter(radius_m: float) -> BoltIndenter:
-    bolt = Bolt(radius_m, 1.0)
-    shape = BoltShape(
-        radius_m=radius_m,
-        start_m=-bolt.behind_m,
-        head_m=bolt.shank_m - bolt.behind_m,
-        end_m=bolt.shank_m + bolt.head_m - bolt.behind_m,
-        head_radius_m=bolt.head_corner_m,
-    )
-    return BoltIndenter(*bolt.mesh(), shape)
+def _bolt_indenter(radius_m: float) -> MeshIndenter:
+    return MeshIndenter(*Bolt(radius_m, 1.0).mesh())
 
 
 def _prism(radius_m: float, sides: int, start_m: float, end_m: float) -> tuple[FloatArray, NDArray[np.int64]]:

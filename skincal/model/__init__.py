@@ -2,23 +2,26 @@
 
 from skincal.model.contact import Contacts, contact_rotations
 from skincal.model.converter import Converter
+from skincal.model.derivatives import LoadDerivatives, along_surface, load_derivatives, with_pose
 from skincal.model.equilibrium import solve_penetration
-from skincal.model.indenters import Bound, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
+from skincal.model.indenters import ClosedForm, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
 from skincal.model.law import StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch, patch_cells
+from skincal.model.press.status import Status
 from skincal.model.pressures import Pressures
-from skincal.model.response import SkinResponse, Status
+from skincal.model.response import SkinResponse
 from skincal.model.skin import Skin, SkinParameters
 from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Surface
 
 __all__ = [
-    "Bound",
+    "ClosedForm",
     "Contacts",
     "Converter",
     "Cylinder",
     "FlatPunch",
     "Indenter",
+    "LoadDerivatives",
     "MeshIndenter",
     "MeshSurface",
     "Patch",
@@ -34,7 +37,10 @@ __all__ = [
     "StressLaw",
     "Surface",
     "TaxelLayout",
+    "along_surface",
     "contact_rotations",
+    "load_derivatives",
     "patch_cells",
     "solve_penetration",
+    "with_pose",
 ]

@@ -25,6 +25,8 @@ class TriangleMesh:
         normals: (F, 3) unit normals, right-handed about the order of the vertices.
         centre_m: (3,) centre of the bounding box [m].
         radius_m: the mesh lies within this distance of ``centre_m`` [m].
+        heights: (F,) of the faces' planes above the origin, along their normals [m].
+        rays: the ray structure, about ``centre_m``.
     """
 
     def __init__(self, name: str, vertices_m: ArrayLike, faces: ArrayLike) -> None:
@@ -54,8 +56,8 @@ class TriangleMesh:
         self.areas_m2 = frozen(doubled[solid] / 2)
         self.centre_m = frozen((vertices.min(axis=0) + vertices.max(axis=0)) / 2)
         self.radius_m = float(np.linalg.norm(vertices - self.centre_m, axis=1).max())
-        self._height = np.sum(self.normals * vertices[self.faces[:, 0]], axis=1)
-        self._rays = RayScene(vertices - self.centre_m, self.faces)
+        self.heights = frozen(np.sum(self.normals * vertices[self.faces[:, 0]], axis=1))
+        self.rays = RayScene(vertices - self.centre_m, self.faces)
 
     def first_hit(self, origins_m: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
         """The first triangle on each ray.
@@ -69,12 +71,12 @@ class TriangleMesh:
         """
         if len(origins_m) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
-        face = self._rays.first(origins_m - self.centre_m, directions)
+        face = self.rays.first(origins_m - self.centre_m, directions)
         hit = face >= 0
         normals = self.normals[face]
         closing = np.einsum("ij,ij->i", normals, directions)
         hit &= closing != 0
-        ahead = self._height[face] - np.einsum("ij,ij->i", normals, origins_m)
+        ahead = self.heights[face] - np.einsum("ij,ij->i", normals, origins_m)
         distance = np.divide(ahead, closing, out=np.full(len(face), np.inf), where=hit)
         return np.where(hit, face, -1), distance
 
@@ -84,24 +86,6 @@ class TriangleMesh:
         start = ahead - 1.01 * self.radius_m
         face, distance = self.first_hit(origins_m + start[:, None] * directions, directions)
         return face, start + distance
-
-    def first_ahead(self, origins_m: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As :meth:`first_on_line` for one direction (3,), and how far the triangles face against it or along it.
-
-        Returns:
-            Distance (N,) [m], inf where a line misses, and the cosine (N,) between normal and line, 0 where it misses.
-        """
-        if len(origins_m) == 0:
-            return np.zeros(0), np.zeros(0)
-        closing = self.normals @ direction
-        starts = origins_m - self.centre_m
-        starts -= (starts @ direction + 1.01 * self.radius_m)[:, None] * direction
-        face = self._rays.first(starts, direction)
-        cosine = closing[face]
-        cosine[face < 0] = 0.0
-        ahead = self._height[face] - np.einsum("ij,ij->i", self.normals[face], origins_m)
-        distance = np.divide(ahead, cosine, out=np.full(len(face), np.inf), where=cosine != 0)
-        return distance, np.abs(cosine)
 
     def check_closed(self) -> None:
         """Raise ``ValueError`` unless every edge belongs to two faces: through a hole a ray would meet the inside."""

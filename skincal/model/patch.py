@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -20,8 +20,8 @@ from skincal.model.arrays import (
     unit_rows,
 )
 from skincal.model.layout import TaxelLayout
+from skincal.model.press.points import TiledPoints
 from skincal.model.surfaces.base import SensorPose, Surface
-from skincal.model.tiles import Tiles
 
 Rule = Literal["midpoint", "gauss"]
 """How a sum over points stands for an integral over a taxel: ``midpoint``, the centres of even cells, which is the
@@ -49,6 +49,7 @@ class Patch:
         border: (N,) True where the patch ends; a press that reaches such a point is not wholly on the patch. Left
             out, no point counts as border.
         uv_m: (N, 2) patch coordinates [m]; None for points that no patch was cut into.
+        depth_m: penetration from which on a press is through the finger [m].
     """
 
     points_m: FloatArray
@@ -58,6 +59,7 @@ class Patch:
     layout: TaxelLayout
     border: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     uv_m: FloatArray | None = None
+    depth_m: float = np.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_m", floats("patch points_m", self.points_m, (None, 3)))
@@ -86,9 +88,16 @@ class Patch:
         return len(self.points_m)
 
     @cached_property
-    def tiles(self) -> Tiles:
-        """The points in compact groups, cut at first use."""
-        return Tiles.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
+    def tiled(self) -> TiledPoints:
+        """The points as the compiled routine takes them, cut at first use."""
+        return TiledPoints.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
+
+    def moved(self, points_m: FloatArray, normals: FloatArray) -> Patch:
+        """The same cells at other places (N, 3) with other normals (N, 3), in the same tiles."""
+        patch = replace(self, points_m=points_m, normals=normals)
+        # A cached property, filled before it is asked for.
+        patch.__dict__["tiled"] = self.tiled.moved(patch.points_m, patch.normals, patch.areas_m2)
+        return patch
 
     @classmethod
     def build(
@@ -140,6 +149,7 @@ class Patch:
             layout,
             border[placed],
             uv[placed],
+            surface.depth_m,
         )
 
 

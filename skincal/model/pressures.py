@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +12,8 @@ from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
-from skincal.model.response import carried_m3, reaches, touches
-from skincal.model.strokes import strokes
+from skincal.model.press.run import Entries, press
+from skincal.model.press.status import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,38 +67,9 @@ def pressures(
         contacts: K contacts.
         law: how stress grows with penetration; None: in proportion.
     """
-    known = contacts.known
-    pressed = np.flatnonzero(known & (contacts.force_n > 0))
-    rows: list[IntArray] = []
-    points: list[IntArray] = []
-    loads: list[FloatArray] = []
-    for some, index, load in _terms(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
-        touched = load > 0
-        rows.append(some[np.nonzero(touched)[0]])
-        points.append(index[touched])
-        loads.append(load[touched])
-    row = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
-    order = np.argsort(row, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(contacts)))]).astype(np.int64)
-    if not rows:
-        return Pressures(starts, np.zeros(0, dtype=np.int64), np.zeros(0), known, len(patch))
-    return Pressures(starts, np.concatenate(points)[order], np.concatenate(loads)[order], known, len(patch))
-
-
-def _terms(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: Indenter,
-    contacts: Contacts,
-    pressed: IntArray,
-    law: StressLaw | None,
-) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Rows (k,) of some contacts, the points near them (k, M), and what each adds to its taxel (k, M) [N]."""
-    groups = strokes(contacts, pressed)
-    if groups is not None:
-        for some, here, press, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups, law):
-            yield some, here.point[press], elasticity_pa_per_m * here.point_loads(press, depth, law)
-        return
-    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
-        load = elasticity_pa_per_m * carried_m3(found, law) * found.facing
-        yield some, patch.tiles.index.take(found.tile, axis=0).reshape(len(some), -1), load
+    # Counted first, then told: how many points there will be is not known before.
+    _, info = press(patch, elasticity_pa_per_m, indenter, contacts, law)
+    told = Entries.of(info)
+    press(patch, elasticity_pa_per_m, indenter, contacts, law, told)
+    starts, known = np.append(told.begin, len(told.points)), info[:, 6] != Status.UNKNOWN
+    return Pressures(starts, patch.tiled.index[told.points], told.load_n, known, len(patch))

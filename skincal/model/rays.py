@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -20,11 +21,14 @@ class RayScene:
     Args:
         vertices: (V, 3) about the origin, so that digits are spent on the shape and not on where it lies.
         faces: (F, 3) indices of vertices.
+
+    Attributes:
+        scale: of the scene: lengths in it over lengths outside.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
-        self._scale = _SIZE / float(np.linalg.norm(np.ptp(vertices, axis=0)))
-        self._vertices = (vertices * self._scale).astype(np.float32)
+        self.scale = _SIZE / float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        self._vertices = (vertices * self.scale).astype(np.float32)
         self._faces = faces.astype(np.int32)
 
     @cached_property
@@ -43,11 +47,16 @@ class RayScene:
             origins: (N, 3) where the rays start.
             directions: (N, 3) or (3,) unit vectors.
         """
-        starts = (origins * self._scale).astype(np.float32)
+        starts = (origins * self.scale).astype(np.float32)
         ways = np.empty_like(starts)
         ways[:] = directions
-        face: IntArray = self._scene.run(starts, ways).astype(np.int64)
-        return face
+        return self.run(starts, ways).astype(np.int64)
+
+    def run(self, starts: NDArray[np.float32], ways: NDArray[np.float32]) -> NDArray[np.int32]:
+        """As :meth:`first`, of rays (N, 3) in the scene's own scale and precision."""
+        if not len(starts):
+            return np.zeros(0, dtype=np.int32)
+        return np.asarray(self._scene.run(starts, ways), dtype=np.int32)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without embree's structure, which cannot be sent to another process and is soon built."""

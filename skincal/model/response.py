@@ -2,43 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
-from skincal.model.arrays import FloatArray, IntArray, as_floats
+from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
-from skincal.model.strokes import Reached, deepest, reached, strokes
-from skincal.model.touch import Pressing, Touch, touch
+from skincal.model.press.run import press
+from skincal.model.press.status import Status
 
-_MOST_AT_ONCE = 64
-"""Contacts worked on at once, at most."""
-_ROOM = 240_000
-"""Fewer at once on a patch of many points, so that their arrays stay in the processor's cache."""
+_INVALID = {
+    int(
+        Status.FINER_THAN_POINTS
+    ): "an indenter that is not finer than the tactile points; it falls between them. "
+    "Build the patch with a smaller resolution_m",
+    int(
+        Status.THROUGH_FINGER
+    ): "a penetration that indenter and finger allow. Check force, elasticity and their units",
+}
 
-
-class Status(IntEnum):
-    """How a press came out."""
-
-    OK = 0
-    """The patch carries the force, and the press stays inside it."""
-    NO_FORCE = 1
-    """The force is zero or negative: no load."""
-    NOT_TOUCHED = 2
-    """No point of the patch can be touched: no load, although there is a force."""
-    AT_BORDER = 3
-    """The press reaches the patch's border: what it touches is taken to carry the whole force."""
-    UNKNOWN = 4
-    """The force, the place or the normal is NaN or infinite: so is the load."""
-
-
-# Plain numbers: an enumeration's members are slow to turn into arrays.
-_OK, _NO_FORCE, _NOT_TOUCHED, _AT_BORDER, _UNKNOWN = (int(status) for status in Status)
+_FIRST_INVALID = min(_INVALID)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +47,6 @@ class SkinResponse:
     points: IntArray
     status: IntArray
 
-    @classmethod
-    def at_rest(cls, status: IntArray, taxels: int) -> SkinResponse:
-        """No load anywhere; NaN where the status is unknown."""
-        count = len(status)
-        fill = np.where(status == _UNKNOWN, np.nan, 0.0)
-        loads, centroid = np.repeat(fill[:, None], taxels, axis=1), np.full((count, 3), np.nan)
-        return cls(loads, fill.copy(), fill, centroid, np.zeros(count, dtype=np.int64), status)
-
 
 def respond(
     patch: Patch,
@@ -86,13 +64,9 @@ def respond(
         contacts: K contacts.
         law: how stress grows with penetration; None: in proportion.
     """
-    known, presses = contacts.known, contacts.force_n > 0
-    status = np.where(known, np.where(presses, _NOT_TOUCHED, _NO_FORCE), _UNKNOWN)
-    response = SkinResponse.at_rest(status, patch.layout.taxels)
-    pressed = np.flatnonzero(known & presses)
-    for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
-        _enter(response, rows, patch.layout.taxels, elasticity_pa_per_m, found, law)
-    return response
+    found, told = press(patch, elasticity_pa_per_m, indenter, contacts, law)
+    points, status = told[:, 5:7].astype(np.int64).T
+    return SkinResponse(found, told[:, 0], told[:, 1], told[:, 2:5], points, status)
 
 
 def loads(
@@ -101,6 +75,8 @@ def loads(
     indenter: Indenter,
     contacts: Contacts,
     law: StressLaw | None = None,
+    *,
+    refuse: tuple[Status, ...] = (Status.FINER_THAN_POINTS,),
 ) -> FloatArray:
     """Loads (K, J) [N] as those of :func:`respond`, without the rest of what it says.
 
@@ -110,125 +86,24 @@ def loads(
         indenter: what presses.
         contacts: K contacts.
         law: how stress grows with penetration; None: in proportion.
+        refuse: which statuses are errors.
+
+    Raises:
+        ValueError: a press with a status that is refused.
     """
-    known, count = contacts.known, patch.layout.taxels
-    found_n = np.zeros((len(contacts), count))
-    found_n[~known] = np.nan
-    pressed = np.flatnonzero(known & (contacts.force_n > 0))
-    groups = strokes(contacts, pressed)
-    if groups is not None:
-        for rows, here, press, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups, law):
-            found_n[rows] = elasticity_pa_per_m * here.taxel_loads(press, depth, law, count)
-        return found_n
-    for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
-        found_n[rows] = elasticity_pa_per_m * _on_taxels(found, carried_m3(found, law), count)
-    return found_n
+    found, told = press(patch, elasticity_pa_per_m, indenter, contacts, law)
+    status = told[:, 6]
+    if len(status) and status.max() >= _FIRST_INVALID:
+        _refuse(indenter, contacts, told, refuse)
+    return found
 
 
-def reaches(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: Indenter,
-    contacts: Contacts,
-    groups: list[IntArray],
-    law: StressLaw | None,
-) -> Iterator[tuple[IntArray, Reached, IntArray, FloatArray]]:
-    """What presses with many forces reach, some presses at a time.
-
-    Args:
-        patch: the tactile points.
-        elasticity_pa_per_m: E [Pa/m].
-        indenter: what presses.
-        contacts: K contacts.
-        groups: of :func:`skincal.model.strokes.strokes`.
-        law: how stress grows with penetration; None: in proportion.
-
-    Yields:
-        Rows (S,) of samples, what the largest forces of their presses reach, which of these presses each sample is of
-        (S,), and penetrations (S,) [m]. A press that touches nothing is left out.
-    """
-    load_m3 = contacts.force_n / elasticity_pa_per_m
-    by_row = deepest(contacts, groups)
-    deep = np.array(list(by_row), dtype=np.int64)
-    for some, found in touches(patch, elasticity_pa_per_m, indenter, contacts, deep, law):
-        own = [by_row[row] for row in some.tolist()]
-        many = np.array([len(rows) for rows in own])
-        for those, here in reached(patch.tiles, found, many, patch.layout.taxels):
-            rows: IntArray = np.concatenate([own[int(k)] for k in those])
-            press = np.repeat(np.arange(len(those)), many[those])
-            yield rows, here, press, here.depths(press, load_m3[rows], law)
-
-
-def touches(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: Indenter,
-    contacts: Contacts,
-    pressed: IntArray,
-    law: StressLaw | None,
-) -> Iterator[tuple[IntArray, Touch]]:
-    """What some of the contacts touch, some rows at a time.
-
-    Args:
-        patch: the tactile points.
-        elasticity_pa_per_m: E [Pa/m].
-        indenter: what presses.
-        contacts: K contacts.
-        pressed: rows of them that are known and have a force.
-        law: how stress grows with penetration; None: in proportion.
-
-    Yields:
-        Rows of the contacts, and what they touch.
-    """
-    if not (len(patch) and len(pressed)):
-        return
-    if len(pressed) > 1:
-        # Alike forces together: the presses of a chunk share the number of tiles that they look at.
-        pressed = pressed[np.argsort(contacts.force_n[pressed], kind="stable")]
-    pressing = Pressing.of(contacts, pressed, indenter, elasticity_pa_per_m)
-    chunk = int(min(max(_ROOM // len(patch), 1), _MOST_AT_ONCE))
-    for k in range(0, len(pressed), chunk):
-        rows = slice(k, k + chunk)
-        part = pressing[rows] if chunk < len(pressed) else pressing
-        yield pressed[rows], touch(patch.tiles, indenter, part, law)
-
-
-def carried_m3(found: Touch, law: StressLaw | None) -> FloatArray:
-    """What every point carries along the contact normal over E (K, M) [m³]."""
-    gap, weight, depth = found.settled.gap_m, found.settled.weight_m2, found.settled.depth_m
-    carried = np.maximum(depth[:, None] - gap, 0.0)
-    if law is not None:
-        carried = law.effective_m(carried)
-    carried *= weight
-    return carried
-
-
-def _enter(
-    response: SkinResponse,
-    rows: IntArray,
-    taxels: int,
-    elasticity: float,
-    found: Touch,
-    law: StressLaw | None,
-) -> None:
-    """Sum up what was found for some rows; those that touch nothing stay as they are."""
-    carried = carried_m3(found, law)
-    touched = carried > 0
-    sums = elasticity * (carried[:, None] @ found.points[..., :5])[:, 0]
-    hit = sums[:, 3] > 0
-    response.loads_n[rows] = elasticity * _on_taxels(found, carried, taxels)
-    response.force_n[rows] = sums[:, 3]
-    response.points[rows] = touched.sum(axis=1)
-    response.penetration_m[rows] = found.settled.depth_m
-    rows, sums = rows[hit], sums[hit]
-    response.centroid_m[rows] = sums[:, :3] / sums[:, 3:4]
-    response.status[rows] = np.where(sums[:, 4] > 0, _AT_BORDER, _OK)
-
-
-def _on_taxels(found: Touch, carried: FloatArray, taxels: int) -> FloatArray:
-    """What taxels feel over E (K, J) [m³], of what every point carries (K, M), which is used up."""
-    bins = taxels + 1
-    slot = found.taxel + (1 + bins * np.arange(len(carried)))[:, None]
-    carried *= found.facing
-    sums = np.bincount(slot.ravel(), carried.ravel(), len(carried) * bins)
-    return as_floats(sums).reshape(-1, bins)[:, 1:]
+def _refuse(indenter: Indenter, contacts: Contacts, told: FloatArray, refuse: tuple[Status, ...]) -> None:
+    for refused in refuse:
+        bad = np.flatnonzero(told[:, 6] == refused)
+        if len(bad):
+            k = bad[0]
+            raise ValueError(
+                f"contact {k} of {len(contacts)}: expected {_INVALID[refused]}; got {contacts.force_n[k]:.6g} N by "
+                f"{indenter}, {told[k, 0]:.3g} m deep"
+            )

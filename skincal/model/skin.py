@@ -12,9 +12,9 @@ from skincal.model.converter import Converter
 from skincal.model.indenters import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
+from skincal.model.press.status import Status
 from skincal.model.pressures import Pressures, pressures
 from skincal.model.response import SkinResponse, loads, respond
-from skincal.model.single import loads_of_one
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +76,13 @@ class Skin:
     def loads(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
         """Loads on the taxels (K, J) [N], before the scale.
 
-        The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4).
+        The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4). A press that
+        goes through the finger has the loads of the formula; ask :meth:`respond` for its status, or :meth:`image`.
+
+        Raises:
+            ValueError: an indenter that falls between the tactile points.
         """
-        patch, elasticity = self.patch, self.parameters.elasticity_pa_per_m
-        if len(contacts) == 1 and self.law is None:
-            found = loads_of_one(patch, elasticity, indenter, contacts)
-            if found is not None:
-                return found
-        return loads(patch, elasticity, indenter, contacts, self.law)
+        return loads(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
 
     def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
         """Where each contact presses how hard, tactile point by tactile point: the terms of the sums of :meth:`loads`.
@@ -99,5 +98,12 @@ class Skin:
         return self.loads(indenter, contacts) * self.parameters.scale_per_n
 
     def image(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
-        """Tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to look at them."""
-        return self.converter.apply(self.values(indenter, contacts))
+        """Tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to look at them.
+
+        Raises:
+            ValueError: an indenter that falls between the tactile points, or a force that pushes it through the finger.
+        """
+        refuse = (Status.FINER_THAN_POINTS, Status.THROUGH_FINGER)
+        elasticity = self.parameters.elasticity_pa_per_m
+        found = loads(self.patch, elasticity, indenter, contacts, self.law, refuse=refuse)
+        return self.converter.apply(found * self.parameters.scale_per_n)

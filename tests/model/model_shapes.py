@@ -18,17 +18,10 @@ from skincal.model import (
     Surface,
     TaxelLayout,
 )
-from skincal.model.tiles import Tiles
 
 RADIUS_M = 0.0115
 FINGER = Cylinder(RADIUS_M)
 POSE = SensorPose(y_m=0.0235, alpha_rad=0.3, beta_rad=0.1)
-
-
-def furthest_m(tiles: Tiles, directions: np.ndarray) -> np.ndarray:
-    """How far points of each group (K, B) lie from its middle along directions (K, 3): one by one [m]."""
-    away = tiles.points[..., :3] - tiles.centres_m.T[:, None]
-    return np.abs(np.einsum("kd,bmd->kbm", directions, away)).max(axis=2)
 
 
 def paper_layout() -> TaxelLayout:
@@ -97,8 +90,10 @@ def plain_loads(
         )
         weight = patch.areas_m2 * np.maximum(patch.normals @ normal, 0.0)
         distance = np.where(weight > 0, hits.distance_m, np.inf)
+        if not np.isfinite(distance.min()):
+            continue
         gap = distance - distance.min()
-        low, high = 0.0, 1.0
+        low, high = 0.0, 1e3
         for _ in range(200):
             middle = (low + high) / 2
             too_much = (

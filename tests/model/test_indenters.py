@@ -63,38 +63,6 @@ def test_one_direction_stands_for_all_and_shapes_are_kept(indenter: Indenter):
 
 
 @every
-@pytest.mark.parametrize("lean", [0.0, 0.3, 2.0])
-def test_no_hit_is_nearer_than_the_bound(indenter: Indenter, lean: float):
-    directions = _directions(40, lean)
-    contacts = 1e-3 * np.random.default_rng(2).uniform(-1, 1, (40, 3))
-    origins = np.stack([_origins(400, seed) for seed in range(40)])
-    bound = indenter.bound(directions, contacts)
-    nearest = bound.distance(bound.place(np.swapaxes(origins, 1, 2)))
-    assert np.all(nearest <= indenter.cast(origins, directions[:, None]).distance_m + 1e-12)
-    # A ball round a point starts no later than any point in it.
-    around = bound.distance(bound.place(np.swapaxes(origins, 1, 2)), np.full(400, 1e-3))
-    shifted = origins + 1e-3 * _directions(400, 5.0)
-    assert np.all(around <= indenter.cast(shifted, directions[:, None]).distance_m + 1e-12)
-
-
-@every
-def test_the_short_way_says_the_same_as_the_cast(indenter: Indenter):
-    directions = _directions(20, 0.5)
-    origins = np.stack([_origins(300, seed) for seed in range(20)])
-    bound = indenter.bound(directions, np.zeros((20, 3)))
-    hits = indenter.cast(origins, directions[:, None])
-    facing = np.where(np.isfinite(hits.distance_m), -np.sum(hits.normals * directions[:, None], axis=-1), 0.0)
-    everything = indenter.heights(origins, directions, bound, np.full(20, np.inf))
-    np.testing.assert_allclose(everything[0], hits.distance_m, atol=1e-15)
-    np.testing.assert_allclose(everything[1], facing, atol=1e-6)  # a root amplifies rounding at a grazing ray
-    limit = np.full(20, 1e-3)
-    distance, _ = indenter.heights(origins, directions, bound, limit)
-    near = hits.distance_m <= limit[:, None]
-    np.testing.assert_allclose(distance[near], hits.distance_m[near], atol=1e-15)
-    assert np.all(distance[~near] > 1e-3)
-
-
-@every
 def test_no_rays_no_hits(indenter: Indenter):
     hits = indenter.cast(np.zeros((0, 3)), UP)
     assert hits.distance_m.shape == (0,)

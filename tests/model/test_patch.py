@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, POSE, cylinder_mesh, furthest_m, paper_layout, surface_of
+from model_shapes import FINGER, POSE, cylinder_mesh, paper_layout, surface_of
 
 from skincal.model import (
     Contacts,
@@ -201,17 +201,22 @@ def test_points_that_do_not_fit_are_refused(changes, message):
 @pytest.mark.parametrize(
     "surface", [FINGER, Plane(), surface_of(cylinder_mesh(24))], ids=["cylinder", "plane", "mesh"]
 )
-def test_groups_reach_as_far_as_they_say_and_hardly_further(surface: Surface):
-    """Along any direction no point lies beyond its group's reach; seen face on, the reach is no ball's radius."""
-    tiles = Patch.build(surface, paper_layout(), POSE, 0.5e-3).tiles
-    rng = np.random.default_rng(0)
-    directions = np.concatenate([rng.normal(size=(200, 3)), tiles.normals.T])
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    reach = tiles.reach_m(directions)
-    assert np.all(furthest_m(tiles, directions) <= reach + 1e-15)
-    assert np.all(reach <= (1 + 1e-15) * tiles.radii_m)
-    # Rotations that were rounded make directions of another length.
-    for length in (1 - 1e-6, 1 + 1e-6):
-        assert np.all(furthest_m(tiles, length * directions) <= tiles.reach_m(length * directions) + 1e-15)
-    face_on = np.diag(reach[200:])
-    assert np.median(face_on) < 0.2 * np.median(tiles.radii_m)
+def test_tiles_hold_their_points(surface: Surface):
+    """Every point lies in its tile's ball and slab, once with its area; seen face on, a slab is thin."""
+    patch = Patch.build(surface, paper_layout(), POSE, 0.5e-3)
+    tiled = patch.tiled
+    away = tiled.points[:3].reshape(3, tiled.tiles.shape[1], -1) - tiled.tiles[:3, :, None]
+    assert np.all(np.linalg.norm(away, axis=0).max(axis=1) <= tiled.tiles[3] * (1 + 1e-15))
+    across = np.abs(np.einsum("ibm,ib->bm", away, tiled.tiles[7:10])).max(axis=1)
+    assert np.all(across <= tiled.tiles[10] + 1e-15)
+    assert np.median(tiled.tiles[10]) < 0.2 * np.median(tiled.tiles[3])
+    area = np.linalg.norm(tiled.points[3:], axis=0)
+    np.testing.assert_allclose(np.bincount(tiled.index, area, len(patch)), patch.areas_m2, rtol=1e-14)
+
+
+def test_moved_patch_is_the_one_built_there():
+    first = Patch.build(FINGER, paper_layout(), SensorPose(0.0, 0.0), 0.5e-3)
+    there = Patch.build(FINGER, paper_layout(), POSE, 0.5e-3)
+    moved = first.moved(there.points_m, there.normals)
+    np.testing.assert_array_equal(moved.tiled.index, first.tiled.index)
+    np.testing.assert_array_equal(moved.tiled.points[:3].T, there.points_m[moved.tiled.index])

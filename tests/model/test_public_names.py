@@ -3,12 +3,13 @@ from __future__ import annotations
 import skincal.model
 
 NAMES = {
-    "Bound",
+    "ClosedForm",
     "Contacts",
     "Converter",
     "Cylinder",
     "FlatPunch",
     "Indenter",
+    "LoadDerivatives",
     "MeshIndenter",
     "MeshSurface",
     "Patch",
@@ -24,9 +25,12 @@ NAMES = {
     "StressLaw",
     "Surface",
     "TaxelLayout",
+    "along_surface",
     "contact_rotations",
+    "load_derivatives",
     "patch_cells",
     "solve_penetration",
+    "with_pose",
 }
 
 

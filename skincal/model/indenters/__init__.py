@@ -1,9 +1,8 @@
 """Indenters: one short file a kind."""
 
-from skincal.model.indenters.base import Indenter, RayHits
-from skincal.model.indenters.bound import Bound
+from skincal.model.indenters.base import ClosedForm, Indenter, RayHits
 from skincal.model.indenters.flat import FlatPunch
 from skincal.model.indenters.mesh import MeshIndenter
 from skincal.model.indenters.sphere import Sphere
 
-__all__ = ["Bound", "FlatPunch", "Indenter", "MeshIndenter", "RayHits", "Sphere"]
+__all__ = ["ClosedForm", "FlatPunch", "Indenter", "MeshIndenter", "RayHits", "Sphere"]

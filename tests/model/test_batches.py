@@ -1,14 +1,13 @@
-"""Presses with many forces: settled together, they come out as each would alone."""
+"""Batches, single presses and presses with many forces: each comes out as it would alone, to the last bit."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, POSE, indenters, paper_layout, presses_on
+from model_shapes import FINGER, POSE, indenters, paper_layout, plain_loads, presses_on
 
 from skincal.model import Contacts, Patch, Skin, SkinParameters, StressLaw
-from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.strokes import Reached, strokes
+from skincal.model.press.run import count_places
 
 PATCH = Patch.build(FINGER, paper_layout(), POSE, resolution_m=0.5e-3)
 SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))
@@ -33,12 +32,10 @@ def pressed(contacts: Contacts) -> np.ndarray:
 @pytest.mark.parametrize("kind", indenters())
 def test_loads_are_those_of_single_contacts(kind: str):
     indenter, contacts = indenters()[kind], up_and_down()
-    groups = strokes(contacts, pressed(contacts))
-    assert groups is not None
-    assert len(groups) == PRESSES
-    alone = SKIN.respond(indenter, contacts).loads_n
-    assert alone.max() > 0.3
-    np.testing.assert_allclose(SKIN.loads(indenter, contacts), alone, rtol=1e-9, atol=1e-12)
+    assert count_places(contacts) == PRESSES
+    loads = SKIN.loads(indenter, contacts)
+    assert loads.max() > 0.3
+    np.testing.assert_allclose(loads, plain_loads(PATCH, indenter, contacts, 4e8), rtol=1e-9, atol=1e-12)
 
 
 def test_loads_of_points_are_those_of_single_contacts():
@@ -65,19 +62,13 @@ def test_a_load_does_not_depend_on_the_other_samples_of_its_press():
     some = np.arange(len(contacts)) % 3 > 0
     indenter = indenters()["sphere"]
     few, all_of_them = SKIN.loads(indenter, contacts[some]), SKIN.loads(indenter, contacts)[some]
-    np.testing.assert_allclose(few, all_of_them, rtol=1e-12, atol=1e-15)
+    assert np.array_equal(few, all_of_them)
 
 
 def test_a_press_beside_the_patch_has_no_load():
     far = presses_on(FINGER, np.full(8, 15e-3), np.full(8, 20e-3), np.linspace(0.5, 4.0, 8))
-    assert strokes(far, np.arange(8)) is not None
+    assert count_places(far) == 1
     assert not SKIN.loads(indenters()["flat"], far).any()
-
-
-def test_presses_of_one_sample_are_left_alone():
-    contacts = up_and_down()[np.arange(0, PRESSES * FORCES, FORCES) + 5]
-    assert strokes(contacts, np.arange(len(contacts))) is None
-    assert strokes(contacts, np.array([0])) is None
 
 
 @pytest.mark.parametrize("exponent", [0.6, 1.7])
@@ -92,18 +83,17 @@ def test_another_law_gives_what_single_contacts_do(exponent: float, kind: str):
     np.testing.assert_allclose(loads, alone, rtol=1e-9, atol=1e-12)
 
 
-def test_presses_worked_out_in_small_batches_come_out_the_same(monkeypatch: pytest.MonkeyPatch):
-    indenter, contacts = indenters()["sphere"], up_and_down(4)
-    whole = SKIN.loads(indenter, contacts)
-    batches: list[int] = []
-    made = Reached.depths
-
-    def counted(self: Reached, press: IntArray, load_m3: FloatArray, law: StressLaw | None) -> FloatArray:
-        batches.append(len(self.gap_m))
-        return made(self, press, load_m3, law)
-
-    monkeypatch.setattr(Reached, "depths", counted)
-    monkeypatch.setattr("skincal.model.strokes._AT_ONCE", 4000)
-    assert np.array_equal(SKIN.loads(indenter, contacts), whole)
-    assert len(batches) > 2
-    assert sum(batches) == PRESSES
+@pytest.mark.parametrize("law", [None, StressLaw(1.4, 5e-4)], ids=["linear", "power"])
+@pytest.mark.parametrize("kind", indenters())
+def test_any_split_of_a_batch_gives_the_same_bytes(kind: str, law: StressLaw | None):
+    skin, indenter, contacts = Skin(PATCH, SKIN.parameters, law=law), indenters()[kind], up_and_down(4)
+    whole = skin.loads(indenter, contacts)
+    assert whole.any()
+    for size in (1, 7, 60):
+        parts = [
+            skin.loads(indenter, contacts[k : k + size])
+            for k in range(0, len(contacts) if size > 1 else 60, size)
+        ]
+        assert np.concatenate(parts).tobytes() == whole[: sum(map(len, parts))].tobytes(), size
+    order = np.random.default_rng(0).permutation(len(contacts))
+    assert skin.loads(indenter, contacts[order]).tobytes() == whole[order].tobytes()

@@ -1,0 +1,110 @@
+"""The compiled routine: its entry points, their types, and where they are cached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core import event, types
+
+from skincal.model.press import casting, routine, slopes
+from skincal.model.press.jit import SETTINGS, stamp
+
+_F1, _F2 = types.float64[::1], types.float64[:, ::1]
+_F3, _S2 = types.float64[:, :, ::1], types.float32[:, ::1]
+_R1, _R2 = (types.Array(types.float64, n, "C", readonly=True) for n in (1, 2))
+_I1 = types.int64[::1]
+_F, _I, _B = types.float64, types.int64, types.boolean
+_FLAGS = types.boolean[::1]
+_PLACES = _F2, _B, _F1
+"""Rows, whether they are turned, and forces."""
+_LAW = _F, _F, _F
+_OUT = _F2, _F2, _I1, _I1, _F1
+SIGNATURES: dict[str, tuple[Any, Any]] = {
+    "depth": (routine.depth, _F(_F1, _F1, _F)),
+    "group": (casting.places, _I(*_PLACES, _F2, _F2, _I1, _I1)),
+    "press": (routine.press, types.void(_F2, _I1, _F1, _F2, _I, _F, _F, *_PLACES, *_LAW, *_OUT)),
+    "enclose": (casting.enclose, types.void(_F2, _I1, _F2, _F2, _F2, _B, _I1, _F3)),
+    "select": (
+        casting.select,
+        types.Tuple((_I1, _S2, _S2))(
+            _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _FLAGS, _R1, _F, _F, _I1
+        ),
+    ),
+    "slopes": (
+        slopes.slopes,
+        types.void(_F2, _I1, _I, _F, *_PLACES, *_LAW, _F1, _I1, _I1, _F3, _F3, _F2, _F3, _F3),
+    ),
+    "press_cast": (
+        casting.press_cast,
+        types.void(
+            _F2,
+            _I1,
+            _F1,
+            _F,
+            *_PLACES,
+            *_LAW,
+            *_OUT,
+            _I1,
+            _I1,
+            _I1,
+            _I1,
+            types.int32[::1],
+            _R2,
+            _R1,
+            _R1,
+            _F1,
+            _FLAGS,
+        ),
+    ),
+}
+"""Entry points by name, with the types of what they take: they are compiled for these and no others."""
+
+
+class Routine:
+    """The entry points as attributes, each compiled or fetched from the cache at its first use.
+
+    The cache lies beside the sources, or in the user's cache folder where that cannot be written to, or in
+    ``NUMBA_CACHE_DIR``. Where there is no place at all, every process compiles for itself.
+
+    Args:
+        on_compile: called once before something is compiled.
+    """
+
+    def __init__(self, on_compile: Callable[[], None] | None) -> None:
+        self._listener = _Listener(on_compile)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in SIGNATURES:
+            raise AttributeError(name)
+        install: Any = event.install_listener  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+        with install("numba:compile", self._listener):
+            entry = _compile(name, *SIGNATURES[name])
+        setattr(self, name, entry)
+        return entry
+
+
+def _compile(name: str, function: Any, signature: Any) -> Any:
+    # Part of the name of the cache file: numba knows only whether the file with the entry point has changed.
+    function.__qualname__ = f"{name}_{stamp()[:16]}"
+    try:
+        return numba.njit(signature, cache=True, **SETTINGS)(function)
+    except RuntimeError:  # no folder to cache in
+        return numba.njit(signature, **SETTINGS)(function)
+
+
+class _Listener(event.Listener):
+    """Says once that something is compiled."""
+
+    def __init__(self, on_compile: Callable[[], None] | None) -> None:
+        self._say = on_compile
+
+    def on_start(self, event: Any) -> None:
+        """See :class:`numba.core.event.Listener`."""
+        if self._say is not None:
+            self._say()
+            self._say = None
+
+    def on_end(self, event: Any) -> None:
+        """See :class:`numba.core.event.Listener`."""

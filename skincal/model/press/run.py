@@ -1,0 +1,213 @@
+"""From contacts to the compiled routine and back. Imports numba when the first press is computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skincal import compiling
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.contact import Contacts
+from skincal.model.indenters.base import ClosedForm, Indenter
+from skincal.model.indenters.mesh import MeshIndenter
+from skincal.model.law import StressLaw
+
+if TYPE_CHECKING:
+    from skincal.model.patch import Patch
+
+INFO = 7
+"""Numbers that the routine tells of a press: penetration, force, centroid (3), points touched, status."""
+_AT_ONCE = 256
+"""Places of a mesh that are cast at once, to bound memory."""
+_routine: Any = None
+
+
+def routine() -> Any:
+    """The compiled routine, made or fetched from the cache at first use."""
+    global _routine
+    if _routine is None:
+        from skincal.model.press import compiled
+
+        _routine = compiled.Routine(compiling.on_compile)
+    return _routine
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """What the routine is to tell of single points.
+
+    Attributes:
+        begin: (K,) where each press begins in the others.
+        points: (n,) to be filled with numbers of tiled points; empty: nothing is asked.
+        load_n: (n,) to be filled with loads [N].
+    """
+
+    begin: IntArray
+    points: IntArray
+    load_n: FloatArray
+
+    @classmethod
+    def of(cls, info: FloatArray) -> Entries:
+        """Room for all points that presses touch, as the routine has told of them (K, 7)."""
+        ends = np.cumsum(np.append(0, info[:, 5])).astype(np.int64)
+        count = int(ends[-1])
+        return cls(ends[:-1].copy(), np.zeros(count, dtype=np.int64), np.zeros(count))
+
+
+_NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
+
+
+def press(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: Indenter,
+    contacts: Contacts,
+    law: StressLaw | None,
+    entries: Entries | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Loads (K, J) [N] of contacts, and what else there is to tell of them (K, 7).
+
+    Args:
+        patch: the tactile points.
+        elasticity_pa_per_m: E [Pa/m].
+        indenter: what presses.
+        contacts: K contacts.
+        law: how stress grows with penetration; None: in proportion.
+        entries: filled, if given.
+    """
+    count = len(contacts)
+    tiled, compiled = patch.tiled, _routine or routine()
+    loads, info = np.zeros((count, patch.layout.taxels)), np.zeros((count, INFO))
+    where = _rows(contacts)
+    how = (
+        (elasticity_pa_per_m, 1.0, 1.0)
+        if law is None
+        else (elasticity_pa_per_m, law.exponent, law.reference_m)
+    )
+    told = (np.zeros(count, dtype=np.int64), *_NOTHING) if entries is None else _fields(entries)
+    through = min(indenter.depth_m, patch.depth_m)
+    ground = tiled.points, tiled.taxel, tiled.border
+    if isinstance(indenter, ClosedForm):
+        compiled.press(
+            *ground, tiled.tiles, indenter.kind, indenter.radius_m, through, *where, *how, loads, info, *told
+        )
+        return loads, info
+    assert isinstance(indenter, MeshIndenter)
+    starts, at = np.empty(count + 1, dtype=np.int64), np.empty(count, dtype=np.int64)
+    places = compiled.group(*where, loads, info, starts, at)
+    for k in range(0, places, _AT_ONCE):
+        end = min(k + _AT_ONCE, places)
+        _cast(
+            indenter,
+            tiled.tiles,
+            (*ground, through, *where, *how, loads, info, *told),
+            starts[k : end + 1],
+            at[k:end],
+        )
+    return loads, info
+
+
+def press_slopes(
+    patch: Patch,
+    elasticity_pa_per_m: float,
+    indenter: ClosedForm,
+    contacts: Contacts,
+    law: StressLaw | None,
+    motions: FloatArray,
+    fields: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Loads (K, J) [N] and their derivatives: see :func:`skincal.model.derivatives.load_derivatives`.
+
+    Args:
+        patch: see :func:`press`, as the following.
+        elasticity_pa_per_m: the same.
+        indenter: a closed form.
+        contacts: see :func:`press`, as the following.
+        law: the same.
+        motions: (K, M, 6) of the indenter.
+        fields: (G, 6, N) of the patch's points.
+
+    Returns:
+        Loads, derivatives by the logarithm of the force (K, J), by motions (K, M, J) and by fields (K, G, J); NaN
+        where a contact is not known.
+    """
+    _, info = press(patch, elasticity_pa_per_m, indenter, contacts, law)
+    entries = Entries.of(info)
+    loads, info = press(patch, elasticity_pa_per_m, indenter, contacts, law, entries)
+    tiled = patch.tiled
+    rows, turned, force = _rows(contacts)
+    how = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
+    taxels = loads.shape[1]
+    by_force, by_motion, by_field = (
+        np.zeros((len(contacts), *shape, taxels)) for shape in ((), motions.shape[1:2], fields.shape[:1])
+    )
+    routine().slopes(
+        tiled.points, tiled.taxel, indenter.kind, indenter.radius_m, rows, turned, force, elasticity_pa_per_m,
+        *how, info[:, 0].copy(), np.append(entries.begin, len(entries.points)), entries.points,
+        np.array(motions, dtype=np.float64), np.ascontiguousarray(fields[:, :, tiled.index]),
+        by_force, by_motion, by_field,
+    )  # fmt: skip
+    for found in (by_force, by_motion, by_field):
+        found[np.isnan(info[:, 0])] = np.nan
+    return loads, by_force, by_motion, by_field
+
+
+def count_places(contacts: Contacts) -> int:
+    """How often an indenter is set down: contacts that follow each other at one place count once."""
+    count = len(contacts)
+    starts, at = np.empty(count + 1, dtype=np.int64), np.empty(count, dtype=np.int64)
+    return routine().group(*_rows(contacts), np.empty((count, 0)), np.empty((count, INFO)), starts, at)
+
+
+def _fields(entries: Entries) -> tuple[IntArray, IntArray, FloatArray]:
+    return entries.begin, entries.points, entries.load_n
+
+
+def _rows(contacts: Contacts) -> tuple[FloatArray, bool, FloatArray]:
+    """Contacts as the routine takes them: rows (K, 18), whether they are turned, and forces (K,)."""
+    rows = np.empty((len(contacts), 18))
+    rows[:, :3] = contacts.normals
+    rows[:, 3:6] = contacts.indenter_origins_m
+    rows[:, 15:] = contacts.points_m
+    rotations = contacts.rotations
+    if rotations is not None:
+        rows[:, 6:15] = rotations.reshape(-1, 9)
+    return rows, rotations is not None, contacts.force_n.copy()
+
+
+def _cast(
+    indenter: MeshIndenter, tiles: FloatArray, given: tuple[Any, ...], starts: IntArray, at: IntArray
+) -> None:
+    """Press a mesh at some places: cast what may be nearer than a limit, and again where the limit was too low."""
+    mesh, compiled = indenter.mesh, routine()
+    points, rows, turned, force, elasticity, exponent, reference, info = (
+        given[0], *given[4:10], given[11]
+    )  # fmt: skip
+    bounds = _bounds(indenter, rows, turned, at)
+    limits, again = np.full(len(at), -np.inf), np.ones(len(at), dtype=np.bool_)
+    begins = np.empty(len(at) + 1, dtype=np.int64)
+    while again.any():
+        which, origins, ways = compiled.select(
+            points, tiles, rows, turned, force, elasticity, exponent, reference, info, starts, at, bounds,
+            limits, again, mesh.centre_m, 1.01 * mesh.radius_m, mesh.rays.scale, begins,
+        )  # fmt: skip
+        compiled.press_cast(
+            *given, starts, at, which, begins, mesh.rays.run(origins, ways), mesh.normals, mesh.heights,
+            mesh.centre_m, limits, again,
+        )  # fmt: skip
+
+
+def _bounds(indenter: MeshIndenter, rows: FloatArray, turned: bool, at: IntArray) -> FloatArray:
+    """Where the mesh can be at most (P, Q, 13), or (1, Q, 13) where that is the same for all of them."""
+    upright = not turned and bool((rows[at, 3:6] == rows[at, 15:]).all())
+    if upright and indenter.upright is not None:
+        return indenter.upright
+    some = at[:1] if upright else at
+    vertices, parts, axes, middles = indenter.hulls
+    bounds = np.empty((len(some), len(axes), 13))
+    routine().enclose(vertices, parts, axes, middles, rows, turned, some, bounds)
+    if upright:
+        indenter.upright = bounds
+    return bounds
