@@ -12,6 +12,7 @@ import numpy as np
 from skincal import __version__
 from skincal.calibrate.assemble import calibration_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
+from skincal.calibrate.order import order_finding, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper
@@ -24,6 +25,7 @@ from skincal.fit.options import FitOptions, SearchBox
 from skincal.fit.problem import FEW_PRESSES, USED, FitProblem
 from skincal.fit.result import FitResult
 from skincal.fit.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
+from skincal.fit.wiring import order_of_problem
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -89,6 +91,7 @@ def calibrate(
     sha = dataset.sha256 or ""
     kept = None if checkpoint is None else Checkpoint(checkpoint, fit_key(sha, way.method, options, box))
     slabs = {} if kept is None else kept.load()
+    order = order_of_problem(problem, box)
     try:
         plan = plan_fit(problem, box, options)
         with mapper(workers, scheduler) as spread:
@@ -103,7 +106,10 @@ def calibrate(
                 progress=progress,
             )
     except FitError as error:
-        raise refusal(dataset, _reason(error, problem, dataset)) from error
+        reason = _reason(error, problem, dataset)
+        if order is not None:
+            reason += " " + order_finding(order, dataset.layout()).text
+        raise refusal(dataset, reason) from error
     provenance = Provenance(
         dataset_sha256=sha,
         dataset="" if dataset.folder is None else dataset.folder.name,
@@ -113,7 +119,10 @@ def calibrate(
         time=datetime.now(UTC).replace(microsecond=0),
         options={"method": way.method} | _plain_options(options, box),
     )
-    return Outcome(calibration_of(result, dataset, provenance), result, len(slabs), way)
+    calibration = calibration_of(result, dataset, provenance)
+    if order is not None:
+        calibration = with_other_order(calibration, order)
+    return Outcome(calibration, result, len(slabs), way)
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:

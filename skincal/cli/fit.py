@@ -327,7 +327,7 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
         "presses_used": calibration.loss.presses_used,
         "best": calibration.model.best(),
         "intervals": {name: list(interval) for name, interval in calibration.intervals.items()},
-        "findings": [vars(finding) for finding in calibration.findings],
+        "findings": [finding.plain() for finding in calibration.findings],
         "effects": [effect.name for effect in calibration.effects],
         "calibration": str(out),
     }

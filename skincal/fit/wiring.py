@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
 
 from skincal.fit.options import SearchBox
+from skincal.fit.presses import solve_small
 from skincal.fit.problem import FitProblem
 from skincal.fit.types import Floats, Ints
 from skincal.fit.wiring_orders import Order, mapping_of, named_orders
@@ -27,9 +28,6 @@ MOST_PRESSES = 150
 
 _EXPLAINED = 0.5
 """A permutation must explain so much of what the taxels that it moves differ by (stated prior)."""
-
-_ALIKE = 0.5
-"""Correlation that the trace of every moved taxel must have with the one predicted at its new place (stated prior)."""
 
 _NATS = 10.0
 """Log likelihood by which a permutation must win besides the logarithm of the number of rivals: odds of 1 to 20000."""
@@ -194,13 +192,11 @@ class _Search:
         costs = np.stack([_cost(m, orders) for m in matrices])  # (starts, orders)
         least = costs.min(axis=0)
         few = np.log(max(len(names), 1))
-        tried = np.concatenate([[0], np.argsort(least[1:])[:_NAMED] + 1])
-        where = costs.argmin(axis=0)
-        found = [
-            self._refined(orders[n], few if n else 0.0, starts[where[n]], names) for n in tried.tolist()
-        ]
+        tried: list[int] = [0, *(np.argsort(least[1:])[:_NAMED] + 1).tolist()]
+        where: list[int] = costs.argmin(axis=0).tolist()
+        found = [self._refined(orders[n], few if n else 0.0, starts[where[n]], names) for n in tried]
         bound = [float(_pairs(m).min(axis=0).sum()) for m in matrices]
-        near = [*where[tried].tolist(), *np.argsort(bound)[:_ASSIGNED].tolist()]
+        near: list[int] = [*(where[n] for n in tried), *np.argsort(bound)[:_ASSIGNED].tolist()]
         assigned = {s: _assigned(matrices[s]) for s in dict.fromkeys(near)}
         best = min(assigned, key=lambda s: _cost(matrices[s], assigned[s][None])[0])
         likely = min(found[1:], key=lambda one: one.squares, default=found[0])
@@ -261,17 +257,15 @@ class _Search:
         )
 
     def _starts(self) -> list[Floats]:
-        low, high = self.low, self.high
-        counts = np.clip(np.ceil((high[:2] - low[:2]) / (0.6 * self.pitch)), 1, 6).astype(int) + 1
-        turns = int(np.clip(np.ceil((high[2] - low[2]) / np.radians(25.0)), 1, 15)) + 1
-        axes = [
-            np.linspace(low[0], high[0], counts[0]),
-            np.linspace(low[1], high[1], counts[1]),
-            np.linspace(low[2], high[2], turns),
-        ]
-        poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        span = self.high[:3] - self.low[:3]
+        steps = np.array([0.6 * self.pitch, 0.6 * self.pitch, np.radians(25.0)])
+        counts = np.clip(np.ceil(span / steps), 1, [6, 6, 15]).astype(np.intp) + 1
+        ends = zip(self.low[:3].tolist(), self.high[:3].tolist(), counts.tolist(), strict=True)
+        axes: list[Floats] = [np.linspace(low, high, count) for low, high, count in ends]
+        poses: Floats = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         width = np.full((len(poses), 2), np.log((0.45 * self.pitch) ** 2))
-        return list(np.concatenate([poses, width], axis=1))
+        both: Floats = np.concatenate([poses, width], axis=1)
+        return list(both)
 
     def _offsets(self, pose: Floats, slack_m: Floats | None) -> tuple[Floats, Floats]:
         """How far presses lie from taxels across and along (K, J) [m]."""
@@ -336,7 +330,7 @@ class _Search:
             hessian = np.einsum("kj,kja,kjb->kab", weight, by, by) / noise
             slope = np.einsum("kj,kja->ka", weight * (image - observed), by) / noise + slack / sigma**2
             hessian += np.eye(2) * (1 / sigma**2 + 1e-12)
-            step = -np.linalg.solve(hessian, slope[..., None])[..., 0]
+            step = -solve_small(hessian, slope)
             bound = min(self.presses.slack_m, 3 * sigma)
             slack = np.clip(slack + np.clip(step, -0.5 * self.pitch, 0.5 * self.pitch), -bound, bound)
             shares = self._predicted(pose, slack)
@@ -378,16 +372,14 @@ def _pairs(matrices: tuple[Floats, Floats]) -> Floats:
 
 def _assigned(matrices: tuple[Floats, Floats]) -> Ints:
     """The measured trace that suits each place best, all places together."""
-    rows, columns = linear_sum_assignment(_pairs(matrices))
-    order = np.empty(len(rows), dtype=np.intp)
-    order[columns] = rows
-    return order
+    # Transposed, the rows are places, in order.
+    return np.asarray(linear_sum_assignment(_pairs(matrices).T)[1], dtype=np.intp)
 
 
 def _cost(matrices: tuple[Floats, Floats], orders: Ints) -> Floats:
     """Squared differences (O,) of orders (O, J) with each its best scale, less what no order changes."""
     product, square = matrices
-    columns = np.arange(orders.shape[1])
+    columns: Ints = np.arange(orders.shape[-1], dtype=np.intp)
     found, power = product[orders, columns].sum(axis=1), square[orders, columns].sum(axis=1)
     return -(np.maximum(found, 0.0) ** 2) / np.maximum(power, 1e-300)
 
@@ -408,9 +400,3 @@ def _freedom(order: Ints) -> float:
     """Logarithm of the number of permutations that move as many taxels."""
     moved = int((order != np.arange(len(order))).sum())
     return moved * float(np.log(max(len(order), 2)))
-
-
-def _correlation(a: Floats, b: Floats) -> Floats:
-    """Correlation (J,) of the columns of (K, J)."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    return (a * b).sum(axis=0) / np.maximum(np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0)), 1e-300)

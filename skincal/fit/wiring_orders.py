@@ -39,8 +39,11 @@ def named_orders(rows: int, cols: int) -> list[Order]:
         mapping = "\n".join(lines) if lines is not None else _listed(order)
         found.setdefault(order.tobytes(), Order(order, mapping))
 
-    straight = [(np.arange(rows * cols).reshape(rows, cols), ())]
-    straight.append((np.arange(rows * cols).reshape(cols, rows).T, ("transpose = true",)))
+    flat = np.arange(rows * cols)
+    straight: list[tuple[Ints, tuple[str, ...]]] = [
+        (flat.reshape(rows, cols), ()),
+        (flat.reshape(cols, rows).T, ("transpose = true",)),
+    ]
     plain = list[tuple[Ints, tuple[str, ...] | None]]()
     for image, lines in straight:
         for flip_rows in (False, True):
@@ -50,14 +53,15 @@ def named_orders(rows: int, cols: int) -> list[Order]:
                 plain.append((turned, (*lines, *extra)))
     for image, lines in plain:
         add(image, lines)
-    wound = [_wound(image, first, by_rows) for image, _ in plain for first in (0, 1) for by_rows in (True, False)]
+    wound = [
+        _wound(image, first, by_rows) for image, _ in plain for first in (0, 1) for by_rows in (True, False)
+    ]
     for image in wound:
         add(image, None)
     for image in [image for image, _ in plain] + wound:
         for axis, length in ((0, rows), (1, cols)):
             for shift in range(1, length):
                 add(np.roll(image, shift, axis=axis), None)
-    flat = np.arange(rows * cols)
     for shift in (1, -1):
         add(np.roll(flat, shift), None)
     return list(found.values())
