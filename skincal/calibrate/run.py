@@ -21,6 +21,7 @@ from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fit.errors import FitError
+from skincal.fit.general_tabling import NO_STORE
 from skincal.fit.options import FitOptions, SearchBox
 from skincal.fit.problem import FEW_PRESSES, USED, FitProblem
 from skincal.fit.result import FitResult
@@ -103,6 +104,7 @@ def calibrate(
                 mapper=spread,
                 slabs=slabs,
                 on_slab=(lambda _turn, _slab: None) if kept is None else kept.keep,
+                tables=NO_STORE if kept is None else kept,
                 progress=progress,
             )
     except FitError as error:
