@@ -7,8 +7,9 @@ from skincal.model.indenters import Bound, FlatPunch, Indenter, MeshIndenter, Ra
 from skincal.model.law import StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch, patch_cells
+from skincal.model.press.status import Status
 from skincal.model.pressures import Pressures
-from skincal.model.response import SkinResponse, Status
+from skincal.model.response import SkinResponse
 from skincal.model.skin import Skin, SkinParameters
 from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Surface
 

@@ -20,6 +20,7 @@ from skincal.model.arrays import (
     unit_rows,
 )
 from skincal.model.layout import TaxelLayout
+from skincal.model.press.points import TiledPoints
 from skincal.model.surfaces.base import SensorPose, Surface
 from skincal.model.tiles import Tiles
 
@@ -49,6 +50,7 @@ class Patch:
         border: (N,) True where the patch ends; a press that reaches such a point is not wholly on the patch. Left
             out, no point counts as border.
         uv_m: (N, 2) patch coordinates [m]; None for points that no patch was cut into.
+        depth_m: penetration from which on a press is through the finger [m].
     """
 
     points_m: FloatArray
@@ -58,6 +60,7 @@ class Patch:
     layout: TaxelLayout
     border: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     uv_m: FloatArray | None = None
+    depth_m: float = np.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_m", floats("patch points_m", self.points_m, (None, 3)))
@@ -89,6 +92,11 @@ class Patch:
     def tiles(self) -> Tiles:
         """The points in compact groups, cut at first use."""
         return Tiles.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
+
+    @cached_property
+    def tiled(self) -> TiledPoints:
+        """The points as the compiled routine takes them, cut at first use."""
+        return TiledPoints.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
 
     @classmethod
     def build(
@@ -140,6 +148,7 @@ class Patch:
             layout,
             border[placed],
             uv[placed],
+            surface.depth_m,
         )
 
 

@@ -10,9 +10,10 @@ from scipy.sparse import csr_array
 
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, check_shape
 from skincal.model.contact import Contacts
-from skincal.model.indenters.base import Indenter
+from skincal.model.indenters.base import ClosedForm, Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
+from skincal.model.press.run import press as press_closed
 from skincal.model.response import carried_m3, reaches, touches
 from skincal.model.strokes import strokes
 
@@ -70,6 +71,16 @@ def pressures(
     """
     known = contacts.known
     pressed = np.flatnonzero(known & (contacts.force_n > 0))
+    if isinstance(indenter, ClosedForm):
+        _, info = press_closed(patch, elasticity_pa_per_m, indenter, contacts, pressed, law)
+        many = np.zeros(len(contacts), dtype=np.int64)
+        many[pressed] = info[:, 5]
+        begin = np.concatenate([[0], np.cumsum(many)])
+        index, load_n = np.zeros(begin[-1], dtype=np.int64), np.zeros(begin[-1])
+        press_closed(
+            patch, elasticity_pa_per_m, indenter, contacts, pressed, law, begin[pressed], index, load_n
+        )
+        return Pressures(begin, patch.tiled.index[index], load_n, known, len(patch))
     rows: list[IntArray] = []
     points: list[IntArray] = []
     loads: list[FloatArray] = []

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 from skincal.model.contact import Contacts
-from skincal.model.indenters.base import Indenter
+from skincal.model.indenters.base import ClosedForm, Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
+from skincal.model.press.run import press as press_closed
+from skincal.model.press.status import Status
 from skincal.model.strokes import Reached, deepest, reached, strokes
 from skincal.model.touch import Pressing, Touch, touch
 
@@ -22,23 +23,8 @@ _ROOM = 240_000
 """Fewer at once on a patch of many points, so that their arrays stay in the processor's cache."""
 
 
-class Status(IntEnum):
-    """How a press came out."""
-
-    OK = 0
-    """The patch carries the force, and the press stays inside it."""
-    NO_FORCE = 1
-    """The force is zero or negative: no load."""
-    NOT_TOUCHED = 2
-    """No point of the patch can be touched: no load, although there is a force."""
-    AT_BORDER = 3
-    """The press reaches the patch's border: what it touches is taken to carry the whole force."""
-    UNKNOWN = 4
-    """The force, the place or the normal is NaN or infinite: so is the load."""
-
-
 # Plain numbers: an enumeration's members are slow to turn into arrays.
-_OK, _NO_FORCE, _NOT_TOUCHED, _AT_BORDER, _UNKNOWN = (int(status) for status in Status)
+_OK, _NO_FORCE, _NOT_TOUCHED, _AT_BORDER, _UNKNOWN = (int(status) for status in tuple(Status)[:5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +76,13 @@ def respond(
     status = np.where(known, np.where(presses, _NOT_TOUCHED, _NO_FORCE), _UNKNOWN)
     response = SkinResponse.at_rest(status, patch.layout.taxels)
     pressed = np.flatnonzero(known & presses)
+    if isinstance(indenter, ClosedForm):
+        some, info = press_closed(patch, elasticity_pa_per_m, indenter, contacts, pressed, law)
+        response.loads_n[pressed], response.penetration_m[pressed] = some, info[:, 0]
+        response.force_n[pressed], response.points[pressed] = info[:, 1], info[:, 5]
+        response.centroid_m[pressed] = np.where(info[:, 1:2] > 0, info[:, 2:5], np.nan)
+        response.status[pressed] = info[:, 6]
+        return response
     for rows, found in touches(patch, elasticity_pa_per_m, indenter, contacts, pressed, law):
         _enter(response, rows, patch.layout.taxels, elasticity_pa_per_m, found, law)
     return response
@@ -115,6 +108,9 @@ def loads(
     found_n = np.zeros((len(contacts), count))
     found_n[~known] = np.nan
     pressed = np.flatnonzero(known & (contacts.force_n > 0))
+    if isinstance(indenter, ClosedForm):
+        found_n[pressed] = press_closed(patch, elasticity_pa_per_m, indenter, contacts, pressed, law)[0]
+        return found_n
     groups = strokes(contacts, pressed)
     if groups is not None:
         for rows, here, press, depth in reaches(patch, elasticity_pa_per_m, indenter, contacts, groups, law):

@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 from skincal.model.contact import Contacts
-from skincal.model.indenters import Indenter, Sphere
+from skincal.model.indenters.base import ClosedForm, Indenter
 from skincal.model.patch import Patch
 from skincal.model.tiles import Tiles
 from skincal.model.touch import AHEAD, FAR_M
@@ -71,10 +71,12 @@ def loads_of_one(
         indenter: what presses.
         contacts: one contact.
     """
+    if isinstance(indenter, ClosedForm):
+        return None
     force = float(contacts.force_n[0])
     if not (0 < force < math.inf and len(patch) and contacts.known[0]):
         return None
-    press: OnePress = _Ball(indenter, contacts) if isinstance(indenter, Sphere) else _Cast(indenter, contacts)
+    press: OnePress = _Cast(indenter, contacts)
     load, tiles, taxels = force / elasticity_pa_per_m, patch.tiles, patch.layout.taxels
     begins, near, limit = _reach(press, tiles, load)
     while True:
@@ -134,60 +136,6 @@ def _level(distance: FloatArray, weight: FloatArray, load: float, near: float) -
         if begun and not lower < level:
             return level
         level, begun = lower, True
-
-
-class _Ball:
-    """A ball, in closed form: it needs no frame of its own.
-
-    It lies behind a paraboloid, -along - R + aside² / 2R; where it can be met, that changes by no more than ``steep``
-    from the middle of a tile to its rim.
-    """
-
-    def __init__(self, ball: Sphere, contacts: Contacts) -> None:
-        self.normal: FloatArray = contacts.normals[0]
-        up = self.normal if contacts.rotations is None else contacts.rotations[0, :, 2]
-        self._radius = ball.radius_m
-        self._centre = contacts.indenter_origins_m[0] + ball.radius_m * up
-
-    def place(self, tiles: Tiles) -> FloatArray:
-        """Where the paraboloid is met at the middles (B,) [m]."""
-        place = tiles.centres_m - self._centre[:, None]
-        along = self.normal @ place
-        place *= place
-        middle: FloatArray = place.sum(axis=0)
-        middle -= along * along
-        middle *= 0.5 / self._radius
-        middle -= along
-        middle -= self._radius
-        return middle
-
-    def begins(self, place: FloatArray, tiles: Tiles) -> FloatArray:
-        """See :meth:`OnePress.begins`."""
-        steep = math.hypot(1.0, 1.0 + float(tiles.radii_m.max()) / self._radius)
-        return place - steep * tiles.radii_m
-
-    def middles(self, place: FloatArray) -> FloatArray:
-        """See :meth:`OnePress.middles`."""
-        return place
-
-    def points(
-        self, points: FloatArray, limit_m: float
-    ) -> tuple[slice | IntArray, FloatArray, FloatArray, FloatArray]:
-        """See :meth:`OnePress.points`. The surface faces the ray by half the chord over the radius."""
-        del limit_m
-        place = points[:, :3] - self._centre
-        along = place @ self.normal
-        place *= place
-        half = along * along
-        half -= place @ np.ones(3)
-        half += self._radius * self._radius
-        weight = np.maximum(points[:, 5:] @ self.normal, 0.0)
-        weight[half < 0] = 0.0
-        np.sqrt(np.maximum(half, 0.0, out=half), out=half)
-        distance = -along
-        distance -= half
-        half /= self._radius
-        return slice(None), distance, weight, half
 
 
 class _Cast:

@@ -10,7 +10,9 @@ from skincal.model import FlatPunch, Indenter, MeshIndenter, Sphere
 
 ALL = indenters()
 UP = np.array([0.0, 0.0, 1.0])
+MESHES = {name: indenter for name, indenter in ALL.items() if isinstance(indenter, MeshIndenter)}
 every = pytest.mark.parametrize("indenter", ALL.values(), ids=ALL)
+every_mesh = pytest.mark.parametrize("indenter", MESHES.values(), ids=MESHES)
 
 
 def _directions(count: int, lean: float, seed: int = 0) -> np.ndarray:
@@ -62,7 +64,7 @@ def test_one_direction_stands_for_all_and_shapes_are_kept(indenter: Indenter):
     np.testing.assert_allclose(many.normals.reshape(-1, 3), one.normals)
 
 
-@every
+@every_mesh
 @pytest.mark.parametrize("lean", [0.0, 0.3, 2.0])
 def test_no_hit_is_nearer_than_the_bound(indenter: Indenter, lean: float):
     directions = _directions(40, lean)
@@ -77,7 +79,7 @@ def test_no_hit_is_nearer_than_the_bound(indenter: Indenter, lean: float):
     assert np.all(around <= indenter.cast(shifted, directions[:, None]).distance_m + 1e-12)
 
 
-@every
+@every_mesh
 def test_the_short_way_says_the_same_as_the_cast(indenter: Indenter):
     directions = _directions(20, 0.5)
     origins = np.stack([_origins(300, seed) for seed in range(20)])

@@ -93,7 +93,7 @@ def test_another_law_gives_what_single_contacts_do(exponent: float, kind: str):
 
 
 def test_presses_worked_out_in_small_batches_come_out_the_same(monkeypatch: pytest.MonkeyPatch):
-    indenter, contacts = indenters()["sphere"], up_and_down(4)
+    indenter, contacts = indenters()["sphere mesh"], up_and_down(4)
     whole = SKIN.loads(indenter, contacts)
     batches: list[int] = []
     made = Reached.depths

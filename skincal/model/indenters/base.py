@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,7 +94,11 @@ class Indenter(ABC):
         distance[near], facing[near] = hits.distance_m, np.where(faced > 0, faced, 0.0)
         return distance, facing
 
+    @property
     @abstractmethod
+    def depth_m(self) -> float:
+        """The penetration from which on a press makes no sense, as the indenter has sunk in [m]."""
+
     def bound(self, directions: FloatArray, contacts_m: FloatArray) -> Bound:
         """Where the indenter can be at most, seen along K directions, in its own frame.
 
@@ -101,3 +106,16 @@ class Indenter(ABC):
             directions: (K, 3) unit vectors.
             contacts_m: (K, 3) where it is thought to touch [m]; a hint for a tight bound, no more.
         """
+        raise NotImplementedError
+
+
+class ClosedForm(Indenter):
+    """An indenter that the compiled routine knows in closed form, by one length.
+
+    Attributes:
+        radius_m: that length [m].
+        kind: which of the closed forms (:mod:`skincal.model.press.meet`).
+    """
+
+    radius_m: float
+    kind: ClassVar[int]

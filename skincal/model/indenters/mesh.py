@@ -61,6 +61,11 @@ class MeshIndenter(Indenter):
         """All that it is made of: two with the same are the same."""
         return self._mesh.vertices_m, self._mesh.faces
 
+    @property
+    def depth_m(self) -> float:
+        """See :attr:`Indenter.depth_m`: half the shortest side of the box round it."""
+        return float(np.ptp(self._mesh.vertices_m, axis=0).min()) / 2
+
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         """See :meth:`Indenter.cast`."""
         origins = np.asarray(origins_m, dtype=np.float64)

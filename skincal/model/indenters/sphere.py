@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.model.arrays import FloatArray, as_floats, positive
-from skincal.model.indenters.base import Indenter, RayHits
-from skincal.model.indenters.bound import Bound, frames
-
-_UP = (0.0, 0.0, 1.0)
+from skincal.model.arrays import as_floats, positive
+from skincal.model.indenters.base import ClosedForm, RayHits
 
 
 @dataclass(frozen=True)
-class Sphere(Indenter):
+class Sphere(ClosedForm):
     """A ball that touches its frame's origin from above: its centre is (0, 0, radius).
 
     Attributes:
@@ -24,9 +22,15 @@ class Sphere(Indenter):
     """
 
     radius_m: float
+    kind: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius_m", positive("sphere radius_m", self.radius_m))
+
+    @property
+    def depth_m(self) -> float:
+        """See :attr:`Indenter.depth_m`."""
+        return self.radius_m
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         """See :meth:`Indenter.cast`."""
@@ -39,44 +43,31 @@ class Sphere(Indenter):
         normals = (away + ahead[..., None] * directions) / self.radius_m
         return RayHits(np.where(hit, ahead, np.inf), normals)
 
-    def heights(
-        self,
-        origins_m: FloatArray,
-        directions: FloatArray,
-        bound: Bound,
-        limit_m: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Indenter.heights`. The surface faces the ray by half the chord over the radius."""
-        along = (origins_m @ directions[:, :, None])[..., 0] - self.radius_m * directions[:, 2:]
-        half_chord = along**2
-        half_chord -= origins_m[..., 0] ** 2
-        half_chord -= origins_m[..., 1] ** 2
-        half_chord -= (origins_m[..., 2] - self.radius_m) ** 2
-        half_chord += self.radius_m**2
-        misses = half_chord < 0
-        np.sqrt(np.maximum(half_chord, 0.0, out=half_chord), out=half_chord)
-        distance = -along - half_chord
-        distance[misses] = np.inf
-        return distance, half_chord / self.radius_m
 
-    def bound(self, directions: FloatArray, contacts_m: FloatArray) -> Bound:
-        """See :meth:`Indenter.bound`. About its own centre: -sqrt(R² - r²) >= -R + r² / 2R."""
-        del contacts_m
-        if len(directions) == 1 and tuple(directions[0].tolist()) == _UP:
-            return self._upright
-        return self._paraboloid(directions)
+def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) -> tuple[float, float]:
+    """Distance along the contact normal at which a point meets the indenter, and how far that faces the point.
 
-    @cached_property
-    def _upright(self) -> Bound:
-        """The bound of a press without rotations."""
-        return self._paraboloid(np.array([_UP]))
+    Compiled: scalar code, no numpy.
 
-    def _paraboloid(self, directions: FloatArray) -> Bound:
-        one = np.ones((len(directions), 1))
-        return Bound(
-            axis_m=one * [0.0, 0.0, self.radius_m],
-            frame=frames(directions, (1.0, 0.0, 0.0)),
-            nearest_m=-self.radius_m * one[:, 0],
-            bend_per_m=one / (2 * self.radius_m),
-            reach_m=self.radius_m * one,
-        )
+    Args:
+        radius: the indenter's [m].
+        frame: contact normal and the axes of the indenter's frame, fingertip frame.
+        x: the point from the origin of the indenter's frame, fingertip frame [m].
+        y: the same.
+        z: the same.
+
+    Returns:
+        Distance [m], inf where it misses, and max(-n_s . n_c, 0).
+    """
+    x -= radius * frame[9]
+    y -= radius * frame[10]
+    z -= radius * frame[11]
+    along = x * frame[0] + y * frame[1] + z * frame[2]
+    half_2 = along * along - (x * x + y * y + z * z) + radius * radius
+    half = math.sqrt(max(half_2, 0.0))
+    return -along - half if half_2 >= 0 else math.inf, half / radius
+
+
+def paraboloid(radius: float, frame: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:
+    """See :func:`skincal.model.press.meet.paraboloid`. About its own centre: -sqrt(R² - r²) >= -R + r² / 2R."""
+    return radius * frame[9], radius * frame[10], radius * frame[11], -radius, 0.5 / radius, radius

@@ -40,6 +40,11 @@ class Surface(ABC):
     surface where beta = 0, x = y × z.
     """
 
+    @property
+    def depth_m(self) -> float:
+        """The penetration from which on a press is through what lies below the surface [m]."""
+        return np.inf
+
     @abstractmethod
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Lay points of the patch on the surface.

@@ -26,6 +26,11 @@ class Cylinder(Surface):
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius_m", positive("cylinder radius_m", self.radius_m))
 
+    @property
+    def depth_m(self) -> float:
+        """See :attr:`Surface.depth_m`: to the axis."""
+        return self.radius_m
+
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Lay points of the patch on the cylinder; exact, as a cylinder can be unrolled. See :meth:`Surface.wrap`."""
         across, along = turned(pose, uv_m)

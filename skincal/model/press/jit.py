@@ -1,0 +1,39 @@
+"""How the routine is compiled: numba's settings, and its cache.
+
+Device functions are plain scalar code on arrays that are passed in, so that another target (a GPU) can compile the same
+source.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+SETTINGS: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"reassoc", "contract", "nsz", "arcp", "nnan"},
+}
+"""Sums may be taken in vectors. Infinity keeps its meaning, which ``fastmath=True`` would take away; the routine is not
+given NaN, and makes none."""
+
+_modules: set[str] = set()
+
+
+def device(function: _Function) -> _Function:
+    """Compile a function that only compiled functions call."""
+    _modules.add(function.__module__)
+    return cast(_Function, numba.njit(**SETTINGS)(function))
+
+
+def stamp() -> str:
+    """A digest of the sources of all device functions."""
+    sources = [inspect.getsource(sys.modules[name]) for name in sorted(_modules)]
+    return hashlib.sha256("".join(sources).encode()).hexdigest()

@@ -1,0 +1,424 @@
+"""Presses in closed form, from contacts to loads: one compiled routine for batches, single presses and strokes.
+
+Only tiles that the indenter can reach before a guessed limit are looked at. Points left out can only have carried some
+of the force, so the level found without them is too deep if anything. Where it stays within the limit, no point left
+out is reached at that level, so it is the level of all points, exactly. Where it does not, it is itself a limit that is
+far enough.
+
+The sums run over the points that carry, in the order of the tiles, and over no others: what a press gives does not
+depend on the presses beside it nor on what the limit was.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.press.balance import linear_depth, power_depth
+from skincal.model.press.jit import device
+from skincal.model.press.meet import FAR, Frame, bound_tiles, meet, paraboloid
+from skincal.model.press.status import Status
+
+AHEAD = 1.15
+"""How much deeper than the guess is looked at once. A guess that was too low costs a second look, no more."""
+_SKIN_BEND = 40.0
+"""Curvature over two of a fingertip of 12 mm [1/m]: where Newton's method starts, no more."""
+_CELL = 0.75
+"""Parts of a cell's area that its furthest corner lies from its middle, squared: a half for a square, 5/8 for 2 : 1."""
+OK, AT_BORDER, THROUGH_FINGER = int(Status.OK), int(Status.AT_BORDER), int(Status.THROUGH_FINGER)
+NOT_TOUCHED, FINER_THAN_POINTS = int(Status.NOT_TOUCHED), int(Status.FINER_THAN_POINTS)
+
+
+@device
+def depth_of(
+    gap: FloatArray,
+    weight: FloatArray,
+    count: int,
+    load: float,
+    start: float,
+    exponent: float,
+    reference: float,
+) -> float:
+    """The depth at which points carry a load under the law; see :mod:`skincal.model.press.balance`."""
+    depth = linear_depth(gap, weight, count, load, start)
+    if exponent == 1.0:
+        return depth
+    return power_depth(gap, weight, count, load, depth, exponent, reference)
+
+
+@device
+def frame_of(row: FloatArray, turned: bool) -> Frame:
+    """Contact normal and the axes of the indenter's frame; as :func:`skincal.model.contact_rotations`.
+
+    Args:
+        row: (15,) normal, origin, rotation row by row.
+        turned: whether the rotation is given.
+    """
+    nx, ny, nz = row[0], row[1], row[2]
+    if turned:
+        return (
+            nx, ny, nz,
+            row[6], row[9], row[12],
+            row[7], row[10], row[13],
+            row[8], row[11], row[14],
+        )  # fmt: skip
+    yx, yy, yz = -ny * nx, 1.0 - ny * ny, -ny * nz
+    length = math.sqrt(yx * yx + yy * yy + yz * yz)
+    if length < 1e-6:
+        yx, yy, yz = 0.0, nz, -ny
+        length = math.sqrt(yy * yy + yz * yz)
+    yx /= length
+    yy /= length
+    yz /= length
+    return (
+        nx, ny, nz,
+        yy * nz - yz * ny, yz * nx - yx * nz, yx * ny - yy * nx,
+        yx, yy, yz,
+        nx, ny, nz,
+    )  # fmt: skip
+
+
+@device
+def guess(
+    middle: FloatArray,
+    weight: FloatArray,
+    gap: FloatArray,
+    area: FloatArray,
+    load: float,
+    bend: float,
+    exponent: float,
+    reference: float,
+) -> tuple[float, float]:
+    """The level if the indenter filled its bound and tiles were points, and the nearest of them [m].
+
+    Args:
+        middle: (B,) distances of the bound at the tiles' middles [m].
+        weight: (B,) areas along the normal [m²].
+        gap: (B,) scratch.
+        area: (B,) scratch.
+        load: F / E [m³].
+        bend: of the bound [1/m].
+        exponent: of the law.
+        reference: of the law [m].
+    """
+    tiles = middle.shape[0]
+    first = FAR
+    for b in range(tiles):
+        first = min(first, middle[b])
+    if first >= FAR:
+        return math.inf, math.inf
+    start = math.sqrt(2.0 * load * (bend + _SKIN_BEND) / math.pi)
+    # The first step leads to the solution or above it: what lies beyond carries nothing.
+    carried = 0.0
+    moment = 0.0
+    for b in range(tiles):
+        carries = 1.0 if middle[b] <= first + start else 0.0
+        carried += weight[b] * carries
+        moment += weight[b] * (middle[b] - first) * carries
+    depth = (load + moment) / carried
+    count = 0
+    for b in range(tiles):
+        if middle[b] <= first + depth and weight[b] > 0:
+            gap[count] = middle[b] - first
+            area[count] = weight[b]
+            count += 1
+    depth = linear_depth(gap, area, count, load, depth)
+    if exponent != 1.0:
+        # Deeper or less deep: as many tiles as there are may take part.
+        count = 0
+        for b in range(tiles):
+            if weight[b] > 0:
+                gap[count] = middle[b] - first
+                area[count] = weight[b]
+                count += 1
+        depth = power_depth(gap, area, count, load, depth, exponent, reference)
+    return first + depth, first
+
+
+@device
+def gather(
+    kind: int,
+    size: float,
+    frame: Frame,
+    origin: tuple[float, float, float],
+    points: FloatArray,
+    begin: FloatArray,
+    each: int,
+    limit: float,
+    gap: FloatArray,
+    weight: FloatArray,
+    facing: FloatArray,
+    which: IntArray,
+    place: FloatArray,
+) -> tuple[int, float]:
+    """The points of the tiles that begin before a limit, in their order: how many, and the smallest distance [m].
+
+    Args:
+        kind: of closed form.
+        size: of the indenter [m].
+        frame: see :func:`frame_of`.
+        origin: of the indenter's frame [m].
+        points: (6, N) position [m] and normal times area [m²].
+        begin: (B,) of :func:`skincal.model.press.meet.bound_tiles`.
+        each: points of a tile.
+        limit: [m].
+        gap: filled with distances beyond the smallest; about ``FAR`` where nothing is met [m].
+        weight: filled with areas along the normal; 0 where nothing is met [m²].
+        facing: filled with max(-n_s . n_c, 0).
+        which: filled with the numbers of the points.
+        place: (3, room) scratch.
+    """
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    ox, oy, oz = origin
+    count = 0
+    for b in range(begin.shape[0]):
+        if begin[b] <= limit:
+            for i in range(each):
+                k = b * each + i
+                place[0, count + i] = points[0, k] - ox
+                place[1, count + i] = points[1, k] - oy
+                place[2, count + i] = points[2, k] - oz
+                weight[count + i] = points[3, k] * nx + points[4, k] * ny + points[5, k] * nz
+                which[count + i] = k
+            count += each
+    meet(kind, size, frame, place, count, gap, facing)
+    first = FAR
+    for i in range(count):
+        met = weight[i] > 0 and gap[i] < FAR
+        weight[i] = weight[i] if met else 0.0
+        gap[i] = gap[i] if met else FAR
+        first = min(first, gap[i])
+    for i in range(count):
+        gap[i] -= first
+    return count, first
+
+
+@device
+def falls_between(points: FloatArray, frame: Frame, axis: tuple[float, float, float]) -> bool:
+    """Whether an indenter that touches no point lies over a cell: then it is finer than the points."""
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    for k in range(points.shape[1]):
+        x = points[0, k] - axis[0]
+        y = points[1, k] - axis[1]
+        z = points[2, k] - axis[2]
+        along = x * nx + y * ny + z * nz
+        carries = points[3, k] * nx + points[4, k] * ny + points[5, k] * nz
+        area = math.sqrt(points[3, k] ** 2 + points[4, k] ** 2 + points[5, k] ** 2)
+        if carries > 0 and x * x + y * y + z * z - along * along <= _CELL * area:
+            return True
+    return False
+
+
+@device
+def settle(
+    points: FloatArray,
+    taxel: IntArray,
+    border: FloatArray,
+    gap: FloatArray,
+    weight: FloatArray,
+    facing: FloatArray,
+    which: IntArray,
+    count: int,
+    depth: float,
+    load: float,
+    elasticity: float,
+    exponent: float,
+    reference: float,
+    through: float,
+    active: FloatArray,
+    number: IntArray,
+    sums: FloatArray,
+    loads: FloatArray,
+    info: FloatArray,
+    entry: int,
+    entries: IntArray,
+    entry_loads: FloatArray,
+) -> None:
+    """Loads and sums of one force, from the points nearer than its level; the level is found again from those alone.
+
+    Args:
+        points: see :func:`gather`.
+        taxel: (N,) flat index; -1: none.
+        border: (N,) 1 where the patch ends, 0 elsewhere.
+        gap: of :func:`gather`.
+        weight: of :func:`gather`.
+        facing: of :func:`gather`.
+        which: of :func:`gather`.
+        count: of :func:`gather`.
+        depth: of :func:`depth_of` [m].
+        load: F / E [m³].
+        elasticity: E [Pa/m].
+        exponent: of the law.
+        reference: of the law [m].
+        through: penetration from which on the press is through [m].
+        active: (3, count) scratch.
+        number: (count,) scratch.
+        sums: (J + 1,) scratch.
+        loads: (J,) filled [N].
+        info: (7,) filled: penetration, force, centroid, points touched, status.
+        entry: where this press begins in the following.
+        entries: (n,) filled with the numbers of the points that feel something; empty: not asked for.
+        entry_loads: (n,) filled with what each feels [N].
+    """
+    some = 0
+    for i in range(count):
+        # Written in any case, and kept if it carries: a processor guesses badly which do.
+        active[0, some] = gap[i]
+        active[1, some] = weight[i]
+        active[2, some] = facing[i]
+        number[some] = which[i]
+        some += 1 if gap[i] <= depth and weight[i] > 0 else 0
+    depth = depth_of(active[0], active[1], some, load, depth, exponent, reference)
+    force = 0.0
+    touched = 0
+    for i in range(some):
+        local = max(depth - active[0, i], 0.0)
+        touched += 1 if local > 0 else 0
+        if exponent != 1.0:
+            local = reference * (local / reference) ** exponent
+        active[1, i] *= elasticity * local
+        force += active[1, i]
+    for j in range(sums.shape[0]):
+        sums[j] = 0.0
+    for i in range(some):
+        sums[taxel[number[i]] + 1] += active[1, i] * active[2, i]
+    for j in range(loads.shape[0]):
+        loads[j] = sums[j + 1]
+    if entries.shape[0] > 0:
+        for i in range(some):
+            if active[1, i] > 0:
+                entries[entry] = number[i]
+                entry_loads[entry] = active[1, i] * active[2, i]
+                entry += 1
+    x = y = z = edge = 0.0
+    for i in range(some):
+        k = number[i]
+        x += active[1, i] * points[0, k]
+        y += active[1, i] * points[1, k]
+        z += active[1, i] * points[2, k]
+        edge += active[1, i] * border[k]
+    scale = 1.0 / force if force > 0 else 1.0
+    info[0] = depth
+    info[1] = force
+    info[2] = x * scale
+    info[3] = y * scale
+    info[4] = z * scale
+    info[5] = touched
+    info[6] = AT_BORDER if edge > 0 else OK
+    if depth > through:
+        info[6] = THROUGH_FINGER
+
+
+def press(
+    points: FloatArray,
+    taxel: IntArray,
+    border: FloatArray,
+    tiles: FloatArray,
+    kind: int,
+    size: float,
+    through: float,
+    rows: FloatArray,
+    turned: bool,
+    starts: IntArray,
+    force: FloatArray,
+    elasticity: float,
+    exponent: float,
+    reference: float,
+    loads: FloatArray,
+    info: FloatArray,
+    entry: IntArray,
+    entries: IntArray,
+    entry_loads: FloatArray,
+) -> None:
+    """Press a closed form on a patch.
+
+    Args:
+        points: (6, N) position [m] and normal times area [m²], tile by tile.
+        taxel: (N,) flat index; -1: none.
+        border: (N,) 1 where the patch ends, 0 elsewhere.
+        tiles: (11, B) see :class:`skincal.model.tiles.Tiles`.
+        kind: of closed form.
+        size: of the indenter [m].
+        through: penetration from which on a press is through [m].
+        rows: (P, 15) places: normal, origin, rotation row by row.
+        turned: whether rotations are given.
+        starts: (P + 1,) place p has the forces from ``starts[p]`` to ``starts[p + 1]``.
+        force: (S,) forces [N]: known and positive.
+        elasticity: E [Pa/m].
+        exponent: of the law; 1: linear.
+        reference: of the law [m].
+        loads: (S, J) zeros; filled [N].
+        info: (S, 7) zeros; filled: see :func:`settle`.
+        entry: (S,) where each press begins in the following.
+        entries: (n,) see :func:`settle`.
+        entry_loads: (n,) the same.
+    """
+    count_tiles = tiles.shape[1]
+    each = points.shape[1] // count_tiles if count_tiles else 0
+    begin = np.empty(count_tiles)
+    middle = np.empty(count_tiles)
+    area = np.empty(count_tiles)
+    coarse = np.empty((2, count_tiles))
+    room = 1024
+    found = np.empty((3, room))
+    active = np.empty((3, room))
+    which = np.empty((2, room), np.int64)
+    sums = np.empty(loads.shape[1] + 1)
+    for p in range(rows.shape[0]):
+        frame = frame_of(rows[p], turned)
+        normal = (frame[0], frame[1], frame[2])
+        origin = (rows[p, 3], rows[p, 4], rows[p, 5])
+        ax, ay, az, nearest, bend, reach = paraboloid(kind, size, frame)
+        axis = (origin[0] + ax, origin[1] + ay, origin[2] + az)
+        bound_tiles(tiles, normal, axis, nearest, bend, reach, begin, middle, area)
+        most = 0.0
+        for s in range(starts[p], starts[p + 1]):
+            most = max(most, force[s])
+        most /= elasticity
+        level, first = guess(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
+        limit = first + AHEAD * (level - first) if level < math.inf else math.inf
+        count = 0
+        deepest = 0.0
+        while True:
+            room = 0
+            for b in range(count_tiles):
+                if begin[b] <= limit:
+                    room += each
+            if room > found.shape[1]:
+                found = np.empty((3, room))
+                active = np.empty((3, room))
+                which = np.empty((2, room), np.int64)
+            count, first = gather(
+                kind, size, frame, origin, points, begin, each, limit,
+                found[0], found[1], found[2], which[0], active,
+            )  # fmt: skip
+            if first >= FAR:
+                count = 0
+                if limit == math.inf:
+                    break
+                limit = math.inf
+                continue
+            deepest = depth_of(
+                found[0], found[1], count, most, max(min(level, limit) - first, 0.0), exponent, reference
+            )
+            level = first + deepest
+            if level <= limit:
+                break
+            limit = level
+        if count == 0:
+            status = FINER_THAN_POINTS if falls_between(points, frame, axis) else NOT_TOUCHED
+            for s in range(starts[p], starts[p + 1]):
+                info[s, 6] = status
+            continue
+        for s in range(starts[p], starts[p + 1]):
+            load = force[s] / elasticity
+            depth = deepest
+            if load != most:
+                depth = depth_of(found[0], found[1], count, load, depth, exponent, reference)
+            settle(
+                points, taxel, border, found[0], found[1], found[2], which[0], count, depth, load,
+                elasticity, exponent, reference, through, active, which[1], sums, loads[s], info[s],
+                entry[s], entries, entry_loads,
+            )  # fmt: skip

@@ -1,0 +1,24 @@
+"""How a press came out."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """How a press came out."""
+
+    OK = 0
+    """The patch carries the force, and the press stays inside it."""
+    NO_FORCE = 1
+    """The force is zero or negative: no load."""
+    NOT_TOUCHED = 2
+    """No point of the patch can be touched: no load, although there is a force."""
+    AT_BORDER = 3
+    """The press reaches the patch's border: what it touches is taken to carry the whole force."""
+    UNKNOWN = 4
+    """The force, the place or the normal is NaN or infinite: so is the load."""
+    FINER_THAN_POINTS = 5
+    """The indenter lies over the patch but falls between its points: no load that means anything."""
+    THROUGH_FINGER = 6
+    """The penetration is more than the indenter or the finger has: the model no longer holds."""
