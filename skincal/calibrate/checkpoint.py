@@ -88,7 +88,7 @@ class Checkpoint:
                     return None
                 reach = TableReach(*arrays["reach"].tolist())
                 reach = replace(reach, levels=int(reach.levels))
-                return SkinTable(*(arrays[field] for field in _TABLE), reach)
+                return SkinTable(**{field: arrays[field] for field in _TABLE}, reach=reach)
         except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile):
             return None
 

@@ -23,7 +23,7 @@ from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fit.errors import FitError
 from skincal.fit.general_tabling import NO_STORE
 from skincal.fit.options import FitOptions, SearchBox
-from skincal.fit.problem import FEW_PRESSES, USED, FitProblem
+from skincal.fit.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fit.result import FitResult
 from skincal.fit.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
 from skincal.fit.wiring import order_of_problem
@@ -31,6 +31,11 @@ from skincal.fit.wiring import order_of_problem
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
     "`skincal dataset show` draws where the presses lie"
+)
+PLACE_MISSING = (
+    "The place of a press is missing: on a curved surface, or with an indenter smaller than the patch, images say "
+    "where the sensor is only if it is known where it was pressed. Write the contact point in x_m, y_m, z_m, from the "
+    'stage or the arm that pressed. If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
 )
 COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
 
@@ -133,7 +138,9 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     said = [text if text.endswith((".", "?")) else f"{text}."]
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
-    if len(problem) < FEWEST_PRESSES:
+    if NO_POSITION in problem.status and len(problem) < FEWEST_PRESSES:
+        said.append(PLACE_MISSING)
+    elif len(problem) < FEWEST_PRESSES:
         pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
     return " ".join(said)

@@ -57,7 +57,10 @@ def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
         raise InputError(
             [
                 Problem(
-                    "--method", "auto or general for these data", "fast", f"the fast way cannot be used: {why}"
+                    "--method",
+                    "auto or general for these data",
+                    "fast",
+                    f"the fast way cannot be used: {why}",
                 )
             ]
         )

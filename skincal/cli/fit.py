@@ -65,9 +65,9 @@ def fit(
         str,
         typer.Option(
             "--method",
-            help="`fast`: tables, where the surface looks the same everywhere; `general`: tables of the skin model press "
-            "by press, on any geometry; `nlopt`: those after a grid of the skin model itself, slow; `auto`: the fast one "
-            "where it can be used, else `general`.",
+            help="`fast`: tables, where the surface looks the same everywhere; `general`: tables of the skin model, "
+            "press by press, on any geometry; `nlopt`: those after a grid of the skin model itself, slow; `auto`: "
+            "the fast one where it can be used, else `general`.",
         ),
     ] = "auto",
     y_step_mm: Annotated[

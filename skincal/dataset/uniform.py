@@ -13,9 +13,9 @@ FLAT_M = 20e-6
 """A patch that leaves its tangent plane by no more than this [m] is flat: far less than a press sinks in."""
 
 UNIFORM = (
-    "every press is a flat punch larger than the flat patch: such uniform pressure looks the same for every pose and every "
-    "elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of about one "
-    "pitch in radius) at several places. The scale of each taxel can be found"
+    "every press is a flat punch larger than the flat patch: such uniform pressure looks the same for every pose and "
+    "every elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of about "
+    "one pitch in radius) at several places. The scale of each taxel can be found"
 )
 """What uniform pressure tells, and what to do."""
 
@@ -47,7 +47,8 @@ def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
     """Whether the taxels lie in a plane, and their nominal centre where places are known."""
     surface, bounds = dataset.surface(), dataset.layout().bounds_m
     known = bool(np.isfinite(dataset.meta.position.sigma_m))
-    corners = np.stack(np.meshgrid(*np.linspace(*bounds, 5).T, indexing="ij"), axis=-1).reshape(-1, 2)
+    axes = [np.linspace(float(low), float(high), 5) for low, high in bounds.T]
+    corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     try:
         points, _ = surface.wrap(dataset.nominal_pose(), corners)
         centre, normal = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))

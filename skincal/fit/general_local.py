@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
 from skincal.fit.grid import MacroGrid
+from skincal.fit.presses import solve_small
 from skincal.fit.problem import FitProblem
-from skincal.fit.types import Floats
+from skincal.fit.types import Floats, Ints
 from skincal.model import SensorPose, Surface
 from skincal.model.arrays import FloatArray, floats
 
@@ -47,7 +48,9 @@ class LocalSurface(Surface):
         uv = floats("uv_m", uv_m, (None, 2))
         points, normals = np.full((len(uv), 3), np.nan), np.full((len(uv), 3), np.nan)
         near = (np.abs(uv) <= self.half_m).all(axis=1)
-        points[near], normals[near] = self.surface.wrap(replace(self.centre, alpha_rad=pose.alpha_rad), uv[near])
+        points[near], normals[near] = self.surface.wrap(
+            replace(self.centre, alpha_rad=pose.alpha_rad), uv[near]
+        )
         return points, normals
 
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
@@ -150,13 +153,14 @@ class LocalPlaces:
 
 def _arcs(laid_m: Floats, uv_m: Floats, points_m: Floats) -> Floats:
     """Patch coordinates (M, 2) of points (M, 3): from the nearest laid points, to first order between them."""
-    distance, near = KDTree(laid_m).query(points_m, k=4)
+    found = KDTree(laid_m).query(points_m, k=4)
+    distance, near = np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.intp)
     # Weights that are exact for points in the plane of the four: affine, with the nearest as origin.
-    first = near[:, 0]
+    first: Ints = near[:, 0]
     edges, arcs = laid_m[near[:, 1:]] - laid_m[first][:, None], uv_m[near[:, 1:]] - uv_m[first][:, None]
     gram = edges @ edges.transpose(0, 2, 1)
     gram += 1e-6 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
     along = np.einsum("kei,ki->ke", edges, points_m - laid_m[first])
-    weights = np.linalg.solve(gram, along[..., None])[..., 0]
+    weights = solve_small(gram, along)
     step = np.einsum("ke,kei->ki", weights, arcs)
     return uv_m[first] + np.where((distance[:, :1] < 2 * _STEP_M), step, 0.0)

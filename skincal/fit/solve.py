@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from skincal.fit.conclude import Evidence, conclude
 from skincal.fit.errors import FitError
 from skincal.fit.general_table import ROUGH, SkinTable, TableReach
-from skincal.fit.general_tabling import NO_STORE, TableStore, joined, name_of, reach_of, run_table, table_tasks
+from skincal.fit.general_tabling import (
+    NO_STORE,
+    TableStore,
+    joined,
+    name_of,
+    reach_of,
+    run_table,
+    table_tasks,
+)
 from skincal.fit.grid import GridSlab, MacroGrid, span
 from skincal.fit.law import LawSpread, weigh_laws
 from skincal.fit.micro import MicroSettings
@@ -135,7 +143,9 @@ def solve(
     """
     done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
     bounds = _bounds(box)
-    problem, kept, dead, peak, table = _refine(plan, done, bounds, _Tabler(mapper, tables, progress), progress)
+    problem, kept, dead, peak, table = _refine(
+        plan, done, bounds, _Tabler(mapper, tables, progress), progress
+    )
     around = Neighbourhood.around(peak.macro, table=table)
     draws = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
@@ -275,9 +285,7 @@ def _climb_tabled(problem: FitProblem, bounds: Bounds, start: Floats, tabler: _T
     return run_climb(ClimbTask(problem, bounds, start, table=tabler(problem, start, ROUGH)))
 
 
-def _local_peaks(
-    problem: FitProblem, bounds: Bounds, starts: list[Floats], mapper: Mapper
-) -> list[Floats]:
+def _local_peaks(problem: FitProblem, bounds: Bounds, starts: list[Floats], mapper: Mapper) -> list[Floats]:
     """Where climbs on the surface that looks the same everywhere end: the best, and one that is nearly as good."""
     assert problem.contacts is not None
     local = problem.contacts.local
