@@ -14,8 +14,8 @@ FLAT_M = 20e-6
 
 UNIFORM = (
     "every press is a flat punch larger than the flat patch: such uniform pressure looks the same for every pose and "
-    "every elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of about "
-    "one pitch in radius) at several places. The scale of each taxel can be found"
+    "every elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of "
+    "about one pitch in radius) at several places. The scale of each taxel can be found"
 )
 """What uniform pressure tells, and what to do."""
 

@@ -71,7 +71,7 @@ def test_only_what_is_uniform_is_uniform(chamber: Dataset, rolled: Dataset) -> N
     position = replace(chamber.meta.position, sigma_m=1e-3, slack_m=2e-3)
     known = replace(chamber, meta=replace(chamber.meta, position=position))
     assert uniform_pressure(known)
-    aside = known.presses.position_m + np.array([0.095, 0.0, 0.0])
+    aside = np.tile([0.095, 0.0, 0.0], (len(known.presses), 1))
     assert not uniform_pressure(replace(known, presses=replace(known.presses, position_m=aside)))
 
 
