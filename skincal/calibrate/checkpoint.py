@@ -6,7 +6,7 @@ import hashlib
 import json
 import logging
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,13 @@ import numpy as np
 from skincal import __version__
 from skincal.bounded import read_arrays
 from skincal.files import whole_file
+from skincal.fit.general_table import SkinTable, TableReach
 from skincal.fit.grid import GridSlab
 from skincal.fit.options import FitOptions, SearchBox
 
 _log = logging.getLogger("skincal")
 
+_TABLE = ("shares", "lit", "plane", "anchor_m", "slot", "log_ratio", "centre")
 _FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
 
 
@@ -37,7 +39,7 @@ def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBo
 
 
 class Checkpoint:
-    """A folder with one file a turn of the grid.
+    """A folder with one file a turn of the grid, and one a part of a table of images.
 
     Args:
         folder: where; made when the first turn is kept.
@@ -67,9 +69,34 @@ class Checkpoint:
         Raises:
             OSError: the disk is full, or not writable; it names the file.
         """
+        self._write(f"turn-{turn:03d}.npz", turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
+
+    def _write(self, name: str, **arrays: Any) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(self.folder / f"turn-{turn:03d}.npz", force=True) as temporary:
-            np.savez(temporary, key=self.key, turn=turn, **{name: getattr(slab, name) for name in _FIELDS})
+        with whole_file(self.folder / name, force=True) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, key=self.key, **arrays)
+
+    def table(self, name: str) -> SkinTable | None:
+        """A table of images that was kept for this fit; None where there is none, or it is damaged."""
+        try:
+            arrays = read_arrays(self.folder / f"table-{name}.npz", self.folder)
+            if str(arrays["key"]) != self.key:
+                return None
+            reach = TableReach(*arrays["reach"].tolist())
+            reach = replace(reach, levels=int(reach.levels))
+            return SkinTable(**{field: arrays[field] for field in _TABLE}, reach=reach)
+        except (OSError, KeyError, ValueError, TypeError):
+            return None
+
+    def keep_table(self, name: str, table: SkinTable) -> None:
+        """Keeps a table of images, whole or not at all.
+
+        Raises:
+            OSError: the disk is full, or not writable; it names the file.
+        """
+        arrays = {field: getattr(table, field) for field in _TABLE}
+        reach = np.array(list(asdict(table.reach).values()), dtype=np.float64)
+        self._write(f"table-{name}.npz", reach=reach, **arrays)
 
     def remove(self) -> None:
         """Removes the folder; the fit is done."""

@@ -14,6 +14,7 @@ from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
 from skincal.fit.general_contacts import MARGIN_M, ContactMap
+from skincal.fit.general_local import LocalPlaces
 from skincal.fit.observe import Readout
 from skincal.fit.options import FitOptions, SearchBox
 from skincal.fit.problem import FitProblem, PressTable, Rig, pose_problem
@@ -54,11 +55,16 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
         return problem
-    half = rig.slack_m + MARGIN_M
-    return replace(
-        problem,
-        contacts=ContactMap.of(rig.surface, presses.position_m, problem.rows, half, presses.normals),
+    contacts = ContactMap.of(
+        rig.surface, presses.position_m, problem.rows, rig.slack_m + MARGIN_M, presses.normals
     )
+    if way.method == "general":
+        mount = dataset.meta.mount
+        radius = rig.arc_radius_m
+        nominal = (mount.x_m or 0.0) if radius is None else radius * rad(beta or 0.0)
+        centre = np.array([nominal, mount.y_m])
+        contacts = replace(contacts, local=LocalPlaces.of(problem, presses.position_m, centre))
+    return replace(problem, contacts=contacts)
 
 
 _EXACT_M = 1e-6

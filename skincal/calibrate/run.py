@@ -12,6 +12,7 @@ import numpy as np
 from skincal import __version__
 from skincal.calibrate.assemble import calibration_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
+from skincal.calibrate.order import order_finding, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper
@@ -20,14 +21,21 @@ from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fit.errors import FitError
+from skincal.fit.general_tabling import NO_STORE
 from skincal.fit.options import FitOptions, SearchBox
-from skincal.fit.problem import FEW_PRESSES, USED, FitProblem
+from skincal.fit.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fit.result import FitResult
 from skincal.fit.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
+from skincal.fit.wiring import order_of_problem
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
     "`skincal dataset show` draws where the presses lie"
+)
+PLACE_MISSING = (
+    "The place of a press is missing: on a curved surface, or with an indenter smaller than the patch, images say "
+    "where the sensor is only if it is known where it was pressed. Write the contact point in x_m, y_m, z_m, from the "
+    'stage or the arm that pressed. If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
 )
 COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
 
@@ -89,6 +97,7 @@ def calibrate(
     sha = dataset.sha256 or ""
     kept = None if checkpoint is None else Checkpoint(checkpoint, fit_key(sha, way.method, options, box))
     slabs = {} if kept is None else kept.load()
+    order = order_of_problem(problem, box)
     try:
         plan = plan_fit(problem, box, options)
         with mapper(workers, scheduler) as spread:
@@ -100,10 +109,14 @@ def calibrate(
                 mapper=spread,
                 slabs=slabs,
                 on_slab=(lambda _turn, _slab: None) if kept is None else kept.keep,
+                tables=NO_STORE if kept is None else kept,
                 progress=progress,
             )
     except FitError as error:
-        raise refusal(dataset, _reason(error, problem, dataset)) from error
+        reason = _reason(error, problem, dataset)
+        if order is not None:
+            reason += " " + order_finding(order, dataset.layout()).text
+        raise refusal(dataset, reason) from error
     provenance = Provenance(
         dataset_sha256=sha,
         dataset="" if dataset.folder is None else dataset.folder.name,
@@ -113,7 +126,10 @@ def calibrate(
         time=datetime.now(UTC).replace(microsecond=0),
         options={"method": way.method} | _plain_options(options, box),
     )
-    return Outcome(calibration_of(result, dataset, provenance), result, len(slabs), way)
+    calibration = calibration_of(result, dataset, provenance)
+    if order is not None:
+        calibration = with_other_order(calibration, order)
+    return Outcome(calibration, result, len(slabs), way)
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
@@ -122,7 +138,9 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     said = [text if text.endswith((".", "?")) else f"{text}."]
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
-    if len(problem) < FEWEST_PRESSES:
+    if NO_POSITION in problem.status and len(problem) < FEWEST_PRESSES:
+        said.append(PLACE_MISSING)
+    elif len(problem) < FEWEST_PRESSES:
         pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
     return " ".join(said)

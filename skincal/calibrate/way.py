@@ -7,13 +7,16 @@ from typing import Literal
 
 import numpy as np
 
+from skincal.calibration import MARGIN_M
 from skincal.dataset import Dataset
 from skincal.errors import InputError, Problem
+from skincal.fit.kernel import contact_reach
+from skincal.fit.options import SearchBox
 from skincal.model import Cylinder, Surface
 from skincal.units import deg, rad
 
-Method = Literal["auto", "fast", "nlopt"]
-METHODS: tuple[Method, ...] = ("auto", "fast", "nlopt")
+Method = Literal["auto", "fast", "general", "nlopt"]
+METHODS: tuple[Method, ...] = ("auto", "fast", "general", "nlopt")
 
 TILT_RAD = rad(2.0)
 """Measured normals that differ by more than this from the surface's own (root mean square) are another geometry."""
@@ -24,12 +27,12 @@ class Way:
     """How a dataset is fitted.
 
     Attributes:
-        method: "fast", by tables and Gauss-Newton on a surface that looks the same everywhere; or "nlopt", by the
-            skin model itself.
+        method: "fast", by tables and Gauss-Newton on a surface that looks the same everywhere; "general", by tables
+            of the skin model press by press; or "nlopt", by those after a grid of the skin model itself.
         why: the reason, where it is not the fast one.
     """
 
-    method: Literal["fast", "nlopt"]
+    method: Literal["fast", "general", "nlopt"]
     why: str = ""
 
 
@@ -45,8 +48,8 @@ def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
     """
     if method not in METHODS:
         raise InputError([Problem("--method", "one of " + ", ".join(METHODS), method)])
-    if method == "nlopt":
-        return Way("nlopt", "it was asked for")
+    if method in ("general", "nlopt"):
+        return Way(method, "it was asked for")
     why = _why_not_fast(dataset)
     if not why:
         return Way("fast")
@@ -54,16 +57,25 @@ def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
         raise InputError(
             [
                 Problem(
-                    "--method", "auto or nlopt for these data", "fast", f"the fast way cannot be used: {why}"
+                    "--method",
+                    "auto or general for these data",
+                    "fast",
+                    f"the fast way cannot be used: {why}",
                 )
             ]
         )
-    return Way("nlopt", why)
+    return Way("general", why)
 
 
 def _why_not_fast(dataset: Dataset) -> str:
     if dataset.meta.surface.kind == "mesh":
         return "the surface is a mesh, which does not look the same everywhere"
+    reach = _reach_m(dataset)
+    if reach > MARGIN_M:
+        return (
+            f"a contact reaches {1e3 * reach:.0f} mm round its centre, and the skin that carries it ends "
+            f"{1e3 * MARGIN_M:.0f} mm beyond the taxels"
+        )
     normals = dataset.presses.normals
     if normals is None or not np.isfinite(normals).all(axis=1).any():
         return ""
@@ -71,6 +83,18 @@ def _why_not_fast(dataset: Dataset) -> str:
     if tilt <= TILT_RAD:
         return ""
     return f"the measured contact normals are tilted against the surface by {deg(tilt):.1f}°"
+
+
+def _reach_m(dataset: Dataset) -> float:
+    """How far the largest contact of a skin of middling elasticity reaches round its centre [m]."""
+    force = dataset.presses.force_n
+    force = force[np.isfinite(force) & (force > 0)]
+    radii = dataset.indenter_radii_m()
+    known = np.unique(radii[np.isfinite(radii)])
+    indenters = [dataset.indenter(float(r)) for r in known] if len(known) else [dataset.indenter()]
+    softness = 1.0 / np.sqrt(np.prod(SearchBox.elasticity_pa_per_m))
+    ratio = float(force.max(initial=1e-3) * softness)
+    return max(contact_reach(dataset.surface(), one, ratio) for one in indenters)
 
 
 def _tilt(surface: Surface, points_m: np.ndarray, normals: np.ndarray, sigma_m: float) -> float:

@@ -12,7 +12,7 @@ from skincal.dataset.findings import Findings
 from skincal.dataset.toml_table import TomlTable
 
 _EFFECT: Final = ("name", "parameters", "intervals", "poses")
-_FINDING: Final = ("code", "severity", "text", "advice")
+_FINDING: Final = ("code", "severity", "text", "advice", "mapping")
 
 Range = tuple[Numbers, Numbers]
 
@@ -60,6 +60,7 @@ def findings_from(top: TomlTable, findings: Findings, file: str) -> tuple[Findin
             severity=table.choice("severity", SEVERITIES),
             text=table.text("text", "what was found"),
             advice=table.text("advice", "what to do", default=""),
+            mapping=table.text("mapping", "lines of a mapping file", default=""),
         )
         for table, _ in _entries(top, findings, file, "findings", _FINDING)
     )

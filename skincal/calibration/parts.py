@@ -107,12 +107,18 @@ class Finding:
         severity: ``info``, ``warning`` or ``error``.
         text: what was found.
         advice: what to do; empty where there is nothing to do.
+        mapping: lines of a mapping file, under ``[taxels]``, that mend it; empty where none do.
     """
 
     code: str
     severity: Severity
     text: str
     advice: str = ""
+    mapping: str = ""
+
+    def plain(self) -> dict[str, str]:
+        """As JSON and TOML have it; a mapping only where there is one."""
+        return {key: value for key, value in vars(self).items() if value or key != "mapping"}
 
 
 @dataclass(frozen=True)

@@ -111,10 +111,7 @@ def plain_meta(calibration: Calibration) -> dict[str, Any]:
         "intervals": {name: [float(v) for v in pair] for name, pair in calibration.intervals.items()},
         "loss": {**{key: getattr(calibration.loss, key) for key in _LOSS}, **calibration.loss.extra},
         "effects": [plain_effect(effect) for effect in calibration.effects],
-        "findings": [
-            {"code": f.code, "severity": f.severity, "text": f.text, "advice": f.advice}
-            for f in calibration.findings
-        ],
+        "findings": [finding.plain() for finding in calibration.findings],
         "provenance": _plain_provenance(calibration.provenance),
     }
     return toml_value(plain | dict(calibration.extra))

@@ -44,8 +44,10 @@ def _range(name: str, what: str) -> typer.models.OptionInfo:
 
 
 def _step(name: str, least: float, what: str, defaults: str) -> typer.models.OptionInfo:
-    fast, general = defaults.split("; ")
-    return typer.Option(name, min=least, help=what, show_default=f"{fast}; {general} with nlopt")
+    fast, general, nlopt = defaults.split("; ")
+    return typer.Option(
+        name, min=least, help=what, show_default=f"{fast}; {general} with general; {nlopt} with nlopt"
+    )
 
 
 def fit(
@@ -63,20 +65,21 @@ def fit(
         str,
         typer.Option(
             "--method",
-            help="`fast`: tables, where the surface looks the same everywhere; `nlopt`: the skin model itself, on any "
-            "geometry; `auto`: the fast one where it can be used.",
+            help="`fast`: tables, where the surface looks the same everywhere; `general`: tables of the skin model, "
+            "press by press, on any geometry; `nlopt`: those after a grid of the skin model itself, slow; `auto`: "
+            "the fast one where it can be used, else `general`.",
         ),
     ] = "auto",
     y_step_mm: Annotated[
-        float | None, _step("--y-step-mm", 0.01, "Grid step of y [mm].", "0.25; 2.5")
+        float | None, _step("--y-step-mm", 0.01, "Grid step of y [mm].", "0.25; 1; 2.5")
     ] = None,
     arc_step_mm: Annotated[
-        float | None, _step("--arc-step-mm", 0.01, "Grid step of beta as arc, or of x [mm].", "1; 2.5")
+        float | None, _step("--arc-step-mm", 0.01, "Grid step of beta as arc, or of x [mm].", "1; 1.25; 2.5")
     ] = None,
     alpha_step_deg: Annotated[
-        float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", "2.5; 13.5")
+        float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", "2.5; 5; 13.5")
     ] = None,
-    e_count: Annotated[int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 4")] = None,
+    e_count: Annotated[int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 12; 4")] = None,
     active_counts: Annotated[
         float | None,
         typer.Option(
@@ -147,7 +150,7 @@ def fit(
     known = None if effects is None else _with_effects(effects, data)
     way = choose_way(data, cast("Method", method))
     if way.method != "fast":
-        say(f"skincal: fitting by nlopt on the skin model, which takes minutes: {way.why}")
+        say(f"skincal: fitting by the skin model itself, press by press, which takes a minute or more: {way.why}")
     options = replace(options, steps=_steps(way, y_step_mm, arc_step_mm, alpha_step_deg, e_count))
     box = searched(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, elasticity_range)
     checkpoint = out.parent / f".{out.name}.fit"
@@ -250,10 +253,10 @@ def _steps(
     way: Way, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
 ) -> GridSteps:
     """The steps that are given, else those of the way."""
-    from skincal.fit.options import GENERAL_STEPS, GridSteps
+    from skincal.fit.options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
     from skincal.units import rad
 
-    default = GridSteps() if way.method == "fast" else GENERAL_STEPS
+    default = {"fast": GridSteps(), "general": LOCAL_STEPS, "nlopt": GENERAL_STEPS}[way.method]
     return GridSteps(
         default.across_m if arc_mm is None else arc_mm * 1e-3,
         default.y_m if y_mm is None else y_mm * 1e-3,
@@ -335,7 +338,7 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
         "best": calibration.model.best(),
         "intervals": {name: list(interval) for name, interval in calibration.intervals.items()},
         "draws": _draws(calibration),
-        "findings": [vars(finding) for finding in calibration.findings],
+        "findings": [finding.plain() for finding in calibration.findings],
         "effects": [effect.name for effect in calibration.effects],
         "calibration": str(out),
     }

@@ -1,4 +1,4 @@
-"""Uniform pressure: a chamber, written as a flat punch larger than the patch."""
+"""Uniform pressure: a chamber, written as a flat punch larger than the patch, on a flat sensor."""
 
 from __future__ import annotations
 
@@ -9,23 +9,53 @@ import numpy as np
 from skincal.dataset.dataset import Dataset
 from skincal.model import FlatPunch, Plane
 
+FLAT_M = 20e-6
+"""A patch that leaves its tangent plane by no more than this [m] is flat: far less than a press sinks in."""
+
 UNIFORM = (
-    "every press is a flat punch larger than the patch: such uniform pressure looks the same for every pose and every "
-    "elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of about one "
-    "pitch in radius) at several places. The scale of each taxel can be found"
+    "every press is a flat punch larger than the flat patch: such uniform pressure looks the same for every pose and "
+    "every elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of "
+    "about one pitch in radius) at several places. The scale of each taxel can be found"
 )
 """What uniform pressure tells, and what to do."""
 
 
 def uniform_pressure(dataset: Dataset) -> bool:
-    """Whether every press loads all taxels alike, wherever it is: a flat punch larger than the patch."""
+    """Whether every press loads all taxels alike: the sensor is flat, and a flat punch covers all of it.
+
+    On a curved surface a plate touches along a line or at a spot, and is a contact like any other.
+    """
     if dataset.meta.indenter.kind != "flat":
         return False
-    radii = np.unique(dataset.indenter_radii_m())
-    known = radii[np.isfinite(radii)]
+    radii = dataset.indenter_radii_m()
+    known = np.unique(radii[np.isfinite(radii)])
     punches = [dataset.indenter(float(r)) for r in known] if len(known) else [dataset.indenter()]
     half = float(np.hypot(*np.abs(dataset.layout().bounds_m).max(axis=0)))
-    return all(isinstance(one, FlatPunch) and one.radius_m > half for one in punches)
+    if not all(isinstance(one, FlatPunch) and one.radius_m > half for one in punches):
+        return False
+    flat, centre = _flat_patch(dataset)
+    if not flat or centre is None:
+        return flat
+    # A punch whose edge crosses the patch loads it unevenly, as far as its place is known.
+    apart = np.linalg.norm(dataset.presses.position_m - centre, axis=1)
+    own = dataset.meta.indenter.radius_m
+    radius = np.where(np.isfinite(radii), radii, np.inf if own is None else own)
+    return bool((np.nan_to_num(apart) + half <= radius).all())
+
+
+def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
+    """Whether the taxels lie in a plane, and their nominal centre where places are known."""
+    surface, bounds = dataset.surface(), dataset.layout().bounds_m
+    known = bool(np.isfinite(dataset.meta.position.sigma_m))
+    axes = [np.linspace(float(low), float(high), 5) for low, high in bounds.T]
+    corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    try:
+        points, _ = surface.wrap(dataset.nominal_pose(), corners)
+        centre, normal = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))
+    except ValueError:
+        return isinstance(surface, Plane), None
+    off = np.abs((points - centre) @ normal[0])
+    return bool(np.isfinite(off).all() and off.max() <= FLAT_M), centre[0] if known else None
 
 
 def notes_on(dataset: Dataset) -> tuple[str, ...]:

@@ -2,9 +2,9 @@
 
     y = x + c (1 + h A) A x,    A x = N x - l D x
 
-N sums over the up to four next taxels in the row and the column, D is their number. What leaks may be lost where it
-comes from (l): with l = 1 it is shared, as in a resistive sheet, and with l = 0 picked up besides, as between wires.
-And it may leak on (h); a sheet has h = c, to second order in c.
+N sums over the taxels next to it, by where they lie: in a grid up to four, in a hexagonal layout six; D is their
+number. What leaks may be lost where it comes from (l): with l = 1 it is shared, as in a resistive sheet, and with l = 0
+picked up besides, as between wires. And it may leak on (h); a sheet has h = c, to second order in c.
 """
 
 from __future__ import annotations

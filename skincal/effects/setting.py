@@ -42,10 +42,18 @@ class Setting:
 
     @cached_property
     def neighbours(self) -> FloatArray:
-        """(J, J) one where two taxels are next to each other in a row or a column, else zero."""
-        row, col = np.divmod(np.arange(self.taxels), self.patch.layout.cols)
-        apart = np.abs(row[:, None] - row) + np.abs(col[:, None] - col)
-        return (apart == 1).astype(np.float64)
+        """(J, J) one where two taxels are next to each other, else zero.
+
+        No other taxel lies in or on the circle between their centres (Gabriel and Sokal 1969): in a grid those are the
+        next in the row and the column, in a hexagonal layout the six round a taxel.
+        """
+        centres = self.patch.layout.centres_m
+        square = ((centres[:, None] - centres) ** 2).sum(axis=-1)
+        # A point lies in the circle where its squared distances from both ends are less than the diameter's square.
+        between = square[:, None, :] + square[None, :, :] <= square[:, :, None] * (1 + 1e-6)
+        ends = np.eye(self.taxels, dtype=bool)
+        between &= ~(ends[:, None, :] | ends[None, :, :])
+        return ((square > 0) & ~between.any(axis=-1)).astype(np.float64)
 
     @cached_property
     def same_row(self) -> FloatArray:

@@ -49,6 +49,8 @@ def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> Non
         InputError: naming every one that is missing, and what it is, and all that is drawn at the wrong time.
     """
     there = {*ranges, *(ranges.joint.columns if ranges.joint else ())}
+    if "skin.x_m" in there:
+        raise InputError([_flat(place, kind)])
     found = [
         _missing(path, place)
         for path in expected_names(ranges, kind)
@@ -61,6 +63,16 @@ def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> Non
     ]
     if found:
         raise InputError(found)
+
+
+def _flat(place: str, kind: ObjectName) -> Problem:
+    got = "those of a flat pad (skin.x_m instead of skin.beta_deg)"
+    fix = (
+        "The task has no flat fingertip: pose and E of a pad on a bench do not carry over to one that is bent. "
+        "Calibrate the sensor on the finger (collect on the hand, or a stage with the fingertip), or take over "
+        "skin.scale_per_n alone by hand."
+    )
+    return Problem(place, f"ranges of a skin on a round fingertip, as the {kind} task has", got, fix)
 
 
 def _missing(path: str, place: str) -> Problem:

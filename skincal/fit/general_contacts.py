@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from skincal.fit.lookup import cubic
 from skincal.fit.types import Floats, Ints
 from skincal.model import Surface
 from skincal.model.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from skincal.fit.general_local import LocalPlaces
 
 _STEP_M = 0.5e-3
 """Lattice on which the surface round a press is tabled. Cubic look-ups between are good to a micrometre on a
@@ -32,6 +36,8 @@ class ContactMap:
         slot: (M,) for every press of the session its row in the arrays above, or -1.
         half_m: slack at the outermost nodes that are looked up [m]; beyond it a contact stays there.
         measured_normals: whether normals are measured; they are then kept as they are when a contact moves.
+        local: the presses on a surface that looks the same everywhere, for the grid; None where the grid asks the
+            skin model itself.
     """
 
     measured_m: Floats
@@ -39,6 +45,7 @@ class ContactMap:
     slot: Ints
     half_m: float
     measured_normals: bool
+    local: LocalPlaces | None = None
 
     @classmethod
     def of(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from typing import Protocol
 
 import numpy as np
 
@@ -39,6 +41,37 @@ class TableTask:
     presses: Ints
     macro: Floats
     reach: TableReach
+
+
+class TableStore(Protocol):
+    """Keeps tables of images between runs of a fit."""
+
+    def table(self, name: str, /) -> SkinTable | None:
+        """The table that was kept under a name; None where there is none."""
+        ...
+
+    def keep_table(self, name: str, table: SkinTable, /) -> None:
+        """Keeps a table."""
+        ...
+
+
+class _NoStore:
+    def table(self, name: str, /) -> SkinTable | None:
+        del name
+
+    def keep_table(self, name: str, table: SkinTable, /) -> None:
+        del name, table
+
+
+NO_STORE: TableStore = _NoStore()
+"""Keeps nothing."""
+
+
+def name_of(task: TableTask) -> str:
+    """What a table of one problem depends on, as a hash: its presses, its middle and its reach."""
+    problem, reach = task.problem, np.array(list(asdict(task.reach).values()), dtype=np.float64)
+    depends = (problem.rows, task.presses, task.macro[:4], reach)
+    return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in depends)).hexdigest()[:24]
 
 
 def table_tasks(problem: FitProblem, macro: Floats, reach: TableReach) -> list[TableTask]:

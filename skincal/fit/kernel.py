@@ -82,7 +82,7 @@ def build_table(
         The table. Its lattice is just large enough for the largest contact.
     """
     ratios = np.exp(log_ratios)
-    reach = max(_reach(surface, indenter, float(ratios[-1])) for indenter in indenters) + 3 * spread_m
+    reach = max(contact_reach(surface, indenter, float(ratios[-1])) for indenter in indenters) + 3 * spread_m
     half = reach + float(np.max(taxel_sizes_m)) / 2
     step = max(step_m, 2 * half / (MAX_NODES - 8))
     count = int(np.ceil(half / step)) + 2
@@ -139,8 +139,14 @@ def _penetrations(field: _Field, ratios_m3: Floats) -> Floats:
     return np.where(ratios_m3 > held[-1], beyond, inner)
 
 
-def _reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> float:
-    """Radius [m] round the contact that holds all of it."""
+def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> float:
+    """Radius [m] round the contact that holds all of it.
+
+    Args:
+        surface: a cylinder or a plane.
+        indenter: what presses.
+        ratio_m3: F_n / E [m³].
+    """
     count, half = 40, 1e-3
     for _ in range(14):
         field = _field(surface, indenter, 0.0, count, half / count)

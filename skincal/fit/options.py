@@ -48,6 +48,11 @@ GENERAL_STEPS = GridSteps(2.5e-3, 2.5e-3, math.radians(13.5), 4)
 refinement finds its way from so far: in sessions like the paper's it ended at the same peak as from a fine grid."""
 
 
+LOCAL_STEPS = GridSteps(1.25e-3, 1.0e-3, math.radians(5.0), 12)
+"""Where the grid takes the surface to look everywhere as at the sensor's nominal place, and only has to find where the
+skin model itself is asked."""
+
+
 @dataclass(frozen=True)
 class FitOptions:
     """Settings of a fit.

@@ -28,7 +28,7 @@ FEW_PRESSES = 12
 
 _PARAMETERS = 5
 
-USED = "used"
+USED, NO_POSITION = "used", "no position"
 
 COPY = "the very numbers of another press"
 
@@ -295,7 +295,7 @@ def _status(
     if not (np.isfinite(presses.force_n[k]) and presses.force_n[k] > 0):
         return "no positive force"
     if not (np.isfinite(presses.across_m[k]) and np.isfinite(presses.along_m[k])):
-        return "no position"
+        return NO_POSITION
     if not read[k].any():
         return "no taxel read"
     if active < min_active:

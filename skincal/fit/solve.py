@@ -10,12 +10,20 @@ from numpy.typing import NDArray
 
 from skincal.fit.conclude import Evidence, conclude
 from skincal.fit.errors import FitError
-from skincal.fit.general_table import SkinTable
-from skincal.fit.general_tabling import joined, reach_of, run_table, table_tasks
+from skincal.fit.general_table import ROUGH, SkinTable, TableReach
+from skincal.fit.general_tabling import (
+    NO_STORE,
+    TableStore,
+    joined,
+    name_of,
+    reach_of,
+    run_table,
+    table_tasks,
+)
 from skincal.fit.grid import GridSlab, MacroGrid, span
 from skincal.fit.law import LawSpread, weigh_laws
 from skincal.fit.micro import MicroSettings
-from skincal.fit.options import GENERAL_STEPS, FitOptions, GridSteps, SearchBox
+from skincal.fit.options import GENERAL_STEPS, LOCAL_STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fit.posterior import Bounds, Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import FitResult
@@ -50,6 +58,8 @@ WORTH = 100
 
 POLISH = 2
 """Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
+RIVAL, RIVALS = 30.0, 2
+"""Peaks of the local surface within so much log evidence of its best are looked at by the skin model, the best few."""
 
 TABLES = 3
 """A peak of the general way that leaves the table it was climbed on is tabled anew so many times at most."""
@@ -79,7 +89,9 @@ class FitPlan:
 
 def default_steps(problem: FitProblem) -> GridSteps:
     """Steps of the macro grid that the way of the fit affords."""
-    return GridSteps() if problem.contacts is None else GENERAL_STEPS
+    if problem.contacts is None:
+        return GridSteps()
+    return GENERAL_STEPS if problem.contacts.local is None else LOCAL_STEPS
 
 
 def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPlan:
@@ -118,6 +130,7 @@ def solve(
     mapper: Mapper = map,
     slabs: Mapping[int, GridSlab] | None = None,
     on_slab: Callable[[int, GridSlab], None] = lambda _turn, _slab: None,
+    tables: TableStore = NO_STORE,
     progress: Progress = _silent,
 ) -> FitResult:
     """Fits.
@@ -130,6 +143,7 @@ def solve(
         mapper: spreads independent work; the result does not depend on it.
         slabs: turns of the grid that have been evaluated before.
         on_slab: told of every turn as it is done, so that it can be kept.
+        tables: keeps tables of images, of which the general way spends its time.
         progress: told how far the work is.
 
     Returns:
@@ -137,7 +151,9 @@ def solve(
     """
     done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
     bounds = _bounds(box)
-    problem, kept, dead, peak, table = _refine(plan, done, bounds, mapper, progress)
+    problem, kept, dead, peak, table = _refine(
+        plan, done, bounds, _Tabler(mapper, tables, progress), progress
+    )
     around = Neighbourhood.around(peak.macro, table=table)
     draws = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
@@ -214,20 +230,23 @@ def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[
 
 
 def _refine(
-    plan: FitPlan, done: Mapping[int, GridSlab], bounds: Bounds, mapper: Mapper, progress: Progress
+    plan: FitPlan, done: Mapping[int, GridSlab], bounds: Bounds, tabler: _Tabler, progress: Progress
 ) -> tuple[FitProblem, NDArray[np.bool_], NDArray[np.bool_], Peak, SkinTable | None]:
     """The highest peak, after glitches and dead taxels have been left out.
 
     Returns:
         Problem, kept presses, dead taxels, peak, and in the general way the table of images round it.
     """
-    problem = plan.problem
+    problem, mapper = plan.problem, tabler.mapper
     starts = _starts(plan, done)
     progress("peak", 0, 2)
-    peak = _highest(mapper(run_climb, [ClimbTask(problem, bounds, s) for s in starts]))
     table = None
-    if problem.contacts is not None:
-        peak, table = _tabled(problem, bounds, peak, mapper)
+    if problem.contacts is None:
+        peak = _highest(mapper(run_climb, [ClimbTask(problem, bounds, s) for s in starts]))
+    else:
+        starts = _local_peaks(problem, bounds, starts, mapper)
+        peak = _highest(_climb_tabled(problem, bounds, s, tabler) for s in starts)
+        peak, table = _tabled(problem, bounds, peak, tabler)
     dead = dead_taxels(problem, peak.states)
     if dead.any():
         problem = problem.without_taxels(dead)
@@ -244,16 +263,64 @@ def _refine(
         problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
         peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table, sigmas=peak.sigmas))
     if table is not None and not table.holds(peak.macro):
-        peak, table = _tabled(problem, bounds, peak, mapper)
+        peak, table = _tabled(problem, bounds, peak, tabler)
     progress("peak", 2, 2)
     return problem.with_shared(peak.theta), keep, dead, peak, table
 
 
-def _tabled(problem: FitProblem, bounds: Bounds, peak: Peak, mapper: Mapper) -> tuple[Peak, SkinTable]:
+@dataclass(frozen=True, eq=False)
+class _Tabler:
+    """Makes tables of images part by part, and takes those that an earlier run has made."""
+
+    mapper: Mapper
+    store: TableStore
+    progress: Progress
+
+    def __call__(self, problem: FitProblem, macro: Floats, reach: TableReach) -> SkinTable:
+        tasks = table_tasks(problem, macro, reach)
+        names = [name_of(task) for task in tasks]
+        parts = [self.store.table(name) for name in names]
+        missing = [n for n, part in enumerate(parts) if part is None]
+        done = len(tasks) - len(missing)
+        self.progress("images", done, len(tasks))
+        for n, part in zip(missing, self.mapper(run_table, [tasks[n] for n in missing]), strict=True):
+            parts[n] = part
+            self.store.keep_table(names[n], part)
+            done += 1
+            self.progress("images", done, len(tasks))
+        return joined([part for part in parts if part is not None])
+
+
+def _climb_tabled(problem: FitProblem, bounds: Bounds, start: Floats, tabler: _Tabler) -> Peak:
+    """A climb from a point of the grid, on a table as rough as the grid."""
+    return run_climb(ClimbTask(problem, bounds, start, table=tabler(problem, start, ROUGH)))
+
+
+def _local_peaks(problem: FitProblem, bounds: Bounds, starts: list[Floats], mapper: Mapper) -> list[Floats]:
+    """Where climbs on the surface that looks the same everywhere end: the best, and one that is nearly as good."""
+    assert problem.contacts is not None
+    local = problem.contacts.local
+    if local is None:
+        return starts
+    # The centre may leave the box a little; what follows keeps to it.
+    box = Bounds(*(local.arcs(end) for end in (bounds.low, bounds.high)))
+    tasks = [ClimbTask(local.problem(problem), box, local.arcs(start)) for start in starts]
+    peaks: list[Peak] = sorted(mapper(run_climb, tasks), key=lambda p: -p.log_evidence)
+    found: list[Floats] = []
+    for peak in peaks:
+        macro = np.clip(local.labels(peak.macro), bounds.low, bounds.high)
+        near = peaks[0].log_evidence - peak.log_evidence < RIVAL
+        reach = np.array([ROUGH.centre_m, ROUGH.centre_m, ROUGH.alpha_rad, ROUGH.log_ratio, np.inf])
+        if near and all((np.abs(macro - other) > 0.5 * reach).any() for other in found):
+            found.append(macro)
+    return found[:RIVALS]
+
+
+def _tabled(problem: FitProblem, bounds: Bounds, peak: Peak, tabler: _Tabler) -> tuple[Peak, SkinTable]:
     """In the general way, the peak on a fine table of images round it, and that table."""
     table, tries = None, 0
     while table is None or (tries < TABLES and not table.holds(peak.macro)):
-        table = joined(list(mapper(run_table, table_tasks(problem, peak.macro, reach_of(peak)))))
+        table = tabler(problem, peak.macro, reach_of(peak))
         peak, tries = run_climb(ClimbTask(problem, bounds, peak.macro, table=table)), tries + 1
     return peak, table
 

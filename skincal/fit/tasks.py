@@ -46,9 +46,14 @@ class SlabTask:
 
 
 def run_slab(task: SlabTask) -> GridSlab:
-    """Evaluates one turn of the grid, the fast way or the general one."""
-    evaluate = grid.evaluate_slab if task.problem.contacts is None else general.evaluate_slab
-    return evaluate(task.problem, task.grid, task.turn, task.settings)
+    """Evaluates one turn of the grid, by tables or by the skin model itself."""
+    contacts = task.problem.contacts
+    if contacts is None:
+        return grid.evaluate_slab(task.problem, task.grid, task.turn, task.settings)
+    if contacts.local is None:
+        return general.evaluate_slab(task.problem, task.grid, task.turn, task.settings)
+    local = contacts.local
+    return grid.evaluate_slab(local.problem(task.problem), local.grid(task.grid), task.turn, task.settings)
 
 
 @dataclass(frozen=True, eq=False)

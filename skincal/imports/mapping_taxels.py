@@ -45,13 +45,8 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
     """
     turned = table.flag("transpose", default=False)
     shape = (sensor.cols, sensor.rows) if turned else (sensor.rows, sensor.cols)
-    by_columns = table.choice("order", ("rows", "columns"), default="rows") == "columns"
     # Entry (r, c) of the source's image is its flat index in the source.
-    image = (
-        np.arange(sensor.taxels).reshape(shape[::-1]).T
-        if by_columns
-        else np.arange(sensor.taxels).reshape(shape)
-    )
+    image = _ordered(table, shape)
     names: tuple[str, ...] = ()
     axes = 1
     if source == "csv" and table.has("vectors"):
@@ -80,6 +75,23 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
         if table.has("rest_rows")
         else REST_ROWS,
     )
+
+
+def _ordered(table: StrictTable, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """The source's image by its ``order``: row by row, column by column, or the index of every taxel."""
+    flat = np.arange(shape[0] * shape[1])
+    given = table.raw("order")
+    if not isinstance(given, list):
+        if table.choice("order", ("rows", "columns"), default="rows") == "columns":
+            return flat.reshape(shape[::-1]).T
+        return flat.reshape(shape)
+    items = cast("list[Any]", given)
+    whole = all(isinstance(item, int) and not isinstance(item, bool) for item in items)
+    if not whole or sorted(items) != flat.tolist():
+        expected = f'"rows", "columns", or the indices 0 to {len(flat) - 1} of all taxels, each once'
+        table.error("order", expected, items)
+        return flat.reshape(shape)
+    return np.asarray(items, dtype=np.int64).reshape(shape)
 
 
 def _finite(table: StrictTable, key: str, default: float) -> float:

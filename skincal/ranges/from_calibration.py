@@ -71,7 +71,10 @@ def from_calibration(
     parameters = dict(presets.preset(preset))
     warnings: list[Problem] = []
     # On a plane the patch has no angle round the finger, off it no place across.
-    parameters.pop("skin.beta_deg" if calibration.surface.kind == "plane" else "skin.x_m", None)
+    flat = calibration.surface.kind == "plane"
+    # Nor is a pad's y one along a finger, of which the preset speaks.
+    for path in ("skin.beta_deg", "skin.y_m", "skin.alpha_deg") if flat else ("skin.x_m",):
+        parameters.pop(path, None)
     for name in calibration.intervals:
         if f"skin.{name}" not in NAMES:  # the level at rest is of the session; a task has its own offsets
             continue

@@ -269,3 +269,16 @@ def test_a_checkpoint_on_a_full_disk_names_its_file_and_leaves_no_part(
 def test_a_mapper_keeps_the_order(workers: int) -> None:
     with mapper(workers) as spread:
         assert list(spread(_square, range(6))) == [0, 1, 4, 9, 16, 25]
+
+
+def test_taxels_in_another_order_are_named_and_give_no_interval(session: Dataset, tmp_path: Path) -> None:
+    mirrored = session.presses.counts.reshape(-1, 4, 4)[:, :, ::-1].reshape(-1, 16)
+    turned = replace(session, presses=replace(session.presses, counts=mirrored), frames=None)
+    found = calibrate(turned, options=QUICK, workers=1).calibration
+    write_calibration(found, tmp_path / "cal")
+    back = read_calibration(tmp_path / "cal")
+    assert back.findings[0].code == "taxel_order"
+    assert back.findings[0].mapping == "flip_cols = true"
+    assert "dead_taxel" not in {one.code for one in back.findings}
+    assert not np.isfinite(list(back.intervals.values())).any()
+    assert "mapping" not in {key for one in back.findings[1:] for key in one.plain()}

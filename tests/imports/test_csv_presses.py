@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError
+from skincal.fit.wiring_orders import mapping_of
 from skincal.imports import import_csv, template
 from tests.imports.foreign import PRESS_ROWS, mapping, press_table, write_mapping, write_press_table
 
@@ -139,6 +141,11 @@ def test_image_is_turned_as_the_mapping_says(
     _check_image(tmp_path, table, mapping(content, taxels=taxels))
 
 
+def _lines(flat: np.ndarray) -> dict[str, Any]:
+    """The mapping that a fit names for a source whose position p holds our taxel ``flat[p]``."""
+    return {"columns": "s{j}", **tomllib.loads(mapping_of(np.argsort(flat), 3, 4))}
+
+
 @pytest.mark.parametrize(
     ("taxels", "flat"),
     [
@@ -149,6 +156,14 @@ def test_image_is_turned_as_the_mapping_says(
         ({"columns": [f"s{j}" for j in range(12)]}, IMAGE.ravel()),
         ({"columns": [f"s{j}" for j in range(12)], "order": "columns"}, IMAGE.T.ravel()),
         ({"columns": [[f"s{4 * r + c}" for c in range(4)] for r in range(3)]}, IMAGE.ravel()),
+        ({"columns": "s{j}", "order": [*range(10), 11, 10]}, np.array([*range(10), 11, 10])),
+        (
+            {"columns": "s{j}", "order": [*range(1, 12), 0], "flip_rows": True},
+            np.roll(IMAGE[::-1].ravel(), 1),
+        ),
+        (_lines(IMAGE.T.ravel()), IMAGE.T.ravel()),
+        (_lines(IMAGE[::-1, ::-1].ravel()), IMAGE[::-1, ::-1].ravel()),
+        (_lines(IMAGE.ravel()[[3, 1, 2, 0, *range(4, 12)]]), IMAGE.ravel()[[3, 1, 2, 0, *range(4, 12)]]),
     ],
 )
 def test_flat_image_is_ordered_as_the_mapping_says(

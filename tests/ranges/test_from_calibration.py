@@ -258,3 +258,18 @@ def test_narrowing_compares_with_the_preset():
     by_path = {row.path: row.ratio for row in offsets}
     assert by_path["skin.y_m"] == pytest.approx(3.5 / 0.5)
     assert np.isnan(by_path["skin.beta_deg"])
+
+
+def test_the_pose_of_a_flat_pad_is_not_compared_with_a_finger_s():
+    flat = from_calibration(on_a_plane())
+    rows = {row.path: row for row in narrowing(flat, preset("iros24"))}
+    assert rows["skin.y_m"].published is None
+    assert np.isnan(rows["skin.y_m"].ratio)
+    assert rows["skin.elasticity_pa_per_m"].published is not None
+
+
+def test_what_a_flat_pad_leaves_open_is_not_taken_from_a_finger():
+    calibration = on_a_plane()
+    found = from_calibration(replace(calibration, intervals=dict(calibration.intervals) | {"y_m": ALL}))
+    assert found["skin.y_m"] != preset("iros24")["skin.y_m"]
+    assert "preset's range" not in " ".join(problem.fix for problem in found.warnings)

@@ -1,0 +1,62 @@
+"""What a fit says of taxels that stand in another order than the data say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from skincal.calibration import Calibration, Finding
+from skincal.fit.wiring import TaxelOrder
+from skincal.model import TaxelLayout
+
+MOST_NAMED = 8
+"""So many moved taxels are named."""
+
+_FROM_WRONG_IMAGES = (
+    "dead_taxel",
+    "misfit",
+    "force_scatter",
+    "positions_worse",
+    "positions_bent",
+    "glitches",
+)
+"""Findings that images in the wrong order bring about."""
+
+
+def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
+    """The finding ``taxel_order``, with the line of a mapping file that mends it.
+
+    Args:
+        order: that explains the images.
+        layout: the taxels.
+    """
+    moved = ["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()]
+    which = ", ".join(moved[:MOST_NAMED]) + (
+        f" and {len(moved) - MOST_NAMED} more" if moved[MOST_NAMED:] else ""
+    )
+    lines = order.mapping.replace("\n", ", ")
+    return Finding(
+        "taxel_order",
+        "warning",
+        f"The taxels seem to stand in another order than the data say: with `{lines}` the images differ by "
+        f"{order.rms_after:.3g} instead of {order.rms_before:.3g} from contacts at the measured places. "
+        f"Other taxels belong at {which}.",
+        f"Write `{lines}` under [taxels] of the mapping and import again, or exchange the wires. Do not use this "
+        "calibration: no interval is given.",
+        order.mapping,
+    )
+
+
+def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
+    """The calibration with the finding, and without intervals: it comes from images in the wrong order.
+
+    Args:
+        calibration: of the images as they are.
+        order: that explains them.
+    """
+    nothing = (float("-inf"), float("inf"))
+    others = (one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
+    return replace(
+        calibration,
+        intervals=dict.fromkeys(calibration.intervals, nothing),
+        findings=(order_finding(order, calibration.layout()), *others),
+    )
