@@ -40,6 +40,7 @@ class Failing(HandDriver):
 
     def __init__(self, hand: HandDriver, fault: Callable[[HandState], HandState]) -> None:
         self._hand, self._fault = hand, fault
+        self.real_time = hand.real_time
         self.observed, self.failed_at, self.stopped_at = 0, 0.0, 0.0
 
     description = property(lambda self: self._hand.description)

@@ -142,6 +142,7 @@ def collect(
         print_json(_as_json(found, out))
     else:
         _tell(found, out)
+    warn(found.rest_shifts)
     if found.problems:
         warn(found.problems)
         say(
@@ -285,6 +286,7 @@ def _as_json(found: Collected, out: Path) -> dict[str, Any]:
         "status": found.statuses,
         "resumed": found.resumed,
         "session_s": round(found.session_s, 3),
+        "rest_shifts": [str(shift) for shift in found.rest_shifts],
         "problems": [str(problem) for problem in found.problems],
     }
 

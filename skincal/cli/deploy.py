@@ -11,7 +11,8 @@ import typer
 
 from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
 from skincal.cli.eval import Task
-from skincal.cli.hand import DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.interrupt import moving
 
 if TYPE_CHECKING:
     import numpy as np
@@ -79,6 +80,7 @@ def deploy(
     width_mm: Annotated[
         float, typer.Option("--width-mm", min=1.0, max=40.0, help="Width of the object.")
     ] = WIDTH_MM,
+    beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
@@ -91,10 +93,11 @@ def deploy(
     from skincal.deploy import write_record
     from skincal.envs.pinch import read_pinch
     from skincal.files import refuse_existing, whole_folder
+    from skincal.hand import GuardOptions
     from skincal.hand.registry import create_driver
     from skincal.train import policy_path, read_policy
 
-    find_modules_here()
+    find_modules_here(driver)
     refuse_existing(out, force=force, marker=MARKER)
     chosen = read_policy(policy_path(policy))
     _check_task(chosen.description.task, task, policy)
@@ -102,8 +105,11 @@ def deploy(
     made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
     hand, width = read_pinch(pinch), 1e-3 * width_mm
     speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
-    with _progress(hand.description) as watch:
-        found = run(chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, watch=watch)
+    guard = GuardOptions(beyond_limits=beyond_limits)
+    with _progress(hand.description) as watch, moving():
+        found = run(
+            chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch
+        )
     content = _as_json(found, task, chosen.file, driver, seed, out)
     with whole_folder(out, force=force, marker=MARKER) as folder:
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"

@@ -19,6 +19,7 @@ from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
+from skincal.collect.rest_shift import rest_shifts
 from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.sites import Mount
 from skincal.dataset import Dataset, check_dataset, write_dataset
@@ -41,6 +42,7 @@ class Collected:
         session_s: length of the session on its clock [s].
         interruptions: how often the session went on after an interruption.
         problems: why the dataset cannot be used as it stands; empty: it can.
+        rest_shifts: presses after which taxels rest at another level.
     """
 
     dataset: Dataset
@@ -48,6 +50,7 @@ class Collected:
     session_s: float
     interruptions: int
     problems: tuple[Problem, ...] = ()
+    rest_shifts: tuple[Problem, ...] = ()
 
     @property
     def missed_target(self) -> int:
@@ -130,7 +133,8 @@ def collect(
         times = dataset.frames.time_s
         cuts = sum(bool(connection["resumed"]) for connection in journal.connections())
         journal.remove()
-    return Collected(dataset, resumed, float(times[-1] - times[0]), cuts, problems)
+    session_s = float(times[-1] - times[0])
+    return Collected(dataset, resumed, session_s, cuts, problems, rest_shifts(dataset))
 
 
 def _begun_or_gone(session: Session) -> None:

@@ -62,6 +62,7 @@ class ReferenceHand(HandDriver):
     """
 
     name = "reference"
+    real_time = False
 
     def __init__(
         self,
