@@ -1,12 +1,14 @@
-"""Kills a verb at each of its write events, and looks at what is left: whole or absent, and as good as new when run again.
+"""Kills a verb at each of its write events, and looks at what is left: whole or absent, and the same when run again.
 
-A write event is a file opened to be written, a name made, moved or removed, or a file brought to the disk. The verb runs
-in a fork of this process, which ends at the event without any cleaning up, as a kill ends it.
+A write event is a file opened to be written, a name made, moved or removed, or a file brought to the disk. The verb
+runs in a fork of this process, which ends at the event without any cleaning up, as a kill ends it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import importlib
 import os
 import re
 import shutil
@@ -88,6 +90,19 @@ def forked(work: Callable[[], None], kill_at: int | None = None, root: Path | No
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), events
 
 
+def preload(work: Callable[[], None], note: Path) -> None:
+    """Import what something needs, as a fork that ran it tells in a file, so that no later fork has to."""
+
+    def tell() -> None:
+        work()
+        note.write_text(" ".join(sys.modules))
+
+    assert forked(tell)[0] == 0
+    for name in note.read_text().split():
+        with contextlib.suppress(Exception):
+            importlib.import_module(name)
+
+
 def _count(pipe: int, kill_at: int | None, root: str) -> None:
     count = 0
 
@@ -100,17 +115,23 @@ def _count(pipe: int, kill_at: int | None, root: str) -> None:
 
     def hook(name: str, args: tuple[Any, ...]) -> None:
         if name == "open":
-            if not (isinstance(args[0], (str, bytes, os.PathLike)) and isinstance(args[2], int) and args[2] & WRITING):
+            if not (
+                isinstance(args[0], (str, bytes, os.PathLike))
+                and isinstance(args[2], int)
+                and args[2] & WRITING
+            ):
                 return
         elif name not in EVENTS:
             return
-        if isinstance(args[0], (str, bytes, os.PathLike)) and os.path.abspath(os.fsdecode(args[0])).startswith(root):
+        if isinstance(args[0], (str, bytes, os.PathLike)) and Path(
+            os.fsdecode(args[0])
+        ).absolute().is_relative_to(root):
             event()
 
     fsync = os.fsync
 
     def synced(descriptor: int) -> None:
-        if os.readlink(f"/proc/self/fd/{descriptor}").startswith(root):
+        if Path(f"/proc/self/fd/{descriptor}").readlink().is_relative_to(root):
             event()
         fsync(descriptor)
 
@@ -140,8 +161,10 @@ class Study:
         self.verb.prepare(self.base)
         self.given = sorted(path.name for path in self.base.iterdir())
         if self.force:
-            assert forked(lambda: self.verb.run(self.base, False))[0] == 0
+            assert forked(lambda: self._work(self.base))[0] == 0
         self.before = self._looks(self.base)
+        whole = self._copy("whole")
+        preload(lambda: self._work(whole), self.folder / "modules")
         whole = self._copy("whole")
         status, self.events = forked(lambda: self._work(whole), None, whole)
         assert status == 0
@@ -156,10 +179,14 @@ class Study:
         """
         place = self._copy("killed")
         status, _ = forked(lambda: self._work(place), at, place)
-        where = f"{self.verb.name}, killed at {at} of {self.events}, force {self.force}, exchange {self.exchange}"
+        where = (
+            f"{self.verb.name}, killed at {at} of {self.events}, force {self.force}, exchange {self.exchange}"
+        )
         assert status == KILLED, f"{where}: ended by itself, {status}"
         inputs = {name: content(self.base / name) for name in self.given}
-        assert {name: content(place / name) for name in self.given} == inputs, f"{where}: an input has changed"
+        assert {name: content(place / name) for name in self.given} == inputs, (
+            f"{where}: an input has changed"
+        )
         if not self.exchange:
             for name in self.verb.outputs:
                 recover(place / name)
@@ -181,7 +208,8 @@ class Study:
 
     def _looks(self, place: Path) -> dict[str, Content]:
         return {
-            name: self.verb.look(place / name) if (place / name).exists() else {} for name in self.verb.outputs
+            name: self.verb.look(place / name) if (place / name).exists() else {}
+            for name in self.verb.outputs
         }
 
     def _clean(self, place: Path) -> None:
