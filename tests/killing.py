@@ -1,12 +1,14 @@
-"""Kills a verb at each of its write events, and looks at what is left: whole or absent, and as good as new when run again.
+"""Kills a verb at each of its write events, and looks at what is left: whole or absent, and the same when run again.
 
-A write event is a file opened to be written, a name made, moved or removed, or a file brought to the disk. The verb runs
-in a fork of this process, which ends at the event without any cleaning up, as a kill ends it.
+A write event is a file opened to be written, a name made, moved or removed, or a file brought to the disk. The verb
+runs in a fork of this process, which ends at the event without any cleaning up, as a kill ends it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import importlib
 import os
 import re
 import shutil
@@ -88,6 +90,19 @@ def forked(work: Callable[[], None], kill_at: int | None = None, root: Path | No
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), events
 
 
+def preload(work: Callable[[], None], note: Path) -> None:
+    """Import what something needs, as a fork that ran it tells in a file, so that no later fork has to."""
+
+    def tell() -> None:
+        work()
+        note.write_text(" ".join(sys.modules))
+
+    assert forked(tell)[0] == 0
+    for name in note.read_text().split():
+        with contextlib.suppress(Exception):
+            importlib.import_module(name)
+
+
 def _count(pipe: int, kill_at: int | None, root: str) -> None:
     count = 0
 
@@ -108,15 +123,15 @@ def _count(pipe: int, kill_at: int | None, root: str) -> None:
                 return
         elif name not in EVENTS:
             return
-        if isinstance(args[0], (str, bytes, os.PathLike)) and os.path.abspath(
+        if isinstance(args[0], (str, bytes, os.PathLike)) and Path(
             os.fsdecode(args[0])
-        ).startswith(root):
+        ).absolute().is_relative_to(root):
             event()
 
     fsync = os.fsync
 
     def synced(descriptor: int) -> None:
-        if os.readlink(f"/proc/self/fd/{descriptor}").startswith(root):
+        if Path(f"/proc/self/fd/{descriptor}").readlink().is_relative_to(root):
             event()
         fsync(descriptor)
 
@@ -146,8 +161,10 @@ class Study:
         self.verb.prepare(self.base)
         self.given = sorted(path.name for path in self.base.iterdir())
         if self.force:
-            assert forked(lambda: self.verb.run(self.base, False))[0] == 0
+            assert forked(lambda: self._work(self.base))[0] == 0
         self.before = self._looks(self.base)
+        whole = self._copy("whole")
+        preload(lambda: self._work(whole), self.folder / "modules")
         whole = self._copy("whole")
         status, self.events = forked(lambda: self._work(whole), None, whole)
         assert status == 0

@@ -24,7 +24,7 @@ from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.sites import Mount
 from skincal.dataset import Dataset, check_dataset, write_dataset
 from skincal.errors import InputError, Problem
-from skincal.files import alone, refuse_existing
+from skincal.files import alone, recover, refuse_existing
 from skincal.hand import GuardOptions
 from skincal.robot import HandDescription, Kinematics
 
@@ -117,6 +117,7 @@ def collect(
     if not _written(folder, out):
         refuse_existing(out, *inputs, force=force, marker=MARKER)
     with alone(folder.with_name(f"{folder.name}.lock"), folder, create=True):
+        recover(out)
         same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
                 "options": digest_of(repr(asdict(options)))}  # fmt: skip
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)

@@ -231,7 +231,9 @@ def _slab(value: float) -> GridSlab:
     return GridSlab(np.full((2, 2, 2), value), np.ones((2, 2, 2)), np.zeros((2, 2, 2)))
 
 
-def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(session: Dataset, tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(
+    session: Dataset, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     box = search_box(session)
     key = fit_key("abc", "fast", QUICK, box)
     assert key == fit_key("abc", "fast", replace(QUICK, level=0.9), box)
@@ -242,6 +244,7 @@ def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(session: Datas
     assert set(kept.load()) == {0, 3}
     assert (kept.load()[3].mse_counts2 == 2.0).all()
     assert Checkpoint(tmp_path / "kept", "other").load() == {}
+    assert "nothing of this fit; it begins anew" in caplog.text
     file = tmp_path / "kept" / "turn-003.npz"
     file.write_bytes(file.read_bytes()[:100])
     assert set(kept.load()) == {0}

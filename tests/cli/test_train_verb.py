@@ -73,6 +73,16 @@ def test_json_and_going_on(trained, tmp_path, capsys):
     assert len((out / "curve.csv").read_text().splitlines()) == 3
 
 
+def test_a_run_that_begins_anew_says_so(trained, tmp_path, capsys):
+    import shutil
+
+    out = tmp_path / "run"
+    shutil.copytree(trained, out)
+    shutil.rmtree(out / "checkpoint")
+    assert run("train", "marble", "--out", out, "--resume", "--steps", ROUND) == 0
+    assert "there is no checkpoint; the run begins anew, at step 0" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -342,7 +342,7 @@ def test_cut_off_after_the_dataset_was_written_it_is_not_written_again(
         with pytest.raises(WorkError):
             rig.run()
     written = (rig.out / "presses.csv").stat().st_mtime_ns
-    (rig.out.parent / ".run.x.part").mkdir()  # of another process that was killed while it wrote
+    (rig.out.parent / ".run.abcd_123.part").mkdir()  # of another process that was killed while it wrote
     assert len(rig.run().dataset.presses) == len(PLAN)
     assert (rig.out / "presses.csv").stat().st_mtime_ns == written
     assert [p.name for p in rig.out.parent.iterdir()] == ["run"] and len(rig.hands) == 1

@@ -1,4 +1,4 @@
-"""Every verb that writes is killed at its write events: its output is whole or absent, and is the same when run again."""
+"""Every verb that writes is killed at its write events: its output is whole or absent, and the same when run again."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from calibrations import make_calibration
-from killing import Content, Verb, content
+from killing import Content, Study, Verb, content
 
+from skincal.calibrate.checkpoint import Checkpoint
 from skincal.calibration import write_calibration
 from skincal.cli.main import main
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import read_dataset, write_dataset
+from skincal.fit.grid import GridSlab
 
 
 def _verb(*words: str) -> Callable[[Path, bool], None]:
@@ -42,6 +45,11 @@ def _session(folder: Path) -> None:
     write_dataset(make_session(np.random.default_rng(5), presses=12)[0], folder / "data")
 
 
+def _both(folder: Path) -> None:
+    _calibration(folder)
+    _session(folder)
+
+
 def _recording(folder: Path) -> None:
     from imports.foreign import PRESS_ROWS, mapping, press_table, write_mapping, write_press_table
 
@@ -50,6 +58,18 @@ def _recording(folder: Path) -> None:
     data = make_session(np.random.default_rng(5), presses=12)[0]
     write_press_table(folder / "p.csv", press_table(data))
     write_mapping(folder, mapping(PRESS_ROWS))
+
+
+def _fit(_: Path, force: bool) -> None:
+    """What ``skincal fit`` does with the turns of its grid, and when it has its result."""
+    kept = Checkpoint(Path(".out.fit"), "key")
+    slabs = kept.load()
+    for turn in range(4):
+        if turn not in slabs:
+            kept.keep(turn, GridSlab(*np.full((3, 2, 2, 2), float(turn))))
+    grid = {"mse_counts2": np.array([slab.mse_counts2[0, 0, 0] for _, slab in sorted(kept.load().items())])}
+    write_calibration(make_calibration(rows=20, grid=grid), "out", force=force)
+    kept.remove()
 
 
 def _diagnosis(_: Path, force: bool) -> None:
@@ -103,7 +123,7 @@ def _trained(path: Path) -> Content:
     weights = [value.raw_data for value in onnx.load(path / "policy.onnx").graph.initializer]
     return {
         "weights": weights,
-        "curve": [curve[name].tobytes() for name in ("steps", "reward", "actor_loss")],
+        "curve": [curve[name].tobytes() for name in ("steps", "reward", "error_m", "drops")],
     }
 
 
@@ -118,22 +138,6 @@ def _train(place: Path, force: bool) -> None:
     train(place / "out", small_runs.make, 2 * small_runs.CHECKPOINT_STEPS)
 
 
-FIT = [
-    "--y-step-mm",
-    "2",
-    "--arc-step-mm",
-    "4",
-    "--alpha-step-deg",
-    "20",
-    "--e-count",
-    "2",
-    "--no-report",
-    "--workers",
-    "1",
-    "--draws",
-    "20",
-]
-
 VERBS = {
     verb.name: verb
     for verb in (
@@ -143,17 +147,17 @@ VERBS = {
         Verb(
             "predict",
             _verb("predict", "cal", "data"),
-            prepare=lambda folder: (_calibration(folder), _session(folder)) and None,
+            prepare=_both,
         ),
         Verb("dataset show", _verb("dataset", "show", "data", "--out", "out.png"), ("out.png",), prepare=_session),
-        Verb("fit", _verb("fit", "data", *FIT), prepare=_session),
+        Verb("fit", _fit),
         Verb("diagnose", _diagnosis),
         Verb("eval", _evaluation),
         Verb(
             "collect --plan-only",
-            _verb("collect", "--plan", "plan.csv", "--plan-only"),
+            _verb("collect", "--plan", "plan.toml", "--plan-only"),
             ("out-plan.toml", "out-plan.png"),
-            prepare=lambda folder: write_plan(PLAN, folder / "plan.csv"),
+            prepare=lambda folder: write_plan(PLAN, folder / "plan.toml"),
         ),
         Verb(
             "collect",
@@ -164,3 +168,33 @@ VERBS = {
         Verb("train", _train, look=_trained, partial=True),
     )
 }  # fmt: skip
+
+WAYS = {"new": (False, True), "replaced": (True, True), "replaced by two moves": (True, False)}
+"""Whether there is an earlier output, and whether the kernel can exchange two names."""
+
+CASES = [(verb, way) for verb in VERBS for way in WAYS if way == "new" or verb not in ("collect", "train")]
+"""Sessions and runs go on in place of beginning again; what replaces them is written as all else."""
+
+
+def _study(folder: Path, verb: str, way: str) -> Study:
+    if verb in ("hand keys", "train"):
+        pytest.importorskip("zmq" if verb == "hand keys" else "stable_baselines3")
+    return Study(VERBS[verb], folder / "study", *WAYS[way])
+
+
+@pytest.mark.parametrize("verb", ["export-dr", "import", "fit", "eval"])
+def test_a_kill_loses_nothing(tmp_path: Path, verb: str) -> None:
+    """The last moves, and two events before."""
+    study = _study(tmp_path, verb, "replaced")
+    for at in (study.events // 3, 2 * study.events // 3, study.events - 2):
+        study.kill(at)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("verb", "way"), CASES)
+def test_no_kill_loses_anything(tmp_path: Path, verb: str, way: str) -> None:
+    """At every write event."""
+    study = _study(tmp_path, verb, way)
+    for at in range(1, study.events + 1):
+        study.kill(at)
+    print(f"{verb}, {way}: {study.events} kills")
