@@ -24,7 +24,7 @@ $(VENV)/.%-stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@
 
 demo: $(VENV)/.policy-stamp ## sessions on the simulated hand: fit, ranges, a policy; a hidden effect found and added
-	@$(BIN)/python data/demo.py --out $(DEMO)
+	@$(BIN)/skincal demo --out $(DEMO)
 
 test: $(VENV)/.test-stamp ## the tests, without the slow ones
 	$(BIN)/python -m pytest -n auto -m "not slow"

@@ -56,6 +56,7 @@ def calibrate(
     box: SearchBox | None = None,
     seed: int = 0,
     workers: int | None = None,
+    scheduler: str | None = None,
     checkpoint: Path | None = None,
     command: str = "",
     method: Method = "auto",
@@ -69,6 +70,7 @@ def calibrate(
         box: ranges to search; None for those of the dataset's ``[mount]``.
         seed: of the draws.
         workers: processes; None for one a core. The result does not depend on it.
+        scheduler: address of a Dask scheduler whose workers are used instead; None: none.
         checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.
         command: command line, for the provenance.
         method: "fast" for tables and Gauss-Newton, where the surface looks the same everywhere; "nlopt" for the
@@ -89,7 +91,7 @@ def calibrate(
     slabs = {} if kept is None else kept.load()
     try:
         plan = plan_fit(problem, box, options)
-        with mapper(workers) as spread:
+        with mapper(workers, scheduler) as spread:
             result = solve(
                 plan,
                 box,

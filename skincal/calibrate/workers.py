@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
@@ -25,16 +26,23 @@ def available_cores() -> int:
 
 
 @contextmanager
-def mapper(workers: int | None = None) -> Generator[Mapper]:
-    """A mapper that spreads work over processes.
+def mapper(workers: int | None = None, scheduler: str | None = None) -> Generator[Mapper]:
+    """Yield a mapper that spreads work over processes of this machine, or over a cluster.
 
     Args:
         workers: how many processes; None for one a core; 1 for none but this one.
+        scheduler: address of a Dask scheduler, whose workers are used instead; None: none.
 
     Yields:
         The mapper. Results come in the order of the arguments and do not depend on the number of workers. With several
         processes work begins at once, and what nobody has waited for at the end is dropped, errors in it included.
     """
+    if scheduler is not None:
+        from skincal.calibrate.cluster import cluster_mapper
+
+        with cluster_mapper(scheduler) as spread:
+            yield spread
+        return
     count = available_cores() if workers is None else workers
     if count <= 1:
         yield map
@@ -70,10 +78,27 @@ def _start(pool: ProcessPoolExecutor, count: int) -> None:
     with _interrupt_afterwards():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            for _ in range(count):  # each makes one process
-                pool.submit(os.getpid)
+            with _without_main():
+                for _ in range(count):  # each makes one process
+                    pool.submit(os.getpid)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _without_main() -> Generator[None]:
+    """Hide the main module's file from workers that start now.
+
+    A worker would run it again: a script without an ``if __name__ == "__main__"`` would begin anew in each of them.
+    All work that is sent to workers is a function of an installed module, so none needs it.
+    """
+    main = sys.modules["__main__"]
+    hidden = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(hidden)
 
 
 def _begin_tracker() -> None:

@@ -1,20 +1,17 @@
-"""What the verbs share: options, JSON on standard output, messages and progress on standard error."""
+"""What the verbs share: options, JSON on standard output, messages on standard error."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Generator, Iterable, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from skincal.errors import Problem
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
 
 DatasetArgument = Annotated[
     Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.", show_default=False)
@@ -28,6 +25,19 @@ JsonOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace an output that exists.")]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")
+]
+
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes of this machine.",
+        show_default=False,
+    ),
 ]
 
 
@@ -89,29 +99,3 @@ def warn(problems: Iterable[Problem]) -> None:
     """Prints warnings on standard error."""
     for problem in problems:
         say(f"skincal: {problem.severity}: {problem}")
-
-
-@contextmanager
-def progress() -> Generator[Progress]:
-    """Progress bars on standard error, which vanish at the end; nothing is drawn where it is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        yield bars
-
-
-@contextmanager
-def stage_bars() -> Generator[Callable[[str, int, int], None]]:
-    """Progress bars, one a stage, as a function that is told the stage, how much is done, and of how much."""
-    with progress() as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def told(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield told

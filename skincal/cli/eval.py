@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json, progress
+from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json
 from skincal.errors import InputError, Problem
+from skincal.progress import progress
 
 if TYPE_CHECKING:
     from rich.table import Table

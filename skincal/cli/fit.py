@@ -18,14 +18,16 @@ from skincal.cli.common import (
     ForceOption,
     JsonOption,
     OutOption,
+    SchedulerOption,
     SeedOption,
+    WorkersOption,
     example,
     print_json,
     say,
-    stage_bars,
     warn,
 )
 from skincal.cli.fit_ranges import Pair, searched
+from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
     from skincal.calibrate import Method, Way
@@ -105,9 +107,8 @@ def fit(
             show_default=False,
         ),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
-    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     seed: SeedOption = 0,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,
@@ -150,6 +151,7 @@ def fit(
             box=box,
             seed=seed,
             workers=workers,
+            scheduler=scheduler,
             checkpoint=checkpoint,
             command=shlex.join(["skincal", *sys.argv[1:]]),
             method=way.method,

@@ -15,9 +15,9 @@ from skincal.cli.common import (
     example,
     print_json,
     say,
-    stage_bars,
     warn,
 )
+from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset

@@ -8,6 +8,8 @@ from skincal.cli import (
     audit,
     collect,
     dataset,
+    demo,
+    deploy,
     diagnose,
     export_dr,
     fit,
@@ -35,11 +37,13 @@ def register(app: typer.Typer) -> None:
         ("export-dr", export_dr.export_dr, export_dr.EPILOG, "Write the ranges to train a policy over."),
         ("train", train.train, train.EPILOG, "Train a policy with soft actor-critic."),
         ("eval", evaluation.evaluate, evaluation.EPILOG, "Evaluate policies side by side, as published."),
+        ("deploy", deploy.deploy, deploy.EPILOG, "Run a policy on a hand, through its driver."),
         (
             "serve-hand",
             serve_hand.serve_hand,
             serve_hand.EPILOG,
             "Serve a hand to another computer or program.",
         ),
+        ("demo", demo.demo, demo.EPILOG, "Show the main job on a simulated hand."),
     ):
         app.command(verb, epilog=epilog, short_help=line)(function)

@@ -5,23 +5,27 @@ are asked for.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
-
-from skincal.envs.registration import ENVIRONMENTS, register_environments
 
 if TYPE_CHECKING:
     from skincal.envs.bolt import BoltRollEnv
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
     from skincal.envs.options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
+    from skincal.envs.registration import ENVIRONMENTS, register_environments
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv
     from skincal.envs.task import TaskOptions
 
-register_environments()
+if find_spec("gymnasium") is not None:
+    from skincal.envs.registration import register_environments
+
+    register_environments()
 
 _HOMES = {
     "BoltRollEnv": "bolt",
+    "ENVIRONMENTS": "registration",
     "EpisodeOptions": "options",
     "GraspOptions": "grasp",
     "JOINT_OFFSETS": "options",
@@ -30,6 +34,7 @@ _HOMES = {
     "RewardScales": "rewards",
     "RollEnv": "roll",
     "TaskOptions": "task",
+    "register_environments": "registration",
 }
 
 

@@ -91,6 +91,18 @@ class Grasp:
         Returns:
             (n,) the command at which it is held, as the joint sensors measure it [rad].
         """
+        return self._close(scene, self.open(scene, values, body, rotation, place_m), values)
+
+    def open(
+        self, scene: Scene, values: Values, body: Body, rotation: FloatArray, place_m: FloatArray
+    ) -> float:
+        """Begin a scene with the tips open about an object that is held midway between them.
+
+        Arguments are those of :meth:`take`.
+
+        Returns:
+            Distance of the tips at which the posture is [m].
+        """
         options, offset = self._options, array(values, "finger.joint_offset_rad")
         width = 2 * (body.radius_m + options.gap_m)
         middle, tip = self._middle(self._postures.at(2 * body.radius_m) - offset)
@@ -98,9 +110,12 @@ class Grasp:
             command = self._postures.at(width)
             scene.begin(self._grip(values, body, command - offset, middle + tip @ place_m, tip @ rotation))
             if scene.gap_m() > 0 or width >= self._postures.widths_m[-1]:
-                break
+                return width
             width += options.wider_m
-        return self._close(scene, width, values)
+
+    def posture(self, width_m: float) -> FloatArray:
+        """Angles (n,) at a distance between the tips [rad]."""
+        return self._postures.at(width_m)
 
     def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The point midway between the two tips as they would hold the object, and the fingertip's rotation."""

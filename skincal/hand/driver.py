@@ -97,6 +97,13 @@ class HandDriver(ABC):
     def act(self, command: HandCommand) -> None:
         """Sends a command; returns without waiting for its effect."""
 
+    def object_position_m(self) -> FloatArray | None:
+        """Where the object between the fingers truly is: patch coordinates of its place on the sensor (2,) [m].
+
+        None: the hand has nothing that sees it, as most hands have not.
+        """
+        return None
+
     @abstractmethod
     def stop(self) -> None:
         """Brings the hand to a halt, with no more force than it exerts now.

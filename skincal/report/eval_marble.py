@@ -41,7 +41,7 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
         figure = new_figure(3.4 * len(runs) + 0.6, 4.2, title)
         all_axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
         for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
-            _draw_taxels(axes, layout)
+            draw_layout(axes, layout)
             _draw_runs(axes, some)
             axes.set_title(as_it_is(name))
             axes.set_aspect("equal", adjustable="box")
@@ -79,7 +79,8 @@ def _label(name: str, score: Score) -> str:
     return f"{as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
 
 
-def _draw_taxels(axes: Axes, layout: TaxelLayout) -> None:
+def draw_layout(axes: Axes, layout: TaxelLayout) -> None:
+    """Draw the taxels as grey boxes [mm]."""
     for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
         corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
         axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor="none"))

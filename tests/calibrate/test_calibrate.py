@@ -87,12 +87,12 @@ KILLED = """
 import multiprocessing, os, signal, time
 from skincal.calibrate.workers import mapper
 
-if __name__ == "__main__":
-    with mapper(2) as spread:
-        list(spread(abs, range(4)))
-        spread(time.sleep, [60.0] * 3)  # one is at work on each worker, one waits
-        print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)
-        os.kill(os.getpid(), signal.SIGKILL)
+# No guard of __main__: workers do not run the script again.
+with mapper(2) as spread:
+    list(spread(abs, range(4)))
+    spread(time.sleep, [60.0] * 3)  # one is at work on each worker, one waits
+    print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
 """
 
 

@@ -15,8 +15,9 @@ import pytest
 import typer
 
 from skincal import __version__
-from skincal.cli.common import plain, print_json, progress
+from skincal.cli.common import plain, print_json
 from skincal.cli.main import app, main
+from skincal.progress import progress
 
 SLOW = ("numpy", "pandas", "pyarrow", "matplotlib", "scipy", "trimesh", "nlopt", "jinja2")
 

@@ -1,4 +1,4 @@
-"""The main job, end to end, on the simulated hand: ``make demo``, or ``python -m data.demo --out FOLDER``.
+"""``skincal demo``: the main job, end to end, on the simulated hand.
 
 Runs the verbs as a person would, and ends with a short story of what they found. A second session comes from a skin
 with an effect that no fit knows: it is found, named and added, and the gap shrinks. The hand is simulated, so the truth
@@ -7,21 +7,28 @@ is known and the story can be checked.
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
+import typer
 
-ROOT = Path(__file__).resolve().parents[1]
+from skincal.cli.common import example
+from skincal.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+EPILOG = example("skincal demo --out demo")
+
 SEED = "7"
 HIDDEN = "hysteresis=1"
 POLICY = "marble-tactile-1"
+MARKER = ".skincal-demo"
 
 UNITS = {
     "y_m": ("y", 1e3, "mm"),
@@ -32,20 +39,23 @@ UNITS = {
 }
 
 
-def main() -> None:
-    """Runs the demonstration."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("demo"), help="folder to write; an earlier demo is replaced"
-    )
-    out: Path = parser.parse_args().out
-    if out.exists() and not (out / ".skincal-demo").is_file():
-        parser.exit(2, f"{out} exists and is not an earlier demo; give another --out\n")
+def demo(
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder to write; an earlier demonstration is replaced.")
+    ] = Path("demo"),
+) -> None:
+    """Run the main job on a simulated hand: collect, fit, find what is missing, export ranges, try a policy.
+
+    Takes some minutes. Needs `skincal[policy]` for the last step; without it, the rest is shown.
+    """
+    if out.exists() and not (out / MARKER).is_file():
+        fix = "Give another --out."
+        raise InputError(
+            [Problem(f"--out {out}", "no folder, or an earlier demonstration", "something else", fix)]
+        )
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-    (out / ".skincal-demo").touch()
+    (out / MARKER).touch()
     began = time.monotonic()
     run, cal, truth = (str(out / name) for name in ("run", "cal", "truth.json"))
     collect = ("collect", "--driver", "sim", "--seed", SEED, "--protocol", "paper")
@@ -54,18 +64,30 @@ def main() -> None:
     fitted = json.loads(skincal("fit", run, "--out", cal, "--json", quiet=True))
     skincal("predict", cal, run, "--out", str(out / "predicted"), "--slack", "--json", quiet=True)
     skincal("export-dr", str(out / "cal"), "--out", str(out / "ranges.toml"))
-    skin = ("--ranges", str(out / "ranges.toml"), "--seed", SEED)
-    skincal("eval", "marble", POLICY, *skin, "--episodes", "20", "--out", str(out / "evaluation"))
+    policy = _installed(("gymnasium", "onnxruntime"))
+    if policy:
+        skin = ("--ranges", str(out / "ranges.toml"), "--seed", SEED)
+        skincal("eval", "marble", POLICY, *skin, "--episodes", "20", "--out", str(out / "evaluation"))
+    else:
+        print("\nNo policy is tried: pip install 'skincal[policy]' adds what that needs.")
     gap = close_a_gap(out)
-    story(fitted, out, time.monotonic() - began)
+    story(fitted, out, time.monotonic() - began, policy=policy)
     gap_story(gap, out)
+
+
+def _installed(packages: Iterable[str]) -> bool:
+    from importlib.util import find_spec
+
+    return all(find_spec(name) is not None for name in packages)
 
 
 def close_a_gap(out: Path) -> dict[str, Any]:
     """A second session, with a skin that has what no fit looks for: collected, fitted coarsely, and diagnosed."""
     run, cal, closed = (str(out / name) for name in ("gap", "gap-cal", "gap-closed"))
     hidden = ("--effect", HIDDEN, "--truth", str(out / "gap-truth.json"))
-    plan = str(ROOT / "data" / "short-plan.toml")
+    from skincal.sample import sample_path
+
+    plan = str(sample_path("short-plan.toml"))
     skincal("collect", "--driver", "sim", "--seed", SEED, "--plan", plan, *hidden, "--out", run)
     coarse = ("--y-step-mm", "0.5", "--alpha-step-deg", "5", "--e-count", "12", "--no-report")
     skincal("fit", run, "--out", cal, *coarse, "--json", quiet=True)
@@ -75,7 +97,7 @@ def close_a_gap(out: Path) -> dict[str, Any]:
 
 
 def skincal(*arguments: str, quiet: bool = False) -> str:
-    """Runs one command of skincal; ends the demonstration when it fails."""
+    """Run one command of skincal; end the demonstration when it fails."""
     print(f"\n$ skincal {' '.join(arguments)}", flush=True)
     command = [sys.executable, "-m", "skincal", *arguments]
     done = subprocess.run(command, stdout=subprocess.PIPE if quiet else None, text=True, check=False)
@@ -84,15 +106,15 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
     return done.stdout or ""
 
 
-def story(fitted: dict[str, Any], out: Path, seconds: float) -> None:
-    """Prints what was found, against the truth."""
+def story(fitted: dict[str, Any], out: Path, seconds: float, *, policy: bool) -> None:
+    """Print what was found, against the truth."""
     hidden = json.loads((out / "truth.json").read_text(encoding="utf-8"))
     truth: dict[str, float] = hidden["model"] | hidden["session"]["truth_as_the_positions_tell_it"]
     print(f"\nWhat happened, in {seconds:.0f} s\n")
     print(
         f"The simulated hand pressed its skin 60 times. {fitted['presses_used']} presses touched two taxels or more "
         "and were fitted.\nAt the best point the simulated images differ from the measured ones by "
-        f"{np.sqrt(fitted['loss_mse_counts2']):.2f} counts (root mean\nsquare per taxel).\n"
+        f"{fitted['loss_mse_counts2'] ** 0.5:.2f} counts (root mean\nsquare per taxel).\n"
     )
     print(f"{'':8}{'best':>10}{'interval':>24}{'truth':>10}")
     for name, (label, factor, unit) in UNITS.items():
@@ -114,11 +136,14 @@ def story(fitted: dict[str, Any], out: Path, seconds: float) -> None:
     print(f"report    {out / 'cal' / 'report.html'}")
     print(f"ranges    {out / 'ranges.toml'}")
     print(f"presses   {out / 'presses.png'}")
-    print(f"policy    {out / 'evaluation'}: a policy that comes along rolls a marble in the calibrated skin")
+    if policy:
+        print(
+            f"policy    {out / 'evaluation'}: a policy that comes along rolls a marble in the calibrated skin"
+        )
 
 
 def gap_story(found: dict[str, Any], out: Path) -> None:
-    """Prints what was hidden in the second session, what was found of it, and the gap before and after."""
+    """Print what was hidden in the second session, what was found of it, and the gap before and after."""
     name, strength = HIDDEN.split("=")
     hidden = json.loads((out / "gap-truth.json").read_text(encoding="utf-8"))["effects"]
     sizes = ", ".join(f"{key} {value:.3g}" for key, value in hidden[0]["parameters"].items())
@@ -151,7 +176,3 @@ def gap_story(found: dict[str, Any], out: Path) -> None:
 
 def _plain(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, int | float) else f"{len(value)} values"
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,253 @@
+"""``skincal deploy``: let a policy move an object between the fingers of a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
+from skincal.cli.eval import Task
+from skincal.cli.hand import DriverOptionsOption, find_modules_here
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from skincal.deploy import Deployed
+    from skincal.hand.driver import HandState
+    from skincal.robot import HandDescription
+
+EPILOG = example(
+    "skincal deploy marble marble-tactile-1 --driver reference --seed 3 --out rolled",
+    "skincal deploy marble policy.onnx --driver remote --driver-option address=tcp://10.0.0.4:5555 --out rolled",
+    "skincal deploy marble marble-tactile-1 --write DLR --out letters",
+)
+
+MARKER = "deploy.json"
+SESSION = "session"
+WIDTH_MM = 12.0
+"""Width of the published marble and bolt."""
+
+
+def deploy(
+    task: Annotated[Task, typer.Argument(help="What is rolled.", show_default=False)],
+    policy: Annotated[
+        str, typer.Argument(metavar="POLICY", help="A policy file, or the name of one that comes along.")
+    ],
+    out: OutOption,
+    driver: Annotated[
+        str,
+        typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class."),
+    ] = "reference",
+    driver_option: DriverOptionsOption = None,
+    seed: SeedOption = 0,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect",
+            metavar="NAME=STRENGTH",
+            help="An effect that the reference hand's skin has; may be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+    pinch: Annotated[
+        Path | None,
+        typer.Option("--hand", help="Folder with hand.toml and pinch.toml.", show_default="the bundled hand"),
+    ] = None,
+    trajectory: Annotated[
+        str,
+        typer.Option("--trajectory", help="Of the marble: `circle`, `still`, or a CSV file with u_m, v_m."),
+    ] = "circle",
+    write: Annotated[
+        str | None, typer.Option("--write", help="Letters that the marble draws, such as DLR.")
+    ] = None,
+    frequency_hz: Annotated[
+        float, typer.Option("--frequency-hz", min=0.05, max=1.0, help="Of the bolt's sine.")
+    ] = 0.25,
+    duration_s: Annotated[
+        float | None,
+        typer.Option(
+            "--duration-s",
+            min=0.5,
+            help="Length of the run [s].",
+            show_default="8 marble, 24 bolt; or the letters'",
+        ),
+    ] = None,
+    width_mm: Annotated[
+        float, typer.Option("--width-mm", min=1.0, max=40.0, help="Width of the object.")
+    ] = WIDTH_MM,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Run a policy on a hand: take the object, act at 10 Hz, let go.
+
+    Put the object between the open fingers; they close until both feel it. All limits of the guard hold; whatever is
+    odd stops the hand. OUT keeps the run as a session, which `--driver replay` plays, with a picture.
+    """
+    from skincal.deploy import deploy as run
+    from skincal.deploy import write_record
+    from skincal.envs.pinch import read_pinch
+    from skincal.files import refuse_existing, whole_folder
+    from skincal.hand.registry import create_driver
+    from skincal.train import policy_path, read_policy
+
+    find_modules_here()
+    refuse_existing(out, force=force, marker=MARKER)
+    chosen = read_policy(policy_path(policy))
+    _check_task(chosen.description.task, task, policy)
+    targets = _targets(task, trajectory, write, frequency_hz, duration_s)
+    made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
+    hand, width = read_pinch(pinch), 1e-3 * width_mm
+    speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
+    with _progress(hand.description) as watch:
+        found = run(chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, watch=watch)
+    content = _as_json(found, task, chosen.file, driver, seed, out)
+    with whole_folder(out, force=force, marker=MARKER) as folder:
+        source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"
+        write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
+        _write_beside(found, hand.description, content, folder)
+    if as_json:
+        print_json(content)
+        return
+    _tell(content)
+
+
+_SPEEDS = {"marble": 0.3, "bolt": 0.6}
+"""Joint velocity that an action of 1 commands in the tasks [rad/s]."""
+
+
+def _check_task(made_for: str, task: Task, policy: str) -> None:
+    from skincal.errors import InputError, Problem
+
+    if str(made_for) != task.value:
+        fix = f"skincal deploy {made_for} {policy}"
+        raise InputError([Problem(policy, f"a policy for {task.value}", f"one for {made_for}", fix)])
+
+
+def _targets(
+    task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
+) -> np.ndarray:
+    from skincal.cli.eval import _targets as targets_of_file
+    from skincal.deploy import letters, marble_targets
+    from skincal.deploy.options import POLICY_HZ
+    from skincal.envs.trajectories import sine
+    from skincal.errors import InputError, Problem
+
+    if task is Task.bolt:
+        if write is not None:
+            raise InputError([Problem("--write", "the task marble", "bolt")])
+        return sine(round((duration_s or 24.0) * POLICY_HZ) + 1, frequency_hz)
+    if write is not None:
+        way = letters(write)
+        return way if duration_s is None else marble_targets(way, duration_s)
+    known = trajectory in ("circle", "still")
+    return marble_targets(trajectory if known else targets_of_file(Path(trajectory)), duration_s or 8.0)
+
+
+def _driver_options(
+    driver: str,
+    given: list[str] | None,
+    seed: int,
+    effect: list[str] | None,
+    task: Task,
+    pinch: Path | None,
+) -> dict[str, Any]:
+    """Options of the driver; those of the verb's own go to drivers that have them."""
+    from skincal.cli.collect import _effects
+    from skincal.errors import InputError, Problem
+    from skincal.hand.registry import driver_options, parse_options
+
+    known = {option.name for option in driver_options(driver)}
+    options: dict[str, Any] = dict(parse_options(given or []))
+    if effect and "effects" not in known:
+        raise InputError([Problem("--effect", "a simulated hand, such as --driver reference", driver)])
+    own = {"seed": seed, "effects": _effects(effect) or None, "task": task.value, "hand": pinch}
+    return options | {n: v for n, v in own.items() if n in known and n not in options and v is not None}
+
+
+@contextmanager
+def _progress(hand: HandDescription) -> Generator[Callable[[HandState, str], None]]:
+    """What the hand does, its time and its tactile image, on a terminal; else a line for each stage."""
+    import time
+
+    from rich.console import Console, Group
+    from rich.live import Live
+    from rich.text import Text
+
+    from skincal.cli.collect_progress import EVERY_S, taxel_image
+
+    console = Console(stderr=True)
+    stage, drawn = "", 0.0
+    with (
+        Live(console=console, transient=True, auto_refresh=False)
+        if console.is_terminal
+        else _nothing() as live
+    ):
+
+        def watch(state: HandState, doing: str) -> None:
+            nonlocal stage, drawn
+            if live is None:
+                if doing != stage:
+                    say(f"{state.time_s:7.2f} s  {doing}")
+                stage = doing
+                return
+            now = time.monotonic()
+            if now - drawn > EVERY_S:
+                drawn = now
+                image = taxel_image(state.taxels, hand.meta.sensor)
+                live.update(Group(Text(f"{doing:12s} {state.time_s:7.2f} s"), image), refresh=True)
+
+        yield watch
+
+
+@contextmanager
+def _nothing() -> Generator[None]:
+    yield None
+
+
+def _write_beside(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
+    import json
+
+    from skincal.cli.common import plain
+    from skincal.dataset.model_objects import layout_of
+    from skincal.report.deploy import deploy_figure
+    from skincal.report.style import save
+
+    (folder / MARKER).write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
+    save(deploy_figure(found, layout_of(hand.meta.sensor, None)), folder / "run.png")
+
+
+def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, out: Path) -> dict[str, Any]:
+    import numpy as np
+
+    error = found.error_m[np.isfinite(found.error_m)]
+    return {
+        "task": task.value,
+        "policy": policy,
+        "driver": driver,
+        "seed": seed,
+        "steps": found.steps,
+        "held": found.lost_s is None,
+        "lost_s": found.lost_s,
+        "error_m": float(error.mean()) if error.size else None,
+        "error_settled_m": float(error[20:].mean()) if error.size > 20 else None,
+        "force_n": float(found.record.force_n[found.record.acting :].mean()),
+        "period_s": float(found.period_s.mean()) if found.period_s.size else None,
+        "jitter_s": found.jitter_s,
+        "inference_s": float(found.inference_s.mean()),
+        "session": str(out / SESSION),
+    }
+
+
+def _tell(content: dict[str, Any]) -> None:
+    held = "held to the end" if content["held"] else f"lost after {content['lost_s']:.1f} s"
+    error = content["error_m"]
+    known = "" if error is None else f", tracking error {1e3 * error:.2f} mm"
+    typer.echo(
+        f"{content['task']}: {content['steps']} steps, {held}{known}; period {1e3 * content['period_s']:.1f} ms, "
+        f"jitter {1e3 * content['jitter_s']:.2f} ms"
+    )
+    typer.echo(f"session: {content['session']}")

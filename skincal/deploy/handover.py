@@ -1,0 +1,165 @@
+"""How a hand takes an object from a person, and lets go of it at the end."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.deploy.motion import Motion
+from skincal.deploy.options import DeployOptions
+from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.postures import Postures
+from skincal.errors import WorkError
+from skincal.hand.driver import HandState
+from skincal.model.arrays import as_floats
+from skincal.robot import Kinematics
+
+FloatArray = NDArray[np.float64]
+
+_TOUCHED = 3
+"""So many states in a row tell of contact: one may be noise."""
+
+
+class PinchForces:
+    """Normal forces of both fingers on an object between them, from joint angles and torques.
+
+    Each finger has three joints: J^T f = tau is solved for the force f at the middle of the skin, and at the centre of
+    the thumb's round end.
+
+    Args:
+        pinch: the hand.
+        kinematics: the same.
+    """
+
+    def __init__(self, pinch: Pinch, kinematics: Kinematics) -> None:
+        mount, radius = pinch.description.meta.mount, require_cylinder(pinch)
+        beta = math.radians(mount.beta_deg or 0.0)
+        self._out = np.array([math.sin(beta), 0.0, math.cos(beta)])
+        self._foot = (radius * self._out + [0.0, mount.y_m, 0.0])[None]
+        self._end = np.array([[0.0, pinch.thumb.length_m, 0.0]])
+        self._kinematics = kinematics
+        self.tare_nm = np.zeros(pinch.joints)
+
+    def vectors_n(self, state: HandState) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Forces (3,) that the finger with the skin and the thumb exert, and the skin's normal (3,), root frame."""
+        torque, chains = state.tau_nm - self.tare_nm, self._kinematics
+        skin, thumb = chains.frames(chains.link_angles(state.q_rad, torque))
+        on_skin = chains.skin.jacobian(skin, skin.to_root(self._foot))[0]
+        on_thumb = chains.indenter.jacobian(thumb, thumb.to_root(self._end))[0]
+        by_skin = _force(on_skin, torque[chains.skin.columns])
+        by_thumb = _force(on_thumb, torque[chains.indenter.columns])
+        return by_skin, by_thumb, skin.rotations[0] @ self._out
+
+    def normal_n(self, state: HandState) -> tuple[float, float]:
+        """Normal forces of the finger with the skin and of the thumb [N], positive when they press."""
+        skin, thumb, out = self.vectors_n(state)
+        return float(skin @ out), float(-thumb @ out)
+
+    def largest_n(self, state: HandState) -> float:
+        """The larger of both forces, tangential parts included [N]: for the guard."""
+        skin, thumb, _ = self.vectors_n(state)
+        return float(max(np.linalg.norm(skin), np.linalg.norm(thumb)))
+
+    def torques_nm(self, state: HandState, force_n: float) -> FloatArray:
+        """Torques (n,) with which both fingers press on each other along the skin's normal [N m]."""
+        chains = self._kinematics
+        skin, thumb = chains.frames(chains.link_angles(state.q_rad, state.tau_nm - self.tare_nm))
+        force = force_n * (skin.rotations[0] @ self._out)
+        torque = np.zeros(len(state.tau_nm))
+        torque[chains.skin.columns] = chains.skin.jacobian(skin, skin.to_root(self._foot))[0].T @ force
+        torque[chains.indenter.columns] = (
+            -chains.indenter.jacobian(thumb, thumb.to_root(self._end))[0].T @ force
+        )
+        return torque
+
+
+def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
+    """The force (3,) that torques (3,) exert [N]; the smallest one where a finger is stretched out."""
+    square = jacobian @ jacobian.T
+    return as_floats(np.linalg.solve(square + 1e-12 * np.eye(3), jacobian @ torque_nm))
+
+
+def take(
+    motion: Motion,
+    pinch: Pinch,
+    postures: Postures,
+    forces: PinchForces,
+    width_m: float,
+    options: DeployOptions,
+) -> FloatArray:
+    """Open the fingers, close them about an object until both touch it, and squeeze.
+
+    Args:
+        motion: the hand.
+        pinch: how it holds.
+        postures: over the distance of the tips.
+        forces: of the fingers.
+        width_m: width of the object [m].
+        options: speeds and forces.
+
+    Returns:
+        (n,) commanded angles at which the object is held [rad].
+
+    Raises:
+        WorkError: the fingers met without touching anything.
+    """
+    width = width_m + options.open_m
+    motion.doing = "opening"
+    motion.go(postures.at(width), options.approach_rad_per_s)
+    states = motion.hold(postures.at(width), options.rest_s)
+    forces.tare_nm = np.mean([state.tau_nm for state in states], axis=0)
+    motion.rest_counts = np.mean([state.taxels for state in states], axis=0)
+    motion.doing = "closing"
+    return _squeeze(motion, pinch, forces, _close(motion, pinch, postures, forces, width_m, options), options)
+
+
+def _close(
+    motion: Motion,
+    pinch: Pinch,
+    postures: Postures,
+    forces: PinchForces,
+    width_m: float,
+    options: DeployOptions,
+) -> FloatArray:
+    """Close each finger until it touches: whoever holds the object does not hold it exactly in the middle."""
+    thumb = np.isin(pinch.description.joints, pinch.description.indenter_finger.joints)
+    widths = np.full(2, width_m + options.open_m)
+    command, touched = postures.at(widths[0]), 0
+    while touched < _TOUCHED:
+        free = np.array(forces.normal_n(motion.now)) < options.contact_n
+        widths -= free * options.closing_m_per_s * motion.period_s
+        # Fingers without an object meet each other at a width of zero; errors of the joints feign a few millimetres.
+        if widths.mean() < width_m / 4:
+            raise WorkError(
+                f"pinch: expected an object about {1e3 * width_m:.0f} mm wide between the fingertips; got none: they "
+                "closed and neither pressed. Put it on the middle of the sensor before the fingers close."
+            )
+        command = np.where(thumb, postures.at(widths[1]), postures.at(widths[0]))
+        motion.step(command)
+        touched = 0 if free.any() else touched + 1
+    return command
+
+
+def _squeeze(
+    motion: Motion, pinch: Pinch, forces: PinchForces, command_rad: FloatArray, options: DeployOptions
+) -> FloatArray:
+    """Let the normal force come up: commands beyond the angles by the torques over the joints' stiffness."""
+    motion.doing = "squeezing"
+    # The mean of some states: noise of one would be a torque of its own, and push the object aside.
+    still = motion.hold(command_rad, options.squeeze_s)
+    measured = np.mean([state.q_rad for state in still], axis=0)
+    torque = forces.torques_nm(still[-1], options.squeeze_n) + forces.tare_nm
+    goal = measured + torque / pinch.description.gains.stiffness_nm_per_rad
+    count = max(1, round(options.squeeze_s / motion.period_s))
+    for k in range(1, count + 1):
+        motion.step(command_rad + (goal - command_rad) * k / count)
+    motion.hold(goal, options.settle_s)
+    return goal
+
+
+def let_go(motion: Motion, postures: Postures, width_m: float, options: DeployOptions) -> None:
+    """Open the fingers again."""
+    motion.doing = "letting go"
+    motion.go(postures.at(width_m + options.open_m), options.approach_rad_per_s)

@@ -1,0 +1,76 @@
+"""A guarded hand that is moved period by period, with everything kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.hand.driver import HandState
+from skincal.hand.guard import GuardedHand
+
+FloatArray = NDArray[np.float64]
+
+Watch = Callable[[HandState, str], None]
+"""Called with every state, and with what the hand is doing."""
+
+
+class Motion:
+    """Command a hand through its guard, and keep its states.
+
+    Args:
+        hand: connected.
+        place: called after every state: where the object truly is (2,), or None.
+        watch: called with every state.
+
+    Attributes:
+        states: all of them, in order.
+        places_m: where the object was at each of them; NaN where nobody knows.
+        doing: what the hand is doing at each of them, as ``phases``.
+        rest_counts: taxels at rest (J,) [counts].
+    """
+
+    def __init__(
+        self, hand: GuardedHand, place: Callable[[], FloatArray | None], watch: Watch | None = None
+    ) -> None:
+        self._hand, self._place, self._watch = hand, place, watch
+        self.period_s = hand.period_s
+        self.states: list[HandState] = []
+        self.places_m: list[FloatArray] = []
+        self.phases: list[str] = []
+        self.doing = "waiting"
+        self.rest_counts: FloatArray = np.zeros(0)
+
+    @property
+    def now(self) -> HandState:
+        """The last state."""
+        return self.states[-1]
+
+    def look(self) -> HandState:
+        """Return the next state, without a command."""
+        state = self._hand.observe()
+        place = self._place()
+        self.states.append(state)
+        self.places_m.append(np.full(2, np.nan) if place is None else place)
+        self.phases.append(self.doing)
+        if self._watch is not None:
+            self._watch(state, self.doing)
+        return state
+
+    def step(self, command_rad: FloatArray) -> HandState:
+        """Send commanded angles (n,) [rad], cut to what the joints may do, and return the next state."""
+        self._hand.act(self._hand.nearest(command_rad))
+        return self.look()
+
+    def hold(self, command_rad: FloatArray, time_s: float) -> list[HandState]:
+        """Hold commanded angles for a time."""
+        return [self.step(command_rad) for _ in range(max(1, round(time_s / self.period_s)))]
+
+    def go(self, goal_rad: FloatArray, speed_rad_per_s: float) -> None:
+        """Go straight to commanded angles (n,) [rad], no joint faster than a speed [rad/s]."""
+        start = self.now.q_desired_rad
+        far = float(np.abs(goal_rad - start).max())
+        count = max(1, int(np.ceil(far / (speed_rad_per_s * self.period_s))))
+        for k in range(1, count + 1):
+            self.step(start + (goal_rad - start) * k / count)

@@ -1,0 +1,65 @@
+"""What a policy is shown, put together from its own description."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skincal.errors import InputError, Problem
+
+KNOWN = ("image", "desired", "measured", "error", "target", "movement")
+"""Parts that a hand can show."""
+
+
+class PolicyObservation:
+    """The stack of what a policy sees, in the order that its description names.
+
+    Args:
+        parts: of the description: ``name``, ``size``, ``steps_ago``, in their order.
+        sizes: what the hand and the task have, by name.
+        file: of the policy, for errors.
+
+    Raises:
+        InputError: a part that is not known, or of another size: the policy is for another hand or task.
+    """
+
+    def __init__(self, parts: Sequence[Mapping[str, Any]], sizes: Mapping[str, int], file: str) -> None:
+        self._order = [(str(part["name"]), int(part.get("steps_ago", 0))) for part in parts]
+        problems = [
+            Problem(file, f"a policy that sees {', '.join(KNOWN)}", f'"{part["name"]}"')
+            for part in parts
+            if part["name"] not in KNOWN
+        ]
+        problems += [
+            Problem(
+                file,
+                f"{sizes[part['name']]} values of {part['name']}, as this hand and task have",
+                f"{part['size']}; the policy is for another hand or task",
+            )
+            for part in parts
+            if part["name"] in KNOWN and int(part["size"]) != sizes[part["name"]]
+        ]
+        if problems:
+            raise InputError(list(dict.fromkeys(problems)))
+        self._past: deque[dict[str, NDArray[np.float64]]] = deque(maxlen=1 + max(a for _, a in self._order))
+
+    @property
+    def sees_image(self) -> bool:
+        """Whether the policy has touch."""
+        return any(name == "image" for name, _ in self._order)
+
+    def next(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
+        """The next observation; at first the first one stands for those before it.
+
+        Args:
+            values: the present ones by name; NaN counts as 0.
+        """
+        now = {name: np.nan_to_num(np.asarray(value, dtype=np.float64)) for name, value in values.items()}
+        self._past.append(now)
+        while len(self._past) < (self._past.maxlen or 1):
+            self._past.appendleft(now)
+        return np.concatenate([self._past[-1 - ago][name] for name, ago in self._order]).astype(np.float32)

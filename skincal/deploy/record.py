@@ -1,0 +1,134 @@
+"""A run as a session: a dataset that ``dataset show`` draws and the driver ``replay`` plays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import HOLD, IDLE, Dataset, Frames, IndenterSpec, Presses, write_dataset
+from skincal.dataset.model_objects import layout_of, surface_of
+from skincal.hand.driver import HandState
+from skincal.model import SensorPose
+from skincal.units import rad
+
+if TYPE_CHECKING:
+    from skincal.deploy.handover import PinchForces
+    from skincal.deploy.motion import Motion
+    from skincal.robot import HandDescription
+
+FloatArray = NDArray[np.float64]
+
+_JOINT_COLUMNS = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """States of a run, and where the object was.
+
+    Attributes:
+        states: all of them.
+        phases: what the hand was doing at each.
+        places_m: (T, 2) true place of the object on the sensor, NaN where nobody knows it [m].
+        acting: index of the state at which the policy began.
+        rest_counts: (J,) taxels at rest [counts].
+        force_n: (T,) normal force on the object by the joints' torques, mean of both fingers [N]; not below zero.
+    """
+
+    states: tuple[HandState, ...]
+    phases: tuple[str, ...]
+    places_m: FloatArray
+    acting: int
+    rest_counts: FloatArray
+    force_n: FloatArray
+
+    @classmethod
+    def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
+        """The record of a motion so far."""
+        places = np.array(motion.places_m)
+        normal = np.array([np.mean(forces.normal_n(state)) for state in motion.states])
+        phases, rest = tuple(motion.phases), motion.rest_counts
+        return cls(tuple(motion.states), phases, places, acting, rest, np.maximum(normal, 0.0))
+
+    @property
+    def centroids_m(self) -> FloatArray:
+        """(T, J) images above rest, for centroids; negative values are nothing."""
+        images = np.array([state.taxels for state in self.states]) - self.rest_counts
+        return np.maximum(np.nan_to_num(images), 0.0)
+
+
+def write_record(
+    record: Record,
+    description: HandDescription,
+    path: Path,
+    *,
+    radius_m: float,
+    source: str,
+    force: bool = False,
+) -> None:
+    """Write a run as a dataset of one press: the time in which the policy acted.
+
+    Contact points are the centroids of the images on the sensor's nominal pose, which is listed as assumed; forces
+    come from the joints' torques.
+
+    Args:
+        record: of the run.
+        description: the hand.
+        path: folder to make.
+        radius_m: of the object [m].
+        source: for ``dataset.toml``.
+        force: whether an earlier dataset there is replaced.
+    """
+    meta = replace(
+        description.meta,
+        indenter=IndenterSpec("sphere", radius_m),
+        source=source,
+        created=datetime.now(UTC).replace(microsecond=0),
+        assumed=("position",),
+        sensor=replace(description.meta.sensor, baseline="raw"),
+    )
+    write_dataset(Dataset(meta, *_tables(record, description)), path, force=force)
+
+
+def _tables(record: Record, description: HandDescription) -> tuple[Presses, Frames]:
+    states = record.states
+    acting = np.array([phase == "acting" for phase in record.phases])
+    counts = np.array([state.taxels for state in states])
+    points = _points(record, description)
+    columns = {
+        f"{name}_{j}": np.array([getattr(state, attribute)[j] for state in states])
+        for name, attribute in _JOINT_COLUMNS.items()
+        for j in range(len(states[0].q_rad))
+    }
+    columns |= {"object_u_m": record.places_m[:, 0], "object_v_m": record.places_m[:, 1]}
+    frames = Frames(
+        np.where(acting, 0, -1),
+        np.where(acting, HOLD, IDLE).astype(np.int8),
+        np.array([state.time_s for state in states]),
+        np.where(acting, record.force_n, 0.0),
+        np.where(acting[:, None], points, np.nan),
+        counts,
+        columns=columns,
+    )
+    presses = Presses(
+        np.array([0]),
+        points[acting].mean(axis=0, keepdims=True),
+        record.force_n[acting].mean(keepdims=True),
+        counts[acting].mean(axis=0, keepdims=True),
+    )
+    return presses, frames
+
+
+def _points(record: Record, description: HandDescription) -> FloatArray:
+    """Contact points (T, 3): centroids of the images, on the sensor's nominal pose."""
+    meta = description.meta
+    layout, surface, mount = layout_of(meta.sensor, None), surface_of(meta.surface, {}), meta.mount
+    images = record.centroids_m
+    total = images.sum(axis=1, keepdims=True)
+    uv = np.where(total > 0, images @ layout.centres_m / np.maximum(total, 1e-12), 0.0)
+    pose = SensorPose(mount.y_m, rad(mount.alpha_deg), rad(mount.beta_deg or 0.0), mount.x_m or 0.0)
+    return surface.wrap(pose, uv)[0]

@@ -1,0 +1,214 @@
+"""A policy's run on a hand: take the object, act at 10 Hz, let go; stop on anything odd."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.deploy.handover import PinchForces, let_go, take
+from skincal.deploy.motion import Motion, Watch
+from skincal.deploy.observation import PolicyObservation
+from skincal.deploy.options import POLICY_HZ, DeployOptions
+from skincal.deploy.record import Record
+from skincal.envs.pinch import Pinch
+from skincal.envs.postures import Postures
+from skincal.errors import InputError, Problem, WorkError
+from skincal.hand.driver import HandDriver
+from skincal.hand.guard import GuardedHand
+from skincal.hand.options import GuardOptions
+from skincal.robot import Kinematics
+from skincal.train.policy_file import Policy
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Deployed:
+    """What came of a run.
+
+    Attributes:
+        record: states, and where the object was.
+        targets: (T, d) what was asked at each step of the policy [m].
+        steps: steps of the policy that were made.
+        lost_s: time at which the object was lost [s]; None: it was held to the end.
+        error_m: (T,) distance of the object from the target, where the hand knows it; else NaN.
+        period_s: (T,) time between steps of the policy, on the hand's clock [s].
+        own_period_s: the same on this computer's clock.
+        inference_s: (T,) time that the policy took [s].
+    """
+
+    record: Record
+    targets: FloatArray
+    steps: int
+    lost_s: float | None
+    error_m: FloatArray
+    period_s: FloatArray
+    own_period_s: FloatArray
+    inference_s: FloatArray
+
+    @property
+    def jitter_s(self) -> float:
+        """Standard deviation of the policy's period, on the hand's clock [s]."""
+        return float(np.std(self.period_s[1:])) if len(self.period_s) > 1 else 0.0
+
+
+def deploy(
+    policy: Policy,
+    driver: HandDriver,
+    pinch: Pinch,
+    targets: FloatArray,
+    *,
+    object_width_m: float,
+    speed_rad_per_s: float,
+    options: DeployOptions | None = None,
+    guard: GuardOptions | None = None,
+    watch: Watch | None = None,
+) -> Deployed:
+    """Let a policy move an object between the fingers of a hand.
+
+    Args:
+        policy: acts without noise.
+        driver: the hand; not connected.
+        pinch: how it holds small objects.
+        targets: (T, d) at 10 Hz: patch coordinates of the marble, or the bolt's way along its normal [m].
+        object_width_m: what lies between the tips [m].
+        speed_rad_per_s: joint velocity that an action of 1 commands, as in training [rad/s].
+        options: times, speeds, forces.
+        guard: limits.
+        watch: called with every state.
+
+    Returns:
+        What happened, also where the object was lost on the way.
+
+    Raises:
+        InputError: the policy is of another hand or task, or needs taxels that the hand does not have.
+        HandError: something was wrong with the hand, which has been stopped.
+        WorkError: nothing lay between the fingers; the policy gave no action; the loop fell behind.
+    """
+    options = options or DeployOptions()
+    joints, taxels = pinch.joints, pinch.description.meta.sensor.taxels
+    sizes = {"image": taxels, "target": targets.shape[1], "movement": targets.shape[1]}
+    sizes |= dict.fromkeys(("desired", "measured", "error"), joints)
+    seen = PolicyObservation(policy.description.observation, sizes, policy.file)
+    if policy.description.actions != joints:
+        expected = f"a policy that moves {joints} joints, as the hand has"
+        raise InputError([Problem(policy.file, expected, f"one for {policy.description.actions}")])
+    kinematics = Kinematics(pinch.description)
+    postures, forces = Postures.of(pinch, kinematics), PinchForces(pinch, kinematics)
+    with GuardedHand(driver, guard, contact_force=forces.largest_n) as hand:
+        motion = Motion(hand, driver.object_position_m, watch)
+        state = motion.look()
+        if seen.sees_image and not np.isfinite(state.taxels).any():
+            raise InputError(
+                [Problem(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")]
+            )
+        command = take(motion, pinch, postures, forces, object_width_m, options)
+        loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
+        loop.run(command)
+        if loop.lost_s is None:
+            let_go(motion, postures, object_width_m, options)
+    return loop.found()
+
+
+class _PolicyLoop:
+    """The 10 Hz loop inside the hand's faster one.
+
+    Steps begin on a grid of the hand's clock. Between them the commanded angles approach the policy's through a
+    first-order low-pass.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        seen: PolicyObservation,
+        motion: Motion,
+        pinch: Pinch,
+        forces: PinchForces,
+        targets: FloatArray,
+        speed_rad_per_s: float,
+        options: DeployOptions,
+    ) -> None:
+        self._forces = forces
+        self._policy, self._seen, self._motion, self._targets = policy, seen, motion, targets
+        self._step_rad, self._options = speed_rad_per_s / POLICY_HZ, options
+        self._limits = pinch.description.limits
+        self._share = -math.expm1(-2 * math.pi * options.low_pass_hz * motion.period_s)
+        self.lost_s: float | None = None
+        self._first = 0
+        self._errors: list[float] = []
+        self._begun: list[float] = []
+        self._own: list[float] = []
+        self._inference: list[float] = []
+
+    def run(self, command_rad: FloatArray) -> None:
+        """Act until the targets are at their end, or the object is lost."""
+        motion = self._motion
+        motion.doing = "acting"
+        desired, sent = command_rad.copy(), command_rad.copy()
+        start_s, self._first = motion.now.time_s, len(motion.states) - 1
+        empty_s = 0.0
+        for k in range(len(self._targets) - 1):
+            desired = self._clipped(desired + self._step_rad * self._action(k, desired))
+            end_s = start_s + (k + 1) / POLICY_HZ
+            while motion.now.time_s < end_s - 0.5 * motion.period_s:
+                sent = sent + self._share * (desired - sent)
+                motion.step(sent)
+                empty_s = 0.0 if self._held() else empty_s + motion.period_s
+            if motion.now.time_s > end_s + self._options.late_s:
+                raise WorkError(
+                    f"policy loop: expected step {k + 1} at {end_s:.3f} s of the hand's clock; got to it at "
+                    f"{motion.now.time_s:.3f} s. The hand was stopped. Is the link to the hand too slow?"
+                )
+            self._errors.append(self._error(k + 1))
+            if empty_s >= self._options.lost_s:
+                self.lost_s = motion.now.time_s - start_s - empty_s
+                break
+
+    def found(self) -> Deployed:
+        """What came of it."""
+        return Deployed(
+            Record.of(self._motion, self._first, self._forces),
+            self._targets,
+            len(self._errors),
+            self.lost_s,
+            np.array(self._errors),
+            np.diff(self._begun),
+            np.diff(self._own),
+            np.array(self._inference),
+        )
+
+    def _action(self, k: int, desired_rad: FloatArray) -> FloatArray:
+        state, target = self._motion.now, self._targets[k]
+        self._begun.append(state.time_s)
+        self._own.append(time.monotonic())
+        observation = self._seen.next(
+            {
+                "image": state.taxels,
+                "desired": desired_rad,
+                "measured": state.q_rad,
+                "error": desired_rad - state.q_rad,
+                "target": target,
+                "movement": target - self._targets[max(k - 1, 0)],
+            }
+        )
+        action = np.asarray(self._policy(observation), dtype=np.float64)
+        self._inference.append(time.monotonic() - self._own[-1])
+        if not np.isfinite(action).all():
+            raise WorkError(f"{self._policy.file}: expected finite actions; got NaN at step {k}")
+        return np.clip(action, -1.0, 1.0)
+
+    def _clipped(self, q_rad: FloatArray) -> FloatArray:
+        return np.clip(q_rad, self._limits.lower_rad, self._limits.upper_rad)
+
+    def _held(self) -> bool:
+        """Whether a finger still presses on something."""
+        return max(self._forces.normal_n(self._motion.now)) > self._options.contact_n / 2
+
+    def _error(self, k: int) -> float:
+        """Distance of a marble from its target [m], where the hand knows it."""
+        target, place = self._targets[k], self._motion.places_m[-1]
+        return float(np.linalg.norm(place - target)) if len(target) == 2 else float("nan")

@@ -1,0 +1,230 @@
+"""A simulated hand with an object between its fingers and a hidden truth, as a driver: a policy's dress rehearsal.
+
+What the policy's simulation randomizes is drawn here once and kept hidden: pose, elasticity, scale, gains, friction,
+joint offsets; and the skin may have effects that no calibration has been told of. A person who holds the object until
+both fingers have it is part of the simulation.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skincal.effects import EFFECTS
+from skincal.envs.bodies import Body, Bolt, Marble
+from skincal.envs.drawing import RIG_EFFECTS, Drawer, Values, array, number
+from skincal.envs.grasp import Grasp, GraspOptions
+from skincal.envs.needed import ObjectName, ranges_for
+from skincal.envs.pinch import read_pinch
+from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.envs.sensing import Sensor, View, view
+from skincal.envs.tactile import TactileSkin
+from skincal.errors import InputError, Problem
+from skincal.files import whole_file
+from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import HandError
+from skincal.robot import HandDescription, Kinematics
+
+FloatArray = NDArray[np.float64]
+
+TRUTH_FORMAT = "skincal-reference-truth/1"
+_OBJECTS: tuple[ObjectName, ...] = ("marble", "bolt")
+_RELEASE_S = 0.25
+"""The person lets go when both fingers have touched the object for so long [s]."""
+_SOLVER_ITERATIONS = 50
+_RESOLUTION_M = 0.25e-3
+
+
+class ReferenceHand(HandDriver):
+    """A hand that holds a marble or a bolt; its clock runs as fast as the computer allows.
+
+    The same seed, effects and commands give the same states.
+
+    Args:
+        task: what lies between the fingers: ``marble`` or ``bolt``.
+        seed: draws the truth and all noise.
+        effects: strength of each effect that the skin has, by name; 1 is a typical case.
+        ranges: file, or name of a preset, that the truth is drawn from.
+        hand: folder with ``hand.toml`` and ``pinch.toml``; None: the bundled hand.
+        orientation_deg: how the bolt lies [°].
+        truth_path: file for the truth (JSON), written when the hand is connected.
+        rate_hz: states and commands [Hz].
+
+    Raises:
+        InputError: a task, an effect, ranges or a rate that do not exist or do not fit.
+    """
+
+    name = "reference"
+
+    def __init__(
+        self,
+        *,
+        task: Annotated[str, "what lies between the fingers: marble or bolt"] = "marble",
+        seed: Annotated[int, "draws the hidden truth and all noise"] = 0,
+        effects: Annotated[Mapping[str, float] | None, "strengths of effects, 1 is a typical case"] = None,
+        ranges: Annotated[str, "ranges that the truth is drawn from: a file or a preset"] = "iros24",
+        hand: Annotated[Path | None, "folder with hand.toml and pinch.toml"] = None,
+        orientation_deg: Annotated[float, "how the bolt lies [deg]"] = 0.0,
+        truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
+        rate_hz: Annotated[int, "states and commands per second"] = 100,
+    ) -> None:
+        kind: ObjectName | None = next((name for name in _OBJECTS if name == task), None)
+        if kind is None:
+            raise InputError([Problem('driver "reference", option task', " or ".join(_OBJECTS), repr(task))])
+        if not 0 < rate_hz <= PHYSICS_HZ or PHYSICS_HZ % rate_hz:
+            expected = f"a divisor of the physics' {PHYSICS_HZ} Hz"
+            raise InputError([Problem('driver "reference", option rate_hz', expected, str(rate_hz))])
+        self._kind, self._seed, self._orientation_deg = kind, seed, orientation_deg
+        self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
+        self._pinch = read_pinch(hand)
+        self._skin = TactileSkin(self._pinch, _RESOLUTION_M)
+        self._drawer = Drawer(ranges_for(kind, ranges), kind, self._pinch, self._skin.taxels)
+        grasp = GraspOptions()
+        self._grasp = Grasp(self._pinch, Kinematics(self._pinch.description), self._drawer.nominal, grasp)
+        truth_rng, effect_rng = np.random.default_rng([seed, 0]).spawn(2)
+        self._truth, self._sample = self._drawer.episode(truth_rng, None, {})
+        # Whoever puts an object between the fingers knows its size.
+        radius = f"object.{kind}.radius_m"
+        self._truth |= {radius: self._drawer.nominal[radius]} | self._hidden(effects or {}, effect_rng)
+        self._scene: Scene | None = None
+        self._moving, self._halted = threading.Lock(), threading.Event()
+
+    @property
+    def description(self) -> HandDescription:
+        """The hand."""
+        return self._pinch.description
+
+    @property
+    def period_s(self) -> float:
+        """Time between two states [s]."""
+        return self._steps / PHYSICS_HZ
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        """All that was drawn, by full name, as plain numbers and lists."""
+        return {name: np.asarray(value).tolist() for name, value in sorted(self._truth.items())}
+
+    def _hidden(self, effects: Mapping[str, float], rng: np.random.Generator) -> Values:
+        """Parameters of the effects by full name."""
+        found: Values = {}
+        for name, strength in effects.items():
+            known = [one for one in EFFECTS if one not in RIG_EFFECTS]
+            if name not in known:
+                expected = f"effects of the skin: {', '.join(known)}"
+                raise InputError([Problem('driver "reference", option effects', expected, f'"{name}"')])
+            drawn = EFFECTS[name].at_strength(strength, rng, self._skin.layout)
+            for key, value in drawn.items():
+                found[f"skin.effects.{name}.{key}"] = float(value) if np.ndim(value) == 0 else value
+        return found
+
+    def connect(self) -> None:
+        """The fingers stand open about the object, which a person holds."""
+        self._halted.clear()
+        if self._scene is not None:
+            return
+        self._rng = np.random.default_rng([self._seed, 1])
+        values = self._truth
+        self._body = self._object()
+        self._sensor = Sensor.of(self._pinch, values)
+        scene = Scene(self._pinch, _SOLVER_ITERATIONS)
+        place = array(values, f"object.{self._kind}.position_m")
+        width = self._grasp.open(scene, values, self._body, self._turn(), place)
+        self._desired = self._grasp.posture(width)
+        self._skin.begin(values, self._sensor.pose, self._body, float(self._rng.uniform(0.0, 600.0)))
+        self._scene, self._time_s, self._touched_s = scene, 0.0, 0.0
+        if self._truth_path is not None:
+            text = json.dumps({"format": TRUTH_FORMAT, "seed": self._seed, "values": self.truth}, indent=1)
+            with whole_file(self._truth_path, force=True) as file:
+                file.write_text(text + "\n", encoding="utf-8")
+
+    def _object(self) -> Body:
+        table, make = f"object.{self._kind}", Marble if self._kind == "marble" else Bolt
+        return make(number(self._truth, f"{table}.radius_m"), number(self._truth, f"{table}.mass_kg"))
+
+    def _turn(self) -> FloatArray:
+        if self._kind == "marble":
+            return np.eye(3)
+        psi, theta, phi = (number(self._truth, f"object.bolt.{name}_deg") for name in ("psi", "theta", "phi"))
+        angles = [self._orientation_deg + psi, theta, phi]
+        return Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+
+    @property
+    def _connected(self) -> Scene:
+        if self._scene is None:
+            raise HandError('driver "reference": expected a hand that is connected', "order")
+        return self._scene
+
+    def observe(self) -> HandState:
+        """Move on by one period and say what the sensors say."""
+        scene = self._connected
+        with self._moving:
+            if self._halted.is_set():
+                self._hold(scene)
+            scene.run(self._steps)
+        self._time_s += self.period_s
+        self._let_go(scene)
+        noise = self._drawer.step(self._rng, self._sample, None, {})
+        weight = self._body.mass_kg * self._pinch.gravity_m_per_s2
+        push = noise.get(f"object.{self._kind}.random_force_n", 0.0)
+        scene.force_n = np.broadcast_to(weight + push, 3).tolist()
+        self._view = view(scene, self._sensor)
+        taxel_noise = np.asarray(noise.get("skin.taxel_noise_counts", 0.0))
+        image = self._skin.image(self._view.felt(self._body), self._time_s, taxel_noise)
+        offset = array(self._truth, "finger.joint_offset_rad")
+        drives = scene.drives
+        return HandState(
+            time_s=self._time_s,
+            q_rad=np.array(drives.motor_rad) + offset + noise.get("finger.joint_noise_rad", 0.0),
+            dq_rad_per_s=np.array(drives.speed_rad_per_s),
+            tau_nm=np.array(drives.torque_nm),
+            q_desired_rad=self._desired.copy(),
+            taxels=image,
+            taxel_time_s=np.full(len(image), self._time_s),
+        )
+
+    def _let_go(self, scene: Scene) -> None:
+        """The person who holds the object lets go when both fingers have it."""
+        if not scene.held:
+            return
+        self._touched_s = self._touched_s + self.period_s if None not in scene.touches() else 0.0
+        if self._touched_s >= _RELEASE_S:
+            scene.release()
+
+    def act(self, command: HandCommand) -> None:
+        """Hold to other angles from now on; a hand that has been stopped stays so until it is connected again."""
+        scene = self._connected
+        if not self._halted.is_set():
+            self._desired = np.array(command.q_desired_rad, dtype=np.float64)
+            offset = array(self._truth, "finger.joint_offset_rad")
+            scene.drives.target_rad = (self._desired - offset).tolist()
+
+    def object_position_m(self) -> FloatArray | None:
+        """See :meth:`HandDriver.object_position_m`."""
+        seen: View | None = getattr(self, "_view", None)
+        return None if seen is None or seen.dropped else seen.position_m.copy()
+
+    def _hold(self, scene: Scene) -> None:
+        scene.drives.hold()
+        self._desired = np.array(scene.drives.motor_rad) + array(self._truth, "finger.joint_offset_rad")
+
+    def stop(self) -> None:
+        """Hold to where the motors are."""
+        self._halted.set()
+        if self._scene is not None and self._moving.acquire(blocking=False):
+            try:
+                self._hold(self._scene)
+            finally:
+                self._moving.release()
+
+    def close(self) -> None:
+        """End the session."""
+        scene, self._scene = self._scene, None
+        if scene is not None:
+            scene.close()

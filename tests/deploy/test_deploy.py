@@ -1,0 +1,124 @@
+"""A policy on a reference hand: it rolls, it stops on what is odd, and its record is a session."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skincal.cli.main import main
+from skincal.deploy import deploy, letters, marble_targets
+from skincal.deploy.observation import PolicyObservation
+from skincal.envs.pinch import read_pinch
+from skincal.envs.reference_hand import ReferenceHand
+from skincal.errors import InputError, WorkError
+from skincal.hand.driver import HandState
+from skincal.hand.errors import HandError
+from skincal.train import Policy, policy_path, read_policy
+
+WIDTH = {"object_width_m": 0.012, "speed_rad_per_s": 0.3}
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return read_policy(policy_path("marble-tactile-1"))
+
+
+class Blind(ReferenceHand):
+    """A hand whose taxels do not answer."""
+
+    def observe(self) -> HandState:
+        state = super().observe()
+        return replace(state, taxels=np.full_like(state.taxels, np.nan))
+
+
+class Jumping(ReferenceHand):
+    """A hand whose clock jumps while the policy acts."""
+
+    def observe(self) -> HandState:
+        state = super().observe()
+        return replace(state, time_s=state.time_s + (0.4 if state.time_s > 2.0 else 0.0))
+
+
+class Empty(ReferenceHand):
+    """A hand whose object is taken away before it closes."""
+
+    def connect(self) -> None:
+        super().connect()
+        scene = self._connected
+        scene.release()
+        scene.engine.resetBasePositionAndOrientation(
+            scene.body, [1, 1, 1], [0, 0, 0, 1], physicsClientId=scene.client
+        )
+
+
+def test_marble_is_rolled(policy: Policy) -> None:
+    found = deploy(policy, ReferenceHand(seed=1), read_pinch(None), marble_targets("still", 3.0), **WIDTH)
+    assert found.lost_s is None and found.steps == 30
+    assert np.nanmean(found.error_m[15:]) < 1e-3
+    assert found.jitter_s < 1e-6
+    assert 0.5 < found.record.force_n[found.record.acting :].mean() < 4.0
+    assert found.record.phases[-1] == "letting go"
+
+
+def test_what_is_odd_stops_the_hand(policy: Policy) -> None:
+    pinch, targets = read_pinch(None), marble_targets("still", 3.0)
+    with pytest.raises(InputError, match="expected 16 taxels, for a tactile policy"):
+        deploy(policy, Blind(seed=1), pinch, targets, **WIDTH)
+    with pytest.raises((WorkError, HandError), match="stopped"):
+        deploy(policy, Jumping(seed=1), pinch, targets, **WIDTH)
+    with pytest.raises(WorkError, match="got none"):
+        deploy(policy, Empty(seed=1), pinch, targets, **WIDTH)
+
+
+def test_a_policy_that_gives_no_action(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Policy, "__call__", lambda self, observation: np.full(6, np.nan))
+    with pytest.raises(WorkError, match="finite actions"):
+        deploy(policy, ReferenceHand(seed=1), read_pinch(None), marble_targets("still", 1.0), **WIDTH)
+
+
+def test_observation_is_stacked_as_described(policy: Policy) -> None:
+    parts = [{"name": "desired", "size": 2, "steps_ago": 1}, {"name": "desired", "size": 2, "steps_ago": 0}]
+    seen = PolicyObservation(parts, {"desired": 2}, "p.onnx")
+    assert seen.next({"desired": [1, 2]}).tolist() == [1, 2, 1, 2]
+    assert seen.next({"desired": [3, np.nan]}).tolist() == [1, 2, 3, 0]
+    with pytest.raises(InputError, match="another hand or task"):
+        PolicyObservation(
+            policy.description.observation, {"image": 9, "desired": 6, "target": 2, "movement": 2}, "p"
+        )
+
+
+def test_letters_stay_on_the_patch() -> None:
+    way = letters("dlr")
+    assert len(way) > 320 and np.abs(way).max() <= 5e-3
+    assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() < 3e-4
+    with pytest.raises(InputError, match="letters A to Z"):
+        letters("12")
+
+
+def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "rolled"
+    with pytest.raises(SystemExit) as end:
+        main(["deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", "1", "--out", str(out),
+              "--effect", "hysteresis=1", "--json"])  # fmt: skip
+    told = json.loads(capsys.readouterr().out)
+    assert end.value.code == 0 and told["held"] and told["steps"] == 10
+    assert (out / "run.png").is_file() and (out / "deploy.json").is_file()
+    with pytest.raises(SystemExit) as end:
+        main(["dataset", "check", str(out / "session")])
+    assert end.value.code == 0
+    from skincal.hand.registry import create_driver
+
+    replay = create_driver("replay", dataset=str(out / "session"))
+    replay.connect()
+    assert np.isfinite(replay.observe().q_rad).all()
+
+
+def test_verb_refuses_a_policy_of_another_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["deploy", "bolt", "marble-tactile-1", "--out", str(tmp_path / "x")])
+    assert end.value.code == 2
+    assert "expected a policy for bolt" in capsys.readouterr().err
