@@ -55,9 +55,7 @@ class Findings:
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
         """Adds a warning of the mildest kind: it may well be meant so."""
-        self._add(
-            self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details)
-        )
+        self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details))
 
     def _add(self, problems: list[Problem], problem: Problem) -> None:
         """Adds one to the others, as long as somebody may read them."""
