@@ -99,7 +99,7 @@ def read_clock(
     for group in groups:
         stamps = np.concatenate([read[i][0][rows[i]] for i in group])
         ends = np.cumsum([sizes[i] for i in group])[:-1]
-        mended, said = _mended(stamps, time, kind)
+        mended, said = _mended(stamps, time, kind, findings)
         times += np.split(time.si(mended), ends)
         notes += said
     for table, time_s in zip(tables, times, strict=True):
@@ -153,7 +153,9 @@ def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
     return np.argsort(with_missing(stamps), kind="stable")
 
 
-def _mended(stamps: FloatArray, time: Quantity, kind: Kind) -> tuple[FloatArray, list[str]]:
+def _mended(
+    stamps: FloatArray, time: Quantity, kind: Kind, findings: Findings
+) -> tuple[FloatArray, list[str]]:
     """Stamps without wraps, none missing, and what was done."""
     notes: list[str] = []
     wraps = _wraps(stamps, time, kind)
@@ -161,11 +163,21 @@ def _mended(stamps: FloatArray, time: Quantity, kind: Kind) -> tuple[FloatArray,
         stamps = unwrapped(stamps, wraps)
         times = "once" if wraps.rows.size == 1 else f"{wraps.rows.size} times"
         where = ", ".join(str(row + 1) for row in wraps.rows[:3]) + (" ..." if wraps.rows.size > 3 else "")
-        notes.append(
-            f"{time.place}: the clock wraps at {wraps.period:.12g}{f' ({wraps.words})' if wraps.words else ''} "
-            f"{times}, before row {where}; it was made to go on"
-            + (f". To fix it: wraps_at = {wraps.period:.12g}" if wraps.words and kind == "number" else "")
-        )
+        period = f"{wraps.period:.12g}"
+        got = f"wraps at {period}{f' ({wraps.words})' if wraps.words else ''} {times}, before row {where}"
+        if wraps.words and kind == "number":
+            mapping = f"wraps_at = {period}"
+            fix = f"It was made to go on. To fix it: {mapping} there."
+            findings.note(
+                time.place,
+                "a clock that goes on",
+                f"one that {got}",
+                fix,
+                code="counter_wrapped",
+                mapping=mapping,
+            )
+        else:
+            notes.append(f"{time.place}: the clock {got}; it was made to go on")
     missing = int(np.isnan(stamps).sum())
     if 0 < missing < len(stamps):
         notes.append(

@@ -48,8 +48,9 @@ def test_counter_that_wraps_goes_on(tmp_path: Path, bits: int, unit: str, per_s:
     ticks = np.rint(TIME * per_s).astype(np.int64) + 2**bits - int(10 * per_s)
     back, done = bring(tmp_path, ticks % 2**bits, {"unit": unit})
     assert_same(back)
-    assert f"wraps at {2**bits} (a counter of {bits} bits)" in done.notes[0]
-    assert f"wraps_at = {2**bits}" in done.notes[0]
+    (note,) = [problem for problem in done.warnings if problem.code == "counter_wrapped"]
+    assert note.severity == "note" and f"wraps at {2**bits} (a counter of {bits} bits)" in note.got
+    assert note.details["mapping"] == f"wraps_at = {2**bits}" and note.details["mapping"] in note.fix
 
 
 def test_signed_counter_and_given_period(tmp_path: Path):
