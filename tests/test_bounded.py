@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-pytest.importorskip("onnx", reason="needs skincal[policy]")
+pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
 from benchmarks.fuzz_readers import Reader, damaged, readers
 from skincal import bounded
