@@ -181,9 +181,8 @@ def _certificate(path: Path) -> tuple[bytes, bytes | None]:
         raise _no_key(path, "a key file", str(error)) from None
     for name, key in zip(("public-key", "secret-key"), keys, strict=True):
         if key is not None and not _is_z85(key):
-            raise _no_key(
-                path, f"a {name} of {KEY_LENGTH} letters of Z85", f"{len(key)} letters that are none"
-            )
+            got = f"{len(key)} letters" if len(key) != KEY_LENGTH else "others"
+            raise _no_key(path, f"a {name} of {KEY_LENGTH} letters of Z85", got)
     return keys
 
 
