@@ -22,9 +22,7 @@ OutOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else there.")
 ]
-ForceOption = Annotated[
-    bool, typer.Option("--force", help="Replace an output that exists, if skincal wrote it.")
-]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace an earlier output of skincal.")]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")
 ]

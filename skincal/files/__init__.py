@@ -2,8 +2,9 @@
 
 from skincal.files.inputs import check_input, open_input, reason
 from skincal.files.locks import alone
-from skincal.files.outputs import refuse_existing, whole_file, whole_folder
+from skincal.files.outputs import whole_file, whole_folder
 from skincal.files.recovery import recover
+from skincal.files.refusals import refuse_existing
 
 __all__ = [
     "alone",
