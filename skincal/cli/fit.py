@@ -79,7 +79,9 @@ def fit(
     alpha_step_deg: Annotated[
         float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", "2.5; 5; 13.5")
     ] = None,
-    e_count: Annotated[int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 12; 4")] = None,
+    e_count: Annotated[
+        int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 12; 4")
+    ] = None,
     active_counts: Annotated[
         float, typer.Option("--active-counts", min=0.0, help="Counts above rest that make a taxel active.")
     ] = 5.0,
@@ -143,7 +145,9 @@ def fit(
     known = None if effects is None else _with_effects(effects, data)
     way = choose_way(data, cast("Method", method))
     if way.method != "fast":
-        say(f"skincal: fitting by the skin model itself, press by press, which takes a minute or more: {way.why}")
+        say(
+            f"skincal: fitting by the skin model itself, press by press, which takes a minute or more: {way.why}"
+        )
     options = replace(options, steps=_steps(way, y_step_mm, arc_step_mm, alpha_step_deg, e_count))
     box = searched(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, elasticity_range)
     checkpoint = out.parent / f".{out.name}.fit"

@@ -109,16 +109,27 @@ def test(
     import math
 
     from skincal.hand.contract import ContractOptions, run_contract
-    from skincal.hand.registry import create_driver, parse_options
+    from skincal.hand.registry import create_driver, create_rig, parse_options
+    from skincal.hand.stage import StageDriver
+    from skincal.hand.stage_checks import run_stage_checks
 
     find_modules_here()
     options = parse_options(driver_option or [])
     # A wrong name or option is no failure of a check.
-    create_driver(driver, **options)
+    first = create_rig(driver, **options)
     tried = ContractOptions(step_rad=math.radians(step_deg), move=move)
     # A terminal sees it coming, and so does who takes JSON; else the table says all at the end.
     told = _told if as_json or sys.stderr.isatty() else _untold
-    report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
+    if isinstance(first, StageDriver):
+
+        def another() -> StageDriver:
+            made = create_rig(driver, **options)
+            assert isinstance(made, StageDriver)
+            return made
+
+        report = run_stage_checks(driver, another, move=move, told=told)
+    else:
+        report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
     if as_json:
         print_json(_report_json(report))
     else:

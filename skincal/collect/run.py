@@ -6,7 +6,7 @@ import fcntl
 import glob
 import os
 import shutil
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -25,7 +25,7 @@ from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
 from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.sites import Mount
-from skincal.dataset import Dataset, write_dataset
+from skincal.dataset import Dataset, DatasetMeta, write_dataset
 from skincal.errors import InputError, Problem
 from skincal.files import refuse_existing
 from skincal.hand import GuardOptions
@@ -110,20 +110,48 @@ def collect(
     """
     options = options or CollectOptions()
     fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
+    same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
+            "options": digest_of(repr(asdict(options)))}  # fmt: skip
+
+    def make(journal: Journal) -> None:
+        resolved = _resolved(plan, journal, fingers, options)
+        session = Session(resolved, journal, fingers, make_driver, options, guard, watch)
+        if session.todo:
+            session.run()
+
+    return keep_session(out, same, hand.meta, source, make, force=force, restart=restart)
+
+
+def keep_session(
+    out: Path,
+    same: Mapping[str, Any],
+    meta: DatasetMeta,
+    source: str,
+    make: Callable[[Journal], None],
+    *,
+    force: bool,
+    restart: bool,
+) -> Collected:
+    """Makes what is missing of a session, and writes its dataset when it is whole.
+
+    Args:
+        out: folder of the dataset.
+        same: what must be the same for an interrupted session to go on.
+        meta: what the dataset says of the rig.
+        source: for ``dataset.toml``.
+        make: makes the presses that are not in the journal.
+        force: whether an existing dataset is replaced.
+        restart: whether an interrupted session is thrown away.
+    """
     folder = journal_folder(out)
     if not _written(folder, out):
         refuse_existing(out, force=force, marker=MARKER)
     with _alone(folder):
         _sweep(out)
-        same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
-                "options": digest_of(repr(asdict(options)))}  # fmt: skip
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
         resumed = len(journal.presses())
-        plan = _resolved(plan, journal, fingers, options)
-        session = Session(plan, journal, fingers, make_driver, options, guard, watch)
-        if session.todo:
-            _begun_or_gone(session)
-        dataset = dataset_of(journal, hand.meta, source, datetime.fromisoformat(journal.head["created"]))
+        _begun_or_gone(journal, make)
+        dataset = dataset_of(journal, meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
             write_dataset(dataset, out, force=force)
         assert dataset.frames is not None
@@ -133,13 +161,13 @@ def collect(
     return Collected(dataset, resumed, float(times[-1] - times[0]), cuts)
 
 
-def _begun_or_gone(session: Session) -> None:
-    """Makes the presses that are missing; of a session that never reached its hand nothing is left."""
+def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
+    """Makes the presses that are missing; of a session that never reached its rig nothing is left."""
     try:
-        session.run()
+        make(journal)
     except BaseException:
-        if not session.journal.connections():
-            session.journal.remove()
+        if not journal.connections():
+            journal.remove()
         raise
 
 
