@@ -58,10 +58,10 @@ class StageSim(StageDriver):
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
     ) -> None:
         rng = np.random.default_rng([seed, 0])
-        y_m, alpha_deg, x_m = (rng.uniform(-1, 1, 3) * [1e-3, 5.0, 1e-3]).tolist()
+        y_m, alpha_deg, x_m = (float(rng.uniform(-most, most)) for most in (1e-3, 5.0, 1e-3))
         self.pose = SensorPose(y_m, rad(alpha_deg), x_m=x_m)
-        self.elasticity_pa_per_m = float(np.exp(rng.uniform(np.log(3e8), np.log(8e8))))
-        self.scale_per_n = rng.uniform(50.0, 80.0)
+        self.elasticity_pa_per_m = float(5e8 * np.exp(0.5 * float(rng.uniform(-1.0, 1.0))))
+        self.scale_per_n = float(rng.uniform(50.0, 80.0))
         self._seed, self._truth_path = seed, truth_path
         self._skin: Skin | None = None
         self._halted = True
@@ -112,7 +112,7 @@ class StageSim(StageDriver):
         if not self._halted:
             self._tip = self._tip + (self._wanted - self._tip) * (1 - np.exp(-PERIOD_S / LAG_S))
         self._time_s += PERIOD_S
-        force = float(np.interp(max(-self._tip[2], 0.0), self._depths, self._forces))
+        force = float(np.interp(max(-float(self._tip[2]), 0.0), self._depths, self._forces))
         values = np.zeros(16)
         if force > 0:
             contact = Contacts(
