@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.problem import moved
+from skincal.calibrate.rig_advice import for_the_rig
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.calibration.parts import REST
 from skincal.dataset import Dataset
@@ -43,7 +44,9 @@ def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) 
         intervals=intervals,
         loss=_loss(result),
         provenance=provenance,
-        findings=tuple(Finding(f.code, f.severity, f.text, f.advice) for f in result.findings),
+        findings=for_the_rig(
+            tuple(Finding(f.code, f.severity, f.text, f.advice) for f in result.findings), dataset
+        ),
         draws={names[n]: result.draws[:, i] * factors[n] for i, n in enumerate(PARAMETERS)},
         grid=_grid_columns(result, names, factors),
         slack=_slack_columns(result, dataset),

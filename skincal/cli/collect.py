@@ -16,7 +16,7 @@ from skincal.cli.interrupt import moving
 
 if TYPE_CHECKING:
     from skincal.collect import Collected, Need, Plan
-    from skincal.hand import HandDriver
+    from skincal.hand import HandDriver, StageDriver
     from skincal.robot import HandDescription
 
 EPILOG = example(
@@ -107,12 +107,18 @@ def collect(
     from skincal.collect import journal_folder
     from skincal.files import refuse_existing
     from skincal.hand import GuardOptions
+    from skincal.hand.registry import create_rig
+    from skincal.hand.stage import StageDriver
     from skincal.robot import check_limits
 
     find_modules_here(driver)
     options = _driver_options(driver, seed, effect, truth, hand, driver_option)
-    made = _create(driver, options, {})
-    description = made.description
+    rig = create_rig(driver, **options)
+    if isinstance(rig, StageDriver):
+        _stage(rig, driver, options, seed, plan, protocol, plan_only, second_indenter_mm, out,
+               force=force, restart=restart, as_json=as_json)  # fmt: skip
+        return
+    description = rig.description
     check_limits(description, beyond=beyond_limits)
     chosen = plan_of(plan, protocol, seed, description, second_indenter_mm)
     inputs = [Path(one) for one in (plan, hand) if one is not None]
@@ -149,6 +155,52 @@ def collect(
             f"skincal: error: {out}: expected a dataset that can be fitted; got the problems above. Nothing is lost."
         )
         raise typer.Exit(1)
+
+
+def _stage(
+    rig: StageDriver,
+    driver: str,
+    options: dict[str, Any],
+    seed: int,
+    plan: Path | None,
+    protocol: str | None,
+    plan_only: bool,
+    second_indenter_mm: float | None,
+    out: Path,
+    *,
+    force: bool,
+    restart: bool,
+    as_json: bool,
+) -> None:
+    """A session of a stage."""
+    from skincal.collect import write_plan
+    from skincal.collect.stage import collect_stage, stage_plan
+    from skincal.errors import InputError, Problem
+    from skincal.progress import stage_bars
+
+    if second_indenter_mm is not None:
+        expected, got = "a hand's cap; a stage presses with its own indenter", f"{second_indenter_mm:g}"
+        raise InputError([Problem("--second-indenter-mm", expected, got)])
+    chosen = stage_plan(plan_of(plan, protocol, seed, rig.description, None), rig.description)
+    if plan_only:
+        file = out.with_name(f"{out.name}-plan.toml")
+        write_plan(chosen, file, force=force)
+        print_json({"presses": len(chosen), "plan": file}) if as_json else typer.echo(f"plan: {file}")
+        return
+    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
+    source = f"skincal collect: stage, driver {driver}, plan {chosen.name}, {rig.description.name}"
+    with stage_bars() as told, _resumable(out):
+        found = collect_stage(
+            chosen,
+            lambda: rig,
+            out,
+            key=key,
+            source=source,
+            force=force,
+            restart=restart,
+            watch=lambda done, total: told("presses", done, total),
+        )
+    print_json(_as_json(found, out)) if as_json else _tell(found, out)
 
 
 def _driver_options(

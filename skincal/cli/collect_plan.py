@@ -12,11 +12,16 @@ from skincal.cli.common import print_json
 
 if TYPE_CHECKING:
     from skincal.collect import Plan
+    from skincal.hand import StageDescription
     from skincal.robot import HandDescription
 
 
 def plan_of(
-    path: Path | None, protocol: str | None, seed: int, description: HandDescription, second_mm: float | None
+    path: Path | None,
+    protocol: str | None,
+    seed: int,
+    description: HandDescription | StageDescription,
+    second_mm: float | None,
 ) -> Plan:
     """The plan that is asked for: a file's, or a protocol drawn by the seed (full, unless another is named)."""
     import numpy as np

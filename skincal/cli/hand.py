@@ -119,18 +119,31 @@ def test(
     import math
 
     from skincal.hand.contract import ContractOptions, run_contract
-    from skincal.hand.registry import create_driver, parse_options
+    from skincal.hand.registry import create_driver, create_rig, parse_options
+    from skincal.hand.stage import StageDriver
+    from skincal.hand.stage_checks import run_stage_checks
     from skincal.robot import check_limits
 
     find_modules_here(driver)
     options = parse_options(driver_option or [])
     # A wrong name or option is no failure of a check.
-    check_limits(create_driver(driver, **options).description, beyond=beyond_limits)
-    tried = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
+    first = create_rig(driver, **options)
     # A terminal sees it coming, and so does who takes JSON; else the table says all at the end.
     told = _told if as_json or sys.stderr.isatty() else _untold
-    with moving():
-        report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
+    if isinstance(first, StageDriver):
+
+        def another() -> StageDriver:
+            made = create_rig(driver, **options)
+            assert isinstance(made, StageDriver)
+            return made
+
+        with moving():
+            report = run_stage_checks(driver, another, move=move, told=told)
+    else:
+        check_limits(first.description, beyond=beyond_limits)
+        tried = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
+        with moving():
+            report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
     if as_json:
         print_json(_report_json(report))
     else:

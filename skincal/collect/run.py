@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +22,7 @@ from skincal.collect.posture import Fingers
 from skincal.collect.rest_shift import rest_shifts
 from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.sites import Mount
-from skincal.dataset import Dataset, check_dataset, write_dataset
+from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem
 from skincal.files import alone, recover, refuse_existing
 from skincal.hand import GuardOptions
@@ -113,20 +113,50 @@ def collect(
     """
     options = options or CollectOptions()
     fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
+    same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
+            "options": digest_of(repr(asdict(options)))}  # fmt: skip
+
+    def make(journal: Journal) -> None:
+        resolved = _resolved(plan, journal, fingers, options)
+        session = Session(resolved, journal, fingers, make_driver, options, guard, watch)
+        if session.todo:
+            session.run()
+
+    return keep_session(out, same, hand.meta, source, make, inputs=inputs, force=force, restart=restart)
+
+
+def keep_session(
+    out: Path,
+    same: Mapping[str, Any],
+    meta: DatasetMeta,
+    source: str,
+    make: Callable[[Journal], None],
+    *,
+    inputs: Sequence[Path] = (),
+    force: bool,
+    restart: bool,
+) -> Collected:
+    """Makes what is missing of a session, and writes its dataset when it is whole.
+
+    Args:
+        out: folder of the dataset.
+        same: what must be the same for an interrupted session to go on.
+        meta: what the dataset says of the rig.
+        source: for ``dataset.toml``.
+        make: makes the presses that are not in the journal.
+        inputs: files and folders that the dataset must not replace.
+        force: whether an existing dataset is replaced.
+        restart: whether an interrupted session is thrown away.
+    """
     folder = journal_folder(out)
     if not _written(folder, out):
         refuse_existing(out, *inputs, force=force, marker=MARKER)
     with alone(folder.with_name(f"{folder.name}.lock"), folder, create=True):
         recover(out)
-        same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
-                "options": digest_of(repr(asdict(options)))}  # fmt: skip
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
         resumed = len(journal.presses())
-        plan = _resolved(plan, journal, fingers, options)
-        session = Session(plan, journal, fingers, make_driver, options, guard, watch)
-        if session.todo:
-            _begun_or_gone(session)
-        dataset = dataset_of(journal, hand.meta, source, datetime.fromisoformat(journal.head["created"]))
+        _begun_or_gone(journal, make)
+        dataset = dataset_of(journal, meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
             write_dataset(dataset, out, force=force)
         problems = check_dataset(out).errors
@@ -138,13 +168,13 @@ def collect(
     return Collected(dataset, resumed, session_s, cuts, problems, rest_shifts(dataset))
 
 
-def _begun_or_gone(session: Session) -> None:
-    """Makes the presses that are missing; of a session that never reached its hand nothing is left."""
+def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
+    """Makes the presses that are missing; of a session that never reached its rig nothing is left."""
     try:
-        session.run()
+        make(journal)
     except BaseException:
-        if not session.journal.connections():
-            session.journal.remove()
+        if not journal.connections():
+            journal.remove()
         raise
 
 

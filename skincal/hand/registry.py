@@ -21,6 +21,7 @@ from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 from skincal.errors import InputError, Problem, SkincalError, WorkError
 from skincal.hand.convert import converted, is_text, type_text
 from skincal.hand.driver import HandDriver
+from skincal.hand.stage import StageDriver
 
 GROUP = "skincal.drivers"
 """Name of the entry point group."""
@@ -53,7 +54,7 @@ def driver_names() -> tuple[str, ...]:
     return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
 
 
-def driver_class(name: str) -> Callable[..., HandDriver]:
+def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
     """The class of a driver, or the function that makes one.
 
     Args:
@@ -81,7 +82,16 @@ def driver_options(name: str) -> tuple[DriverOption, ...]:
 
 
 def create_driver(name: str, /, **options: Any) -> HandDriver:
-    """Makes a driver; it is not connected yet.
+    """Makes the driver of a hand; it is not connected yet. See :func:`create_rig`."""
+    driver = create_rig(name, **options)
+    if isinstance(driver, StageDriver):
+        got = "one of a stage; `skincal collect` and `skincal hand test` take it"
+        raise InputError([Problem(f'driver "{name}"', "the driver of a hand", got)])
+    return driver
+
+
+def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
+    """Makes a driver, of a hand or of a stage; it is not connected yet.
 
     Args:
         name: a registered name, or ``module:Class``.
@@ -115,8 +125,8 @@ def create_driver(name: str, /, **options: Any) -> HandDriver:
         raise
     except (Exception, SystemExit) as error:
         raise WorkError(f'driver "{name}" cannot be made: {type(error).__name__}: {error}') from error
-    if not isinstance(driver, HandDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
-        expected = "a subclass of skincal.hand.HandDriver"
+    if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
+        expected = "a subclass of skincal.hand.HandDriver or StageDriver"
         raise InputError([Problem(f'driver "{name}"', expected, type(driver).__name__)])
     return driver
 
@@ -139,7 +149,7 @@ def parse_options(texts: list[str]) -> dict[str, str]:
     return options
 
 
-def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver]:
+def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDriver]:
     module, _, attribute = point.value.partition(":")
     try:
         value: Any = importlib.import_module(module)
@@ -158,10 +168,10 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver]:
         raise WorkError(f'driver "{name}" cannot be imported: {type(error).__name__}: {error}') from error
     if not callable(value):
         raise InputError([Problem(f'driver "{name}"', "a class", type(value).__name__)])
-    return cast(Callable[..., HandDriver], value)
+    return cast(Callable[..., HandDriver | StageDriver], value)
 
 
-def _options(made: Callable[..., HandDriver]) -> tuple[DriverOption, ...]:
+def _options(made: Callable[..., HandDriver | StageDriver]) -> tuple[DriverOption, ...]:
     hints: Mapping[str, Any] = get_type_hints(
         made.__init__ if inspect.isclass(made) else made, include_extras=True
     )

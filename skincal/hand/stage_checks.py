@@ -1,0 +1,107 @@
+"""What every driver of a stage must do, as checks that are run against one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from skincal.hand.contract import FAILED, PASSED, SKIPPED, CheckResult, ContractReport
+from skincal.hand.stage import StageDriver, StageState
+from skincal.hand.stage_guard import GuardedStage
+
+STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
+"""The tip is moved by so much [m]; so many states are looked at; ``stop`` may take so long [s]."""
+
+
+def states(stage: StageDriver) -> str:
+    """Finite states of the right shape, whose clock goes on, within travel and force."""
+    with GuardedStage(stage) as guarded:
+        seen = [guarded.observe() for _ in range(PERIODS)]
+    periods = np.diff([state.time_s for state in seen])
+    return f"{PERIODS} states, one every {1e3 * float(np.median(periods)):.3g} ms"
+
+
+def moves(stage: StageDriver) -> str:
+    """A commanded step up is made, and one back."""
+    with GuardedStage(stage) as guarded:
+        start = guarded.observe().position_m
+        rig = stage.description
+        high = np.minimum(start + np.array([0.0, 0.0, STEP_M]), rig.upper_m)
+        count = int(np.ceil(STEP_M / (0.5 * rig.max_speed_m_per_s * stage.period_s))) + PERIODS
+        state = guarded.observe()
+        for target in (high, start):
+            begin = state.position_m
+            for n in range(count):
+                share = min(1.0, 2 * (n + 1) / count)
+                guarded.act(np.clip(begin + share * (target - begin), rig.lower_m, rig.upper_m))
+                state = guarded.observe()
+            off = float(np.linalg.norm(state.position_m - target))
+            if off > 0.5 * STEP_M:
+                raise AssertionError(f"the tip is {1e3 * off:.3g} mm from where it was sent")
+    return f"{1e3 * STEP_M:g} mm and back"
+
+
+def stops(stage: StageDriver) -> str:
+    """``stop`` returns at once, twice in a row, and nothing moves afterwards."""
+    stage.connect()
+    try:
+        before = stage.observe()
+        begin = time.monotonic()
+        stage.stop()
+        stage.stop()
+        took = time.monotonic() - begin
+        after: StageState = [stage.observe() for _ in range(5)][-1]
+    finally:
+        stage.close()
+        stage.close()
+    if took > STOP_S:
+        raise AssertionError(f"stop() took {took:.3g} s")
+    moved = float(np.linalg.norm(after.position_m - before.position_m))
+    if moved > STEP_M:
+        raise AssertionError(f"the tip went on by {1e3 * moved:.3g} mm")
+    return f"within {1e3 * took:.3g} ms"
+
+
+def describes(stage: StageDriver) -> str:
+    """A description with travel, speed and force above zero, and a flat sensor."""
+    rig = stage.description
+    if not (rig.upper_m > rig.lower_m).all() or not min(rig.max_speed_m_per_s, rig.max_force_n) > 0:
+        raise AssertionError(
+            f"travel {rig.lower_m} to {rig.upper_m}, {rig.max_speed_m_per_s}, {rig.max_force_n}"
+        )
+    if rig.meta.surface.kind != "plane":
+        raise AssertionError(f"a surface of kind {rig.meta.surface.kind}; a stage presses along z")
+    return f"{rig.name}: never above {rig.max_force_n:g} N and {1e3 * rig.max_speed_m_per_s:g} mm/s"
+
+
+def run_stage_checks(
+    name: str,
+    make: Callable[[], StageDriver],
+    *,
+    move: bool = True,
+    told: Callable[[CheckResult], None] = lambda result: None,
+) -> ContractReport:
+    """Runs every check against a driver of a stage.
+
+    Args:
+        name: the driver's name, for the report.
+        make: makes a driver that is not connected; called once a check.
+        move: whether the stage is moved at all.
+        told: is told every result as it comes.
+    """
+    results: list[CheckResult] = []
+    for check in (describes, states, moves, stops):
+        expected = (check.__doc__ or "").strip()
+        if check is moves and not move:
+            results.append(CheckResult("moves", expected, SKIPPED, "--no-move"))
+        else:
+            begin = time.monotonic()
+            try:
+                status, got = PASSED, check(make())
+            except Exception as error:
+                status, got = FAILED, f"{type(error).__name__}: {error}"
+            results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
+        told(results[-1])
+    return ContractReport(name, tuple(results))

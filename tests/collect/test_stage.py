@@ -1,0 +1,131 @@
+"""A stage with a load cell: presses without a hand, and a guard of its own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skincal.cli.main import main
+from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.stage import collect_stage, stage_plan
+from skincal.dataset import HOLD, read_dataset
+from skincal.errors import InputError
+from skincal.hand import GuardedStage, HandError, StageState, create_driver, create_rig
+from skincal.hand.stage_checks import run_stage_checks
+from skincal.hand.stage_sim import StageSim
+
+DRIVER = "skincal.hand.stage_sim:StageSim"
+PLAN = Plan(
+    "three",
+    (
+        PlannedPress(0.0, 0.0, 2.0, 0.02, 0.5),
+        PlannedPress(2e-3, -1e-3, 4.0, 0.02, 0.5),
+        PlannedPress(-3e-3, 2e-3, 1.0, 0.02, 0.5),
+    ),
+)
+
+
+def test_presses_are_made_at_their_place_and_force(tmp_path: Path) -> None:
+    plan = stage_plan(PLAN, StageSim().description)
+    found = collect_stage(plan, lambda: StageSim(seed=2), tmp_path / "run")
+    data = read_dataset(tmp_path / "run")
+    assert found.statuses == {"ok": 3}
+    assert data.presses.force_n == pytest.approx([2.0, 4.0, 1.0], rel=0.04)
+    assert data.presses.position_m[:, :2] == pytest.approx(PLAN.sites_m(), abs=20e-6)
+    assert data.presses.column("q_0") is None
+    assert data.frames is not None
+    for number in range(3):
+        held = (data.frames.phase == HOLD) & (data.frames.press == number)
+        assert data.frames.force_n[held][5:] == pytest.approx(data.presses.force_n[number], abs=0.1)
+
+
+def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
+    class Weary(StageSim):
+        left = 700
+
+        def observe(self) -> StageState:
+            self.left -= 1
+            if self.left < 0:
+                raise OSError("the cable is out")
+            return super().observe()
+
+    plan = stage_plan(PLAN, StageSim().description)
+    with pytest.raises(HandError, match="the cable is out"):
+        collect_stage(plan, lambda: Weary(seed=2), tmp_path / "run")
+    found = collect_stage(plan, lambda: StageSim(seed=2), tmp_path / "run")
+    assert 0 < found.resumed < 3
+    assert found.statuses == {"ok": 3}
+    assert found.dataset.frames is not None
+    assert (np.diff(found.dataset.frames.time_s) > 0).all()
+
+
+@pytest.mark.parametrize(
+    "press", [PlannedPress(0.05, 0.0, 2.0, 0.02, 0.5), PlannedPress(0.0, 0.0, 12.0, 0.02, 0.5)]
+)
+def test_what_a_stage_cannot_do_is_said_before_it_moves(press: PlannedPress) -> None:
+    with pytest.raises(InputError):
+        stage_plan(Plan("one", (press,)), StageSim().description)
+
+
+class Pressing(StageSim):
+    def observe(self) -> StageState:
+        state = super().observe()
+        return StageState(state.time_s, state.position_m, 13.0, state.taxels)
+
+
+class Standing(StageSim):
+    def observe(self) -> StageState:
+        state = super().observe()
+        return StageState(1.0, state.position_m, state.force_n, state.taxels)
+
+
+@pytest.mark.parametrize(("driver", "kind"), [(Pressing, "force"), (Standing, "clock")])
+def test_a_bad_state_stops_the_stage(driver: type[StageSim], kind: str) -> None:
+    stage = driver()
+    with pytest.raises(HandError) as failed, GuardedStage(stage) as guarded:
+        for _ in range(3):
+            guarded.observe()
+    assert failed.value.kind == kind
+    assert stage._halted  # pyright: ignore[reportPrivateUsage]
+
+
+@pytest.mark.parametrize("to_m", [[0.0, 0.0, 0.03], [0.0, 0.0, 0.011], [0.0, np.nan, 0.01]])
+def test_a_command_beyond_travel_or_speed_is_not_sent(to_m: list[float]) -> None:
+    stage = StageSim()
+    with pytest.raises(HandError) as failed, GuardedStage(stage) as guarded:
+        guarded.observe()
+        guarded.act(np.array(to_m))
+    assert failed.value.kind == "command"
+    assert stage._wanted == pytest.approx([0.0, 0.0, 0.01])  # pyright: ignore[reportPrivateUsage]
+
+
+def test_checks_pass_for_the_example_and_fail_for_a_stage_that_does_not_stop() -> None:
+    class Restless(StageSim):
+        def stop(self) -> None:
+            raise OSError("no")
+
+    assert run_stage_checks("stage-sim", StageSim).ok
+    found = {one.name: one.status for one in run_stage_checks("restless", Restless).results}
+    assert found["stops"] == "failed"
+
+
+def test_a_stage_is_no_hand() -> None:
+    assert isinstance(create_rig(DRIVER, seed=1), StageSim)
+    with pytest.raises(InputError, match="one of a stage"):
+        create_driver(DRIVER, seed=1)
+
+
+def test_the_command_collects_with_a_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "plan.csv").write_text(
+        "u_m,v_m,force_n,speed_m_per_s,hold_s\n0,0,2,0.02,0.5\n0.002,0,3,0.02,0.5\n"
+    )
+    plan, out = str(tmp_path / "plan.csv"), str(tmp_path / "run")
+    with pytest.raises(SystemExit) as ended:
+        main(["collect", "--driver", DRIVER, "--plan", plan, "--out", out, "--json"])
+    assert not ended.value.code
+    said = json.loads(capsys.readouterr().out)
+    assert said["presses"] == 2
+    assert "stage" in read_dataset(tmp_path / "run").meta.source
