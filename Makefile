@@ -51,7 +51,7 @@ bench: $(VENV)/.test-stamp ## speed of the model, the dataset, a fit, the simula
 	$(BIN)/python benchmarks/env_speed.py
 
 coverage: $(VENV)/.test-stamp ## do the intervals hold the truth? (about half an hour; goes on after an interruption)
-	$(BIN)/python benchmarks/coverage.py
+	$(BIN)/python benchmarks/interval_coverage.py
 
 clean: ## remove what was built
 	rm -rf $(VENV) $(DEMO) docs/_build build dist
