@@ -62,7 +62,7 @@ bench: $(VENV)/.test-stamp ## speed of the model, the dataset, a fit, the simula
 	$(BIN)/python benchmarks/env_speed.py
 
 coverage: $(VENV)/.test-stamp ## do the intervals hold the truth? (about half an hour; goes on after an interruption)
-	$(BIN)/python benchmarks/coverage.py
+	$(BIN)/python benchmarks/interval_coverage.py
 
 fuzz: $(VENV)/.test-stamp ## damaged inputs for every reader until 10^6 are read (hours; goes on after an interruption)
 	nice $(BIN)/python benchmarks/fuzz.py

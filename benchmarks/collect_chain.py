@@ -32,9 +32,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.coverage import COARSE, strict_json
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import wilson
+from benchmarks.interval_coverage import COARSE, strict_json
 from skincal import __version__
 from skincal.calibrate import calibrate
 from skincal.calibrate.workers import available_cores

@@ -18,9 +18,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.coverage import COARSE, LEVELS, QUANTILES, Job, run_job
 from benchmarks.coverage_kept import as_shipped
 from benchmarks.coverage_store import finished
+from benchmarks.interval_coverage import COARSE, LEVELS, QUANTILES, Job, run_job
 from skincal.calibrate.workers import available_cores
 from skincal.fit.options import FitOptions
 from skincal.fit.result import PARAMETERS

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.coverage import COARSE
+from benchmarks.interval_coverage import COARSE
 from skincal import __version__
 from skincal.calibrate import calibrate
 from skincal.calibration import Calibration

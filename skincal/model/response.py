@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.errors import InputError, Problem
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
 from skincal.model.indenters.base import Indenter
@@ -15,16 +16,21 @@ from skincal.model.press.run import press
 from skincal.model.press.status import Status
 
 _INVALID = {
-    int(
-        Status.FINER_THAN_POINTS
-    ): "an indenter that is not finer than the tactile points; it falls between them. "
-    "Build the patch with a smaller resolution_m",
-    int(
-        Status.THROUGH_FINGER
-    ): "a penetration that indenter and finger allow. Check force, elasticity and their units",
+    int(Status.FINER_THAN_POINTS): (
+        "an indenter that is not finer than the tactile points, so that it does not fall between them",
+        "Build the patch with a smaller resolution_m, or check the radius.",
+    ),
+    int(Status.THROUGH_FINGER): (
+        "a penetration that indenter and finger allow",
+        "Check force, elasticity and their units.",
+    ),
 }
 
 _FIRST_INVALID = min(_INVALID)
+
+
+class InvalidPressError(InputError, ValueError):
+    """A press that the model has no answer for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +109,6 @@ def _refuse(indenter: Indenter, contacts: Contacts, told: FloatArray, refuse: tu
         bad = np.flatnonzero(told[:, 6] == refused)
         if len(bad):
             k = bad[0]
-            raise ValueError(
-                f"contact {k} of {len(contacts)}: expected {_INVALID[refused]}; got {contacts.force_n[k]:.6g} N by "
-                f"{indenter}, {told[k, 0]:.3g} m deep"
-            )
+            expected, fix = _INVALID[refused]
+            got = f"{contacts.force_n[k]:.6g} N by {indenter}, {told[k, 0]:.3g} m deep"
+            raise InvalidPressError([Problem(f"contact {k} of {len(contacts)}", expected, got, fix)])

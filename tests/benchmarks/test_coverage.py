@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import coverage
-from benchmarks.coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
+from benchmarks import interval_coverage as coverage
 from benchmarks.coverage_few import counted
 from benchmarks.coverage_kept import as_shipped, read_kept, write_kept
 from benchmarks.coverage_store import Store
 from benchmarks.coverage_tables import SCALES, as_text, summary, wilson
+from benchmarks.interval_coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
 from benchmarks.sessions import Law, Truth
 from skincal.fit.conclude import SCALE_WIDENING
 from skincal.fit.options import FitOptions, GridSteps, SearchBox

@@ -22,8 +22,6 @@ BOUND = 13
 Seen along the direction, at s along the side, w across it and r beside the axis, no point of the part is nearer than
 ``nearest`` + ``slope`` s + max(bend_0 r², bend_1 s², bend_2 w²), and none has r or \\|s\\| greater than its ``reach``.
 """
-_AHEAD = 1.1
-"""As :data:`skincal.model.press.routine.AHEAD`; a ray costs more than a closed form."""
 _WIDER = 1.0 + 1e-9
 """Rounding must not leave out a point at the very rim."""
 _SLACKS_M = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
@@ -220,6 +218,8 @@ def select(
     at: IntArray,
     bounds: FloatArray,
     limits: FloatArray,
+    guesses: FloatArray,
+    ahead: float,
     asked: BoolArray,
     middle: FloatArray,
     back: float,
@@ -242,6 +242,8 @@ def select(
         at: (P,) the same.
         bounds: (P or 1, Q, 13) of :func:`enclose`.
         limits: (P,) limits to look at [m]; where minus infinity filled with a guess.
+        guesses: (2, P) filled where a limit is guessed: the level if the mesh filled its bound, and where that begins.
+        ahead: how much deeper than that level is looked at.
         asked: (P,) which places are meant.
         middle: (3,) middle of the mesh, its own frame [m].
         back: how far before the middle rays start [m].
@@ -283,7 +285,8 @@ def select(
         if limits[p] < -FAR:
             most = largest(force, info, starts[p], starts[p + 1]) / elasticity
             level, first = guess(near, area, coarse[0], coarse[1], most, _FLAT, exponent, reference)
-            limits[p] = first + _AHEAD * (level - first) if level < math.inf else math.inf
+            limits[p] = first + ahead * (level - first) if level < math.inf else math.inf
+            guesses[0, p], guesses[1, p] = level, first
         mx, my, mz = outside(frame, middle[0], middle[1], middle[2])
         wx, wy, wz = local(frame, frame[0], frame[1], frame[2])
         for b in range(count_tiles):
@@ -301,11 +304,11 @@ def select(
                 which, rays, ways = more, more_rays, more_ways
             for k in range(b * each, b * each + each):
                 x, y, z = points[0, k] - ox, points[1, k] - oy, points[2, k] - oz
-                ahead = math.inf
+                soonest = math.inf
                 for q in range(parts):
-                    ahead = min(ahead, first_met(bound[q], frame, x, y, z))
+                    soonest = min(soonest, first_met(bound[q], frame, x, y, z))
                 carries = points[3, k] * frame[0] + points[4, k] * frame[1] + points[5, k] * frame[2]
-                if ahead > limits[p] or ahead == math.inf or carries <= 0:
+                if soonest > limits[p] or soonest == math.inf or carries <= 0:
                     continue
                 which[n] = k
                 x, y, z = x - mx, y - my, z - mz
@@ -358,7 +361,7 @@ def press_cast(  # noqa: D417
         normals: (F, 3) of the triangles.
         heights: (F,) of their planes above the mesh's origin [m].
         middle: (3,) middle of the mesh, its own frame [m].
-        limits: (P,) as looked at; raised where that was not far enough [m].
+        limits: (P,) as looked at; filled with the levels that were found, to look as far if that was not enough [m].
         again: (P,) which places are meant; filled: whether the limit was too low.
     """
     law = (elasticity, exponent, reference)
@@ -406,9 +409,9 @@ def press_cast(  # noqa: D417
         most = largest(force, info, own[0], own[1]) / elasticity
         start = max(limits[p] - first, 0.0)
         deepest = depth_of(found[0], found[1], count, most, start, exponent, reference)
-        if first + deepest > limits[p]:
-            limits[p] = first + deepest
-            again[p] = True
+        again[p] = first + deepest > limits[p]
+        limits[p] = first + deepest
+        if again[p]:
             continue
         finish(
             points, taxel, border, found, which, count, deepest, most, law, through, active, sums,

@@ -29,7 +29,7 @@ SIGNATURES: dict[str, tuple[Any, Any]] = {
     "select": (
         casting.select,
         types.Tuple((_I1, _S2, _S2))(
-            _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _FLAGS, _R1, _F, _F, _I1
+            _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _F2, _F, _FLAGS, _R1, _F, _F, _I1
         ),
     ),
     "slopes": (

@@ -3,7 +3,7 @@
 Makes seeded sessions of each contact law (:mod:`benchmarks.sessions`), fits each with skincal's default options as
 ``skincal fit`` does, and compares with the truth *as the positions tell it*. From the project's root::
 
-    python -m benchmarks.coverage --sessions 100 --out coverage.json
+    python -m benchmarks.interval_coverage --sessions 100 --out coverage.json
 
 Every finished session is appended to ``coverage.jsonl`` beside the output; run again, the study goes on from there,
 or grows when ``--sessions`` does. Session i of a law depends on the seed, the law and i only, so neither the number of
@@ -12,7 +12,7 @@ workers nor an interruption changes a number. Each worker fits one session at a 
 With ``--keep FILE`` the sessions are also kept in short. With ``--kept FILE`` nothing is fitted: sessions that were
 kept are counted again, with their intervals as the fit makes them today::
 
-    python -m benchmarks.coverage --kept benchmarks/results/coverage_sessions.jsonl.gz --out coverage.json
+    python -m benchmarks.interval_coverage --kept benchmarks/results/coverage_sessions.jsonl.gz --out coverage.json
 
 With ``--first N`` only the first N usable presses of every session are fitted: what few presses tell.
 """
