@@ -174,7 +174,7 @@ def _press_fit(
     start[:, 2] = 0.0
     stiff = np.broadcast_to(sigmas, (count, len(sigmas))).copy()
     stiff[:, 1] = 1e-7
-    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
+    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20, room=1.0)
     best = np.array(
         [
             (rows := np.flatnonzero(peak.places.press == k))[np.argmin(state.objective[rows])]

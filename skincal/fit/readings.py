@@ -203,4 +203,5 @@ def _neighbours(layout: TaxelLayout) -> Bools:
     apart = np.linalg.norm(layout.centres_m[:, None] - layout.centres_m, axis=-1)
     np.fill_diagonal(apart, np.inf)
     closest = float(apart.min(initial=np.inf))
-    return apart <= _NEAR * closest if np.isfinite(closest) else np.zeros(apart.shape, dtype=bool)
+    near: Bools = np.asarray(apart <= _NEAR * closest, dtype=np.bool_) & np.isfinite(apart)
+    return near

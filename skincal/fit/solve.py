@@ -19,7 +19,7 @@ from skincal.fit.options import GENERAL_STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fit.posterior import Bounds, Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import FitResult
-from skincal.fit.robust import dead_taxels, glitches
+from skincal.fit.robust import dead_taxels, glitches, weak_taxels
 from skincal.fit.sampling import Draws, sample, walk
 from skincal.fit.tasks import (
     ClimbTask,
@@ -224,13 +224,16 @@ def _refine(
     problem = plan.problem
     starts = _starts(plan, done)
     progress("peak", 0, 2)
-    peak = _highest(mapper(run_climb, [ClimbTask(problem, bounds, s) for s in starts]))
+    weak = weak_taxels(problem)
+    strong = problem.without_taxels(weak) if weak.any() else problem
+    peak = _highest(mapper(run_climb, [ClimbTask(strong, bounds, s) for s in starts]))
     table = None
     if problem.contacts is not None:
-        peak, table = _tabled(problem, bounds, peak, mapper)
+        peak, table = _tabled(strong, bounds, peak, mapper)
     dead = dead_taxels(problem, peak.states)
     if dead.any():
         problem = problem.without_taxels(dead)
+    if (dead ^ weak).any():
         peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
     progress("peak", 1, 2)
     keep = ~glitches(problem, peak)
