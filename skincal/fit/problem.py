@@ -38,7 +38,7 @@ _BY_PRESS = (
     "force_n",
     "values",
     "weight",
-    "slope",
+
     "saturated",
     "lit",
     "indenter",
@@ -274,7 +274,7 @@ def active_threshold(seen: Observed, readout: Readout) -> float:
     low, high = readout.value_min, readout.value_max
     span = np.inf if low is None or high is None else ACTIVE_COUNTS / 255.0 * (high - low)
     noise = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
-    return max(5.0 * noise, min(span, 0.04 * largest))
+    return max(5.0 * noise, min(span, 0.04 * largest), np.finfo(float).tiny)
 
 
 def _copies(presses: PressTable) -> Bools:

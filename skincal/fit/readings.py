@@ -26,7 +26,7 @@ NEIGHBOUR = 0.3
 _NEAR = 1.6
 """Taxels are neighbours up to so many smallest distances: the eight round a taxel of a grid."""
 
-MODEL_PART = 3e-4
+MODEL_PART = 1e-3
 """Part of a press's whole image up to which simulated images are exact: interpolation of the tabled load shares."""
 
 _DARK = 4.0
