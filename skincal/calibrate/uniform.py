@@ -54,7 +54,12 @@ class UniformOutcome:
 
 
 def calibrate_uniform(
-    dataset: Dataset, *, active_counts: float | None = None, level: float = 0.98, seed: int = 0, command: str = ""
+    dataset: Dataset,
+    *,
+    active_counts: float | None = None,
+    level: float = 0.98,
+    seed: int = 0,
+    command: str = "",
 ) -> UniformOutcome:
     """Finds the scale of every taxel from presses that load all of them alike.
 

@@ -38,7 +38,6 @@ _BY_PRESS = (
     "force_n",
     "values",
     "weight",
-
     "saturated",
     "lit",
     "indenter",
