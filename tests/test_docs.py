@@ -20,7 +20,7 @@ from skincal.fit import findings
 from skincal.fit.conclude import SCALE_WIDENING
 from skincal.fit.options import FitOptions, GridSteps
 from skincal.fit.places import MOST
-from skincal.fit.posterior import FORCE_SIGMA, FORCE_SPREAD, NOISE_SPREAD, POSITION_SPREAD
+from skincal.fit.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
 
 ROOT = Path(__file__).parent.parent
 PAGES = [
@@ -92,10 +92,11 @@ def test_fit_page_tells_the_defaults():
     text = " ".join((ROOT / "docs" / "method" / "fit.md").read_text(encoding="utf-8").split())
     options = FitOptions()
     steps = GridSteps()
-    assert f"$\\sigma_p$ round `[position] sigma_m` (factor $e^{{{POSITION_SPREAD:g}}}$)" in text
-    assert FORCE_SPREAD == 1.0
+    assert f"$\\sigma_p$ round `[position] sigma_m` (factor $e^{{{SPREADS[0]:g}}}$)" in text
+    assert set(SPREADS[[1, 3, 4, 5]]) == {1.0}
+    assert (FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART) == (0.005, 0.005, 0.01, 0.03)
     assert f"$\\sigma_f$ round {100 * FORCE_SIGMA:g} % (factor $e$)" in text
-    assert f"round the scatter of untouched taxels (factor $e^{{{NOISE_SPREAD:g}}}$)" in text
+    assert f"round the scatter of untouched taxels (factor $e^{{{SPREADS[2]:g}}}$)" in text
     assert f"moved away from their median by a factor of {SCALE_WIDENING:g}" in text
     assert MOST == 6
     assert "up to six are kept" in text

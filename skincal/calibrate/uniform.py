@@ -22,6 +22,7 @@ from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, at_centre
 from skincal.fit.observe import Readout, observe
+from skincal.fit.problem import active_threshold
 from skincal.fit.types import Bools, Floats
 from skincal.fit.uniform import Scales, common_draws, fit_scales
 from skincal.model import Contacts
@@ -53,13 +54,18 @@ class UniformOutcome:
 
 
 def calibrate_uniform(
-    dataset: Dataset, *, active_counts: float = 5.0, level: float = 0.98, seed: int = 0, command: str = ""
+    dataset: Dataset,
+    *,
+    active_counts: float | None = None,
+    level: float = 0.98,
+    seed: int = 0,
+    command: str = "",
 ) -> UniformOutcome:
     """Finds the scale of every taxel from presses that load all of them alike.
 
     Args:
         dataset: a flat punch larger than the patch in every press.
-        active_counts: counts above rest that a taxel must reach in two presses.
+        active_counts: value above rest that a taxel must reach in two presses; None for what the data say.
         level: probability content of the interval of S.
         seed: of the resampling behind that interval.
         command: command line, for the provenance.
@@ -82,6 +88,8 @@ def calibrate_uniform(
         rest = np.min(np.where(np.isfinite(presses.counts), presses.counts, np.inf), axis=0)
         rest = np.where(np.isfinite(rest), rest, np.nan)
     seen = observe(presses.counts, readout, rest)
+    if active_counts is None:
+        active_counts = active_threshold(seen, readout, untouched=False)
     use = np.isfinite(presses.counts) & ~seen.saturated & pressed[:, None]
     one = _calibration(dataset, 1.0, None, {}, Loss(0.0, 0.0, 0), Provenance(""), ())
     loads = _loads(one, dataset)

@@ -45,15 +45,14 @@ class ModelParameters:
     rest_counts: float | None = None
 
     def best(self) -> dict[str, float]:
-        """The single figures by name, in the order of the contract: the pose, E, S, and the level at rest if known."""
+        """The single figures by name, in the order of the contract: the pose, E, S."""
         across = {"x_m": self.x_m} if self.beta_deg is None else {"beta_deg": self.beta_deg}
-        values: dict[str, float | None] = {
+        values = {
             "y_m": self.y_m,
             **across,
             "alpha_deg": self.alpha_deg,
             "elasticity_pa_per_m": self.elasticity_pa_per_m,
             "scale_per_n": self.scale_per_n,
-            REST: self.rest_counts,
         }
         return {name: value for name, value in values.items() if value is not None}
 

@@ -120,6 +120,8 @@ def plain_meta(calibration: Calibration) -> dict[str, Any]:
 def _plain_model(model: ModelParameters) -> dict[str, Any]:
     scales = model.scale_per_taxel_per_n
     best = {name: float(value) for name, value in model.best().items()}
+    if model.rest_counts is not None:
+        best[REST] = float(model.rest_counts)
     return best | ({} if scales is None else {"scale_per_taxel_per_n": list(scales)})
 
 
@@ -168,8 +170,6 @@ def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
 def _check_best(model: ModelParameters, intervals: Mapping[str, Interval], findings: Findings) -> None:
     """Warns of values that lie further outside their interval than it is wide: one of the two has been changed."""
     for name, value in model.best().items():
-        if name == REST:
-            continue
         low, high = intervals.get(name, (-math.inf, math.inf))
         beyond = max(low - value, value - high)
         if beyond > max(high - low, _ROUNDED * abs(value)):

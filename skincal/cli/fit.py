@@ -340,7 +340,9 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
         "valley_mse_counts2": calibration.loss.valley_mse_counts2,
         "presses_used": calibration.loss.presses_used,
         "best": calibration.model.best(),
-        "intervals": {name: list(interval) for name, interval in calibration.intervals.items()},
+        "intervals": {name: list(calibration.intervals[name]) for name in calibration.model.best()},
+        "rest_counts": calibration.model.rest_counts,
+        "rest_interval_counts": calibration.intervals.get("rest_counts"),
         "draws": _draws(calibration),
         "findings": [finding.plain() for finding in calibration.findings],
         "effects": [effect.name for effect in calibration.effects],
@@ -366,6 +368,8 @@ def _tell(calibration: Calibration, presses: str, about: str, out: Path, report:
     for column in ("parameter", "best", "low", "high"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     best = calibration.model.best()
+    if calibration.model.rest_counts is not None:
+        best["rest_counts"] = calibration.model.rest_counts
     for name, (low, high) in calibration.intervals.items():
         ends = (f"{low:.5g}", f"{high:.5g}") if isfinite(high - low) else ("not", "told")
         table.add_row(name, f"{best[name]:.5g}", *ends)

@@ -10,6 +10,7 @@ import numpy as np
 
 from skincal import __version__
 from skincal.calibration import Calibration, Effect, Interval, ModelParameters
+from skincal.calibration.parts import REST
 from skincal.calibration.skin import effect_from
 from skincal.dataset import Dataset
 from skincal.effects import EFFECTS
@@ -54,6 +55,8 @@ def new_calibration(
         for name, interval in calibration.intervals.items()
         if name in after
     }
+    if REST in calibration.intervals:
+        intervals[REST] = calibration.intervals[REST]
     draws = calibration.draws
     if draws is not None:
         draws = {

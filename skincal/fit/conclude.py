@@ -22,7 +22,7 @@ from skincal.fit.seen import Images
 from skincal.fit.types import Bools, Floats
 from skincal.fit.valley import OPEN, POSE, at_one_place, choose, interval, valley_loss
 
-SCALE_WIDENING = 1.0
+SCALE_WIDENING = 1.4
 """How much wider than the posterior the draws of log S are kept.
 
 In seeded sessions the scale still errs by more than its posterior says, now and then to the low side; why is not known.
@@ -174,7 +174,7 @@ def _press_fit(
     start[:, 2] = 0.0
     stiff = np.broadcast_to(sigmas, (count, len(sigmas))).copy()
     stiff[:, 1] = 1e-7
-    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20)
+    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20, room=1.0)
     best = np.array(
         [
             (rows := np.flatnonzero(peak.places.press == k))[np.argmin(state.objective[rows])]

@@ -27,6 +27,12 @@ HYPER = (
 )  # fmt: skip
 """Scatter of positions [m], forces, hold means [counts]; relative misfit tau; spread of gains; smooth error [m]."""
 
+SLACK_ROOM = 1.5
+"""Slack is bounded at so many times what the rig declares, as the pose takes up the mean error of the positions.
+
+With a bound at the declared slack itself the presses that lie there would pull the pose, and make it too sharp.
+"""
+
 _MAX_STEP = np.array([0.4e-3, 0.4e-3, 0.05])
 
 
@@ -114,6 +120,7 @@ def settle(
     *,
     iterations: int = 4,
     to_rest: bool = True,
+    room: float = SLACK_ROOM,
 ) -> PressStates:
     """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; arguments as :func:`evaluate`.
 
@@ -126,8 +133,9 @@ def settle(
         start: (n, 3) nuisance to start from.
         iterations: full steps at most.
         to_rest: go on with smaller steps where the full ones did not come to rest.
+        room: the slack is bounded at so many times what the rig declares.
     """
-    bound = np.array([problem.rig.slack_m, problem.rig.slack_m, 0.5])
+    bound = _bound(problem, room)
     state = evaluate(problem, images, macro, sigmas, press, np.clip(start, -bound, bound))
     now, rows = state, np.arange(len(press))
     for number in range(iterations):
@@ -146,7 +154,7 @@ def settle(
         better = now.objective < state.objective[rows]
         _store(state, now, rows[better], better)
     if to_rest and len(rows):
-        _descend(problem, images, macro, sigmas, press, state, rows)
+        _descend(problem, images, macro, sigmas, press, state, rows, bound)
     return state
 
 
@@ -158,6 +166,7 @@ def _descend(
     press: Ints,
     state: PressStates,
     rows: Ints,
+    bound: Floats,
     iterations: int = 6,
 ) -> None:
     """Levenberg's steps, downhill only, for the rows that Gauss-Newton has not brought to rest.
@@ -165,7 +174,6 @@ def _descend(
     Where the measured value is beyond what any place reaches, the residual does not vanish, and full steps go to and
     fro across the place.
     """
-    bound = np.array([problem.rig.slack_m, problem.rig.slack_m, 0.5])
     damping = np.full(len(rows), 0.3)
     for _ in range(iterations):
         here = PressStates(*(array[rows] for array in vars(state).values()))
@@ -179,6 +187,12 @@ def _descend(
         better = got.objective < state.objective[rows]
         _store(state, got, rows[better], better)
         damping *= np.where(better, 0.2, 6.0)
+
+
+def _bound(problem: FitProblem, room: float) -> Floats:
+    # Tables of the general way go no further than the declared slack.
+    slack = problem.rig.slack_m * (room if problem.contacts is None else 1.0)
+    return np.array([slack, slack, 0.5])
 
 
 def _step(

@@ -38,7 +38,6 @@ _BY_PRESS = (
     "force_n",
     "values",
     "weight",
-    "slope",
     "saturated",
     "lit",
     "indenter",
@@ -264,17 +263,22 @@ def pose_problem(
     )
 
 
-def active_threshold(seen: Observed, readout: Readout) -> float:
+def active_threshold(seen: Observed, readout: Readout, *, untouched: bool = True) -> float:
     """Value above rest from which a taxel answers, in the unit of the data.
 
     The paper's 5 counts are 2 % of its converter's range. Where that is more than 4 % of the largest value, or the
     range is not known, it is the 4 %; and never less than five times the noise.
+
+    Args:
+        seen: what the counts became.
+        readout: of the converter.
+        untouched: whether some presses leave taxels alone, so that those show the noise.
     """
     largest = float(np.nanmax(seen.values, initial=0.0))
     low, high = readout.value_min, readout.value_max
     span = np.inf if low is None or high is None else ACTIVE_COUNTS / 255.0 * (high - low)
-    noise = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
-    return max(5.0 * noise, min(span, 0.04 * largest))
+    noise = seen.rest_sigma_counts if untouched and np.isfinite(seen.rest_sigma_counts) else 0.0
+    return max(5.0 * noise, min(span, 0.04 * largest), np.finfo(float).tiny)
 
 
 def _copies(presses: PressTable) -> Bools:

@@ -26,7 +26,7 @@ NEIGHBOUR = 0.3
 _NEAR = 1.6
 """Taxels are neighbours up to so many smallest distances: the eight round a taxel of a grid."""
 
-MODEL_PART = 3e-4
+MODEL_PART = 1e-3
 """Part of a press's whole image up to which simulated images are exact: interpolation of the tabled load shares."""
 
 _DARK = 4.0
@@ -203,4 +203,5 @@ def _neighbours(layout: TaxelLayout) -> Bools:
     apart = np.linalg.norm(layout.centres_m[:, None] - layout.centres_m, axis=-1)
     np.fill_diagonal(apart, np.inf)
     closest = float(apart.min(initial=np.inf))
-    return apart <= _NEAR * closest if np.isfinite(closest) else np.zeros(apart.shape, dtype=bool)
+    near: Bools = np.asarray(apart <= _NEAR * closest, dtype=np.bool_) & np.isfinite(apart)
+    return near

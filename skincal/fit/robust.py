@@ -13,6 +13,9 @@ MAX_GLITCHES = 0.2
 """At most this part of the presses is called a glitch; beyond it the model is wrong, not the presses."""
 
 
+SILENT = 0.2
+"""A taxel that shows less than this part of what it should does not answer."""
+
 PRESSED = 0.07
 """A taxel is pressed where the model gives it this part of the usual largest signal."""
 
@@ -31,6 +34,17 @@ def glitches(problem: FitProblem, peak: Peak) -> Bools:
     return odd
 
 
+def weak_taxels(problem: FitProblem) -> Bools:
+    """Taxels (J,) whose largest reading is far below those of the others: dead ones, and some that nothing presses.
+
+    A climb from afar goes without them, as silence of a taxel that is thought alive bends everything else.
+    """
+    largest = np.where(problem.used, problem.values, 0.0).max(axis=0, initial=0.0)
+    alive = problem.used.any(axis=0)
+    usual = float(np.median(largest[alive])) if alive.any() else 0.0
+    return np.asarray(alive & (largest < SILENT * usual), dtype=np.bool_)
+
+
 def dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
     """Taxels (J,) that stay silent, or never leave one level, where the model says that they are pressed."""
     simulated, observed = states.simulated, problem.values
@@ -39,4 +53,4 @@ def dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
     gain = (simulated * observed * pressed).sum(axis=0) / np.maximum(
         (simulated**2 * pressed).sum(axis=0), 1e-12
     )
-    return enough & (gain < 0.2)
+    return enough & (gain < SILENT)

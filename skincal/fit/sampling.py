@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import emcee  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
@@ -132,9 +133,9 @@ def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
         at, found = np.concatenate([at, some[np.isfinite(density(some))]]), found + 1
     if len(at) < WALKERS:
         return start
-    walkers = emcee.EnsembleSampler(WALKERS, at.shape[1], density, vectorize=True)
+    walkers: Any = emcee.EnsembleSampler(WALKERS, at.shape[1], density, vectorize=True)
     seed = np.random.RandomState(int(rng.integers(2**31))).get_state()
-    state = walkers.run_mcmc(emcee.State(at[:WALKERS], random_state=seed), BURN_IN)
+    state: Any = walkers.run_mcmc(emcee.State(at[:WALKERS], random_state=seed), BURN_IN)
     walkers.reset()
     walkers.run_mcmc(state, STEPS)
     time = float(np.nanmax(walkers.get_autocorr_time(quiet=True, tol=0)))

@@ -51,7 +51,7 @@ class Shared:
         """
         basis = smooth_basis(across_m, along_m)
         taxels = len(level_sigma)
-        return cls(np.zeros(taxels), np.zeros(taxels), np.zeros(2 * basis.shape[1]), level_sigma, basis)
+        return cls(np.zeros(taxels), np.zeros(taxels), np.zeros(2 * int(basis.shape[1])), level_sigma, basis)
 
     @property
     def theta(self) -> Floats:
@@ -66,7 +66,7 @@ class Shared:
     def for_presses(self, across_m: Floats, along_m: Floats) -> Shared:
         """For other presses, with a new basis of the field and none in it."""
         basis = smooth_basis(across_m, along_m)
-        return Shared(self.log_gain, self.level, np.zeros(2 * basis.shape[1]), self.level_sigma, basis)
+        return Shared(self.log_gain, self.level, np.zeros(2 * int(basis.shape[1])), self.level_sigma, basis)
 
     @property
     def shift_m(self) -> Floats:
@@ -97,6 +97,8 @@ def smooth_basis(across_m: Floats, along_m: Floats) -> Floats:
         across_m: (K,) positions.
         along_m: (K,) positions.
     """
+    if len(across_m) == 0:
+        return np.zeros((0, 0))
     x, y = across_m - across_m.mean(), along_m - along_m.mean()
     size = max(float(x.std()), float(y.std()), 1e-12)
     x, y = x / size, y / size
@@ -143,9 +145,9 @@ def integral(
         press: (N,) press of each place.
         precision: (W, T) P.
     """
-    count, taxels = len(gain), gain.shape[2]
+    count, taxels = len(gain), int(gain.shape[2])
     basis = shared.basis[press]
-    m = basis.shape[1]
+    m = int(basis.shape[1])
     p = chance[..., None]
     gradient = [np.sum(p * gain * residual, axis=1), np.sum(p * level * residual, axis=1)]
     stiff = position_precision[:, None]
@@ -184,7 +186,7 @@ def integral(
     diagonal = np.arange(size)
     hessian[:, diagonal, diagonal] += precision
     sign, log_det = np.linalg.slogdet(hessian)
-    step = np.linalg.solve(hessian, g[..., None])[..., 0]
+    step: Floats = np.asarray(np.linalg.solve(hessian, g[..., None])[..., 0], dtype=np.float64)
     value = 0.5 * np.einsum("wt,wt->w", g, step) - 0.5 * log_det + 0.5 * np.log(precision).sum(axis=1)
     value -= 0.5 * (precision * shared.theta**2).sum(axis=1)
     return np.where(sign > 0, value, -np.inf)

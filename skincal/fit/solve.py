@@ -27,7 +27,7 @@ from skincal.fit.options import GENERAL_STEPS, LOCAL_STEPS, FitOptions, GridStep
 from skincal.fit.posterior import Bounds, Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.result import FitResult
-from skincal.fit.robust import dead_taxels, glitches
+from skincal.fit.robust import dead_taxels, glitches, weak_taxels
 from skincal.fit.sampling import Draws, sample, walk
 from skincal.fit.tasks import (
     ClimbTask,
@@ -240,16 +240,19 @@ def _refine(
     problem, mapper = plan.problem, tabler.mapper
     starts = _starts(plan, done)
     progress("peak", 0, 2)
+    weak = weak_taxels(problem)
+    strong = problem.without_taxels(weak) if weak.any() else problem
     table = None
     if problem.contacts is None:
-        peak = _highest(mapper(run_climb, [ClimbTask(problem, bounds, s) for s in starts]))
+        peak = _highest(mapper(run_climb, [ClimbTask(strong, bounds, s) for s in starts]))
     else:
-        starts = _local_peaks(problem, bounds, starts, mapper)
-        peak = _highest(_climb_tabled(problem, bounds, s, tabler) for s in starts)
-        peak, table = _tabled(problem, bounds, peak, tabler)
+        starts = _local_peaks(strong, bounds, starts, mapper)
+        peak = _highest(_climb_tabled(strong, bounds, s, tabler) for s in starts)
+        peak, table = _tabled(strong, bounds, peak, tabler)
     dead = dead_taxels(problem, peak.states)
     if dead.any():
         problem = problem.without_taxels(dead)
+    if (dead ^ weak).any():
         peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
     progress("peak", 1, 2)
     keep = ~glitches(problem, peak)

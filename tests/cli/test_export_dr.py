@@ -149,3 +149,16 @@ def test_a_cloud_that_is_not_there(cal, tmp_path, capsys):
 
 def test_the_choices_are_the_presets():
     assert {choice.value for choice in export_dr.Preset} == set(PRESETS)
+
+
+def test_a_scale_that_is_not_told_is_refused_unless_it_is_assumed(tmp_path, capsys):
+    untold = {**INTERVALS, "scale_per_n": (float("-inf"), float("inf"))}
+    write_calibration(make_calibration(intervals=untold), tmp_path / "cal")
+    out = tmp_path / "r.toml"
+    assert run(tmp_path / "cal", "--out", out) == 1
+    assert "--assume-scale" in capsys.readouterr()[1]
+    assert not out.exists()
+    assert run(tmp_path / "cal", "--out", out, "--assume-scale", 80, 60) == 2
+    assert run(tmp_path / "cal", "--out", out, "--assume-scale", 60, 80) == 0
+    scale = read_ranges(out)["skin.scale_per_n"]
+    assert (scale.low, scale.high, scale.source) == (60.0, 80.0, "assumed")
