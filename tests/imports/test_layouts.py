@@ -218,7 +218,7 @@ def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("a.bag", b"#ROSBAG V2.0\n", "a ROS 1 bag"),
         ("a.db3", b"SQLite format 3\0" + bytes(50), "Is it a ROS 2 bag?"),
         ("a.xlsx", b"PK\x03\x04" + bytes(50), "a spreadsheet. Save the sheet as CSV."),
-        ("a.csv.gz", gzip.compress(b"a,b"), "compressed by gzip"),
+        ("a.csv.gz", gzip.compress(b"a,b", mtime=0), "compressed by gzip"),
         ("a.pkl", pickle.dumps([1]), "a Python pickle"),
         ("a.fsx", b"\1\2\0\0\0\3", 'a binary file of an unknown kind (".fsx")'),
         ("a.mat", b"MATLAB 5.0 MAT-file" + bytes(30), "Was it cut short?"),
