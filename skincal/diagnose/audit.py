@@ -30,7 +30,7 @@ from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
 from skincal.gap.base import BaseColumns, BaseModel, base_columns, resolution_of
 from skincal.gap.noise import NoiseFloor, assumed_floor
 from skincal.gap.reasons import facts_of, why_not
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.robot import HandDescription
 
 STRONG, OUT_OF_PROPORTION, FEWEST = 0.9, 10.0, 5

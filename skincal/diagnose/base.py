@@ -23,7 +23,7 @@ from skincal.gap.noise import (
     repeat_scatter,
     rounding,
 )
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import Cylinder, Plane
 from skincal.model.arrays import FloatArray, IntArray
 

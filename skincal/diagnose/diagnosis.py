@@ -18,7 +18,7 @@ from skincal.gap.heldout import Gap
 from skincal.gap.models import Material
 from skincal.gap.noise import NoiseFloor
 from skincal.gap.null import Null
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.signatures import Signature
 from skincal.gap.split import Split
 from skincal.model.arrays import FloatArray

@@ -14,7 +14,7 @@ from skincal.effects.samples import HOLD
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.places import NAME as PLACES
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 NONE: IntArray = np.zeros(0, dtype=np.int64)

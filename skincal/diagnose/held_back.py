@@ -14,7 +14,7 @@ from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import at_best
 from skincal.gap.robust import SURE, without_jumps
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.silent import Silent, with_silent_values, without_silent
 
 

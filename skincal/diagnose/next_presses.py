@@ -23,7 +23,7 @@ from skincal.gap.noise import force_scatter
 from skincal.gap.reading import Reading
 from skincal.gap.reasons import cures, facts_of
 from skincal.gap.separate import Contest, contest, pick
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
 PLAN_FILE = "next-presses.toml"

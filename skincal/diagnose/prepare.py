@@ -31,7 +31,7 @@ from skincal.gap.noise import (
 )
 from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
-from skincal.gap.session import Binning, GapSession
+from skincal.inference.session import Binning, GapSession
 from skincal.gap.signatures import session_mean
 from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, SplitOptions, split_presses
 from skincal.gap.start import start_places

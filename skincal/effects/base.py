@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from skincal.effects.parameter import EffectParameter, Values, checked
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start
 from skincal.errors import InputError, Problem
 from skincal.model import Patch, StressLaw, TaxelLayout
 from skincal.model.arrays import FloatArray
@@ -100,6 +101,14 @@ class Effect(ABC):
                 return parameter
         names = ", ".join(p.name for p in self.parameters)
         raise InputError([Problem(f"effect {self.name}", f"one of the parameters {names}", f'"{name}"')])
+
+    @abstractmethod
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """Where the search for the effect begins: sets of its forms, with points whose span holds what it may do.
+
+        Args:
+            scene: the scale of the session.
+        """
 
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2

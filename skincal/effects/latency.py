@@ -16,6 +16,7 @@ from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.recursion import Relaxing, relaxed
 from skincal.effects.samples import Samples
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 _NO_LAG_S = 1e-9
@@ -35,6 +36,11 @@ class Latency(MemoryEffect):
     )
     covariates = ("time",)
     source = "Transport delay, and a process with dead time and one lag: Ljung, System Identification, 1999."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"delay_s": 0.03, "filtered": part}) for part in (0.0, 1.0))
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

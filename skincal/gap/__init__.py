@@ -6,7 +6,7 @@ from skincal.gap.noise import NoiseFloor, Whitening, assumed_floor, noise_floor
 from skincal.gap.projection import Projection
 from skincal.gap.reasons import Facts, facts_of, why_not
 from skincal.gap.sensitivity import EffectColumns, Simulator, all_columns, effect_columns
-from skincal.gap.session import Binning, GapSession, binned, of_holds
+from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.gap.split import FINAL, SELECTION, TRAIN, Split, SplitOptions, split_presses
 
 __all__ = [

@@ -16,7 +16,7 @@ import numpy as np
 
 from skincal.gap.noise import NORMAL
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.signatures import session_mean
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 

@@ -27,7 +27,7 @@ from skincal.gap.base import BaseColumns, BaseModel
 from skincal.gap.noise import NoiseFloor, Whitening, rounding
 from skincal.gap.projection import Projection, orthonormal
 from skincal.gap.sensitivity import EffectColumns, all_columns, observed_mask
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
 

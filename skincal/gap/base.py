@@ -11,7 +11,7 @@ import numpy as np
 
 from skincal.effects import EffectSkin, Samples
 from skincal.fit.observe import Readout
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray
 from skincal.model.patch import Rule

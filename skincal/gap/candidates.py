@@ -23,7 +23,7 @@ from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.problem import RefitOptions, Slopes
 from skincal.gap.projection import Projection
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.together import apart, together
 from skincal.model import FlatPunch, Sphere
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats

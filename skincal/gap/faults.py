@@ -13,7 +13,7 @@ import numpy as np
 
 from skincal.gap.reading import Reading
 from skincal.gap.robust import Jump, times
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
 
 _FAR_COUNTS = 20.0

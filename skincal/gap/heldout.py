@@ -13,7 +13,7 @@ import numpy as np
 
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _DRAWS = 400

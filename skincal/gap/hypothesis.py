@@ -10,7 +10,7 @@ import numpy as np
 
 from skincal.effects import EffectSkin, Samples
 from skincal.gap.base import BaseModel, centred
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
 
 Parameters = Mapping[str, FloatArray]

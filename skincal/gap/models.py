@@ -20,7 +20,7 @@ from skincal.gap.problem import RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, refit
 from skincal.gap.relocate import relocated
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray
 
 _SHARES = (1.0, 0.3)

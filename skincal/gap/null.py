@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skincal.gap.candidates import Scene
-from skincal.gap.elastic_layer import ContactError
+from skincal.inference.elastic_layer import ContactError
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.library import Library
 from skincal.gap.models import Material

@@ -18,7 +18,7 @@ from skincal.gap.downhill import bounded_step
 from skincal.gap.free import Coordinate, clipped, parameters_at, priors, room
 from skincal.gap.hypothesis import PLACE, Hypothesis, Parameters, memory_samples
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.together import apart, together
 from skincal.model import Cylinder, Plane
 from skincal.model.arrays import BoolArray, FloatArray, as_floats

@@ -10,7 +10,7 @@ import numpy as np
 
 from skincal.fit.observe import Readout, clipped_share, expected_counts
 from skincal.gap.noise import rounding
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _LEAST_SHARE = 0.2

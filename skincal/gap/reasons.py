@@ -12,7 +12,7 @@ import numpy as np
 from skincal.effects import COVARIATES
 from skincal.effects.samples import UNLOAD
 from skincal.gap.audit import EffectAudit
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
 _COLUMNS = {"shear": "shear_u_n and shear_v_n"}

@@ -22,7 +22,7 @@ from skincal.gap.free import Coordinate, clipped
 from skincal.gap.hypothesis import Hypothesis, Parameters
 from skincal.gap.problem import Look, RefitOptions, RefitProblem, Slopes
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import SensorPose
 from skincal.model.arrays import BoolArray, FloatArray
 

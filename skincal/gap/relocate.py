@@ -15,7 +15,7 @@ import numpy as np
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.problem import RefitOptions, cost_of_presses
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.settle import settled
 from skincal.gap.start import STEPS, valleys
 from skincal.model.arrays import BoolArray, FloatArray, IntArray

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _GLITCH = 12.0

@@ -25,7 +25,7 @@ from skincal.effects import (
 from skincal.effects.base import MemoryEffect
 from skincal.effects.samples import DERIVED
 from skincal.gap.base import BaseModel
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import FlatPunch, Sphere
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 

@@ -27,7 +27,7 @@ from skincal.gap.models import Model
 from skincal.gap.problem import BASE_SIZE, RefitOptions
 from skincal.gap.reading import Reading
 from skincal.gap.refit import Refit, refit
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 _RIDGE = 1e-9

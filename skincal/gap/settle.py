@@ -12,7 +12,7 @@ from skincal.gap.downhill import DAMPING, damped, uphill
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.problem import BASE_SIZE, RefitOptions, RefitProblem
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
 

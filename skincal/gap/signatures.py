@@ -17,7 +17,7 @@ from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.gap.candidates import View
 from skincal.gap.problem import Slopes
 from skincal.gap.projection import orthonormal
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 

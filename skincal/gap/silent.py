@@ -22,7 +22,7 @@ from skincal.gap.problem import RefitOptions, cost_of_presses
 from skincal.gap.reading import Reading
 from skincal.gap.relocate import of_presses, relocated
 from skincal.gap.robust import SURE, Dead, times
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.gap.settle import settled
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 

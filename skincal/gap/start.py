@@ -12,7 +12,7 @@ from skincal.effects.base import MemoryEffect
 from skincal.effects.samples import HOLD
 from skincal.gap.hypothesis import PLACE
 from skincal.gap.reading import Reading
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray
 
 STEPS = 15

@@ -1,7 +1,7 @@
 """Twins: sensors under a contact law that is not the fitted one, so that the law's own error is not named.
 
 Where the surface is a cylinder or a plane and all indenters are spheres, the twins are elastic layers
-(:mod:`skincal.gap.elastic_layer`), whose pressure about a contact is the same wherever it is pressed: it is tabled over
+(:mod:`skincal.inference.elastic_layer`), whose pressure about a contact is the same wherever it is pressed: it is tabled over
 the force once. A layer has the stiffness that spreads the pressure of a press of middling force as far as the fitted
 foundation does, which is where the search for the one that the fitted sensor fits begins
 (:func:`skincal.gap.null.law_errors`). For other shapes the twin is the foundation with a
@@ -19,9 +19,9 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from skincal.effects import Samples
-from skincal.gap.elastic_layer import ContactError, Layer, Press, SmallContactError
+from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
 from skincal.gap.hypothesis import Hypothesis
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import Cylinder, Indenter, Plane, Sphere, Surface
 from skincal.model.arrays import FloatArray, as_floats
 

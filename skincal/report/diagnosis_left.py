@@ -14,7 +14,7 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from skincal.diagnose.diagnosis import Diagnosis
     from skincal.gap.models import Model
-    from skincal.gap.session import GapSession
+    from skincal.inference.session import GapSession
     from skincal.model import TaxelLayout
 
 FEWEST = 3

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from skincal.gap.elastic_layer import ContactError, ContactProblem, Layer, Press
+from skincal.inference.elastic_layer import ContactError, ContactProblem, Layer, Press
 
 LAYER = Layer.of_stiffness(4e8, 1.5e-3, 0.4)
 

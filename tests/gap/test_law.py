@@ -9,7 +9,7 @@ import pytest
 from gap.made_sessions import Case, case
 
 from skincal.gap.candidates import Scene, best_of
-from skincal.gap.elastic_layer import Layer
+from skincal.inference.elastic_layer import Layer
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.law import MOST, law_directions
 from skincal.gap.models import excess_of, scene_of

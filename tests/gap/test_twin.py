@@ -12,7 +12,7 @@ from model.model_shapes import FINGER, cylinder_mesh, sphere_mesh, surface_of
 import skincal.gap.twin as twin_module
 from skincal.effects import Samples
 from skincal.gap.base import BaseModel
-from skincal.gap.elastic_layer import ContactError, Layer, Press
+from skincal.inference.elastic_layer import ContactError, Layer, Press
 from skincal.gap.hypothesis import Hypothesis
 from skincal.gap.twin import THICKNESSES_M, alike_layer, layer_loads, twins_for
 from skincal.model import Contacts, Plane, SensorPose, Sphere, Surface, TaxelLayout

@@ -35,9 +35,9 @@ _APART_S = 1e6
 class Binning:
     """How many bins each phase of a press has at most."""
 
-    load: int = 8
-    hold: int = 6
-    unload: int = 8
+    load: int = 14
+    hold: int = 5
+    unload: int = 14
     rest: int = 3
 
     def of_phase(self, phase: int) -> int:
@@ -107,6 +107,18 @@ class GapSession:
             middle = np.average(place[held], axis=0, weights=self.frames[held])
             found[mine] = np.linalg.norm(place[mine] - middle, axis=1)
         return found
+
+    def of_holds_alone(self) -> GapSession:
+        """The holds of a session of frames, without memory of what was before: enough to find the sensor with."""
+        own = np.flatnonzero((self.phase == HOLD) & (self.press >= 0))
+        if not self.has_frames or not len(own):
+            return self
+        counts = None if self.counts is None else self.counts[own]
+        rows = np.arange(len(own))
+        return replace(
+            self, samples=self.samples[own], row=self.row[own], observation=rows, press=self.press[own],
+            phase=self.phase[own], frames=self.frames[own], counts=counts,
+        )  # fmt: skip
 
     def of_taxels(self, taxels: IntArray) -> GapSession:
         """The session as some of the layout's taxels see it."""
