@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
@@ -88,6 +89,9 @@ def blocks(
 ) -> Blocks:
     """Builds them.
 
+    The error of an image is one number a taxel and press, along the signal s alone: it is integrated out first, by
+    ``x - s (s'x) (1 - 1 / sqrt(1 + s's / l)) / s's``, after which it is as if there were none.
+
     Args:
         w: whitened.
         press: (N,) row of the press, -1 at rest.
@@ -98,56 +102,71 @@ def blocks(
         rng: for those.
     """
     taxels, n = w.residual.shape[1], w.columns.shape[2]
-    hs, bs, loss, chi, counts, owner = [], [], [], [], [], []
+    lists = block_rows(press)
+    order, begin = np.concatenate(lists), np.concatenate([[0], np.cumsum([len(r) for r in lists])])
+    owner = np.array([int(press[r[0]]) for r in lists])
+    size = np.diff(begin)
+    signal = w.signal[order] * np.repeat(owner >= 0, size)[:, None]
+    square = np.add.reduceat(signal**2, begin[:-1], axis=0)
+    grown = np.sqrt(1 + square * C.image**2)
+    shrink = np.repeat((1 - 1 / grown) / np.maximum(square, 1e-12), size, axis=0) * signal
+
+    def freed(x: FloatArray) -> FloatArray:
+        """(N, J, k) without the error of the image, in the order of blocks."""
+        x = x[order]
+        part = np.add.reduceat(signal[..., None] * x, begin[:-1], axis=0)
+        return x - shrink[..., None] * np.repeat(part, size, axis=0)
+
+    phases = [phase[order] == f for f in np.unique(phase[press >= 0])]
+    own = np.concatenate([w.own[order] * f[:, None, None] for f in phases], axis=2) if w.own.shape[2] else w.own[order]
+    back = np.argsort(order)
+    columns, residual = freed(w.columns), freed(w.residual[..., None])[..., 0]
+    nuisance = freed(np.concatenate([w.press, own[back]], axis=2))
+    lam = np.full(nuisance.shape[2], 1 / C.equation**2)
+    lam[:3] = precision
+    look = None
+    if draws is not None and rng is not None:
+        look = draws[order]
+        errors = rng.standard_normal((len(lists), taxels, look.shape[2])) * C.image
+        look += signal[..., None] * np.repeat(errors, size, axis=0)
+        look = freed(look[back])
+    seen, log_sd = w.seen[order], np.where(w.seen, w.log_sd, 0.0)[order]
+    count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
+    loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + 2 * np.log(grown).sum(axis=1)
+    chi = np.zeros(len(lists))
+    hs, bs = np.zeros((len(lists), n, n)), np.zeros((len(lists), n))
     constant, by = np.zeros((len(at), 3)), np.zeros((len(at), 3, n))
-    drawn, drawn_chi = [], []
-    phases = np.unique(phase)
-    for rows in block_rows(press):
-        p = int(press[rows[0]])
-        c, e = w.columns[rows].reshape(len(rows) * taxels, n), w.residual[rows].ravel()
-        look = None if draws is None else draws[rows].reshape(len(e), -1).copy()
-        count = int(w.seen[rows].sum())
-        extra = 2 * float(w.log_sd[rows][w.seen[rows]].sum())
-        if p < 0:
-            hs.append(c.T @ c)
-            bs.append(c.T @ e)
-            own = float(e @ e)
-            if look is not None:
-                drawn.append(c.T @ look)
-                drawn_chi.append((look**2).sum(axis=0))
-        else:
-            image = np.zeros((len(rows), taxels, taxels))
-            image[:, np.arange(taxels), np.arange(taxels)] = w.signal[rows]
-            image = image[:, :, np.abs(w.signal[rows]).max(axis=0) > 0.3]
-            parts = [w.press[rows], image]
-            parts += [w.own[rows] * (phase[rows] == f)[:, None, None] for f in phases if w.own.shape[2]]
-            big = np.concatenate(parts, axis=2).reshape(len(e), -1)
-            lam = np.full(big.shape[1], 1 / C.equation**2)
-            lam[:3], lam[3 : 3 + image.shape[2]] = precision, 1 / C.image**2
-            m = np.zeros(big.shape[1])
+    sessions = 0 if look is None else look.shape[2]
+    drawn, drawn_chi = np.zeros((len(lists) if sessions else 0, n, sessions)), np.zeros((len(lists) if sessions else 0, sessions))
+    for k, p in enumerate(owner.tolist()):
+        part = slice(begin[k], begin[k + 1])
+        c, e = columns[part].reshape(size[k] * taxels, n), residual[part].ravel()
+        all_ = np.concatenate([c, e[:, None]], axis=1) if sessions == 0 else np.concatenate([c, e[:, None], look[part].reshape(len(e), -1)], axis=1)  # type: ignore[index]
+        cross = c.T @ all_
+        squares = np.einsum("rs,rs->s", all_[:, n:], all_[:, n:])
+        if p >= 0:
+            big = nuisance[part].reshape(len(e), len(lam))
+            m = np.zeros(len(lam))
             m[:3] = at[p]
             g = big.T @ big
             g[np.diag_indices_from(g)] += lam
             chol = np.linalg.cholesky(g)
-            v = big.T @ e - lam * m
-            right = np.linalg.solve(chol, np.concatenate([big.T @ c, v[:, None]], axis=1))
-            left, z = right[:, :n], right[:, n]
-            hs.append(c.T @ c - left.T @ left)
-            bs.append(c.T @ e - left.T @ z)
-            own = float(e @ e + m @ (lam * m) - z @ z)
-            extra += 2 * float(np.log(np.diag(chol)).sum()) - float(np.log(lam).sum())
-            back = np.linalg.solve(chol.T, right)
-            constant[p], by[p] = back[:3, n], back[:3, :n]
-            if look is not None and rng is not None:
-                look += big @ (rng.standard_normal((big.shape[1], look.shape[1])) / np.sqrt(lam)[:, None])
-                zz = np.linalg.solve(chol, big.T @ look)
-                drawn.append(c.T @ look - left.T @ zz)
-                drawn_chi.append((look**2).sum(axis=0) - (zz**2).sum(axis=0))
-        chi.append(own)
-        loss.append(own + extra)
-        counts.append(count)
-        owner.append(p)
-    return Blocks(
-        np.array(hs), np.array(bs), np.array(loss), np.array(chi), np.array(counts), np.array(owner), (constant, by),
-        np.array(drawn), np.array(drawn_chi),
-    )  # fmt: skip
+            right = big.T @ all_
+            right[:, n] -= lam * m
+            if sessions and rng is not None:
+                drawn_m = rng.standard_normal((len(lam), sessions)) / np.sqrt(lam)[:, None]
+                lift = big @ drawn_m
+                cross[:, n + 1 :] += c.T @ lift
+                squares[1:] += 2 * np.einsum("rs,rs->s", all_[:, n + 1 :], lift) + np.einsum("rs,rs->s", lift, lift)
+                right[:, n + 1 :] += big.T @ lift
+            z = solve_triangular(chol, right, lower=True, check_finite=False)
+            cross -= z[:, :n].T @ z
+            squares -= np.einsum("rs,rs->s", z[:, n:], z[:, n:])
+            squares[0] += m @ (lam * m)
+            loss[k] += 2 * float(np.log(np.diag(chol)).sum()) - float(np.log(lam).sum())
+            step = solve_triangular(chol, z[:, : n + 1], lower=True, trans=1, check_finite=False)
+            constant[p], by[p] = step[:3, n], step[:3, :n]
+        hs[k], bs[k], chi[k] = cross[:, :n], cross[:, n], squares[0]
+        if sessions:
+            drawn[k], drawn_chi[k] = cross[:, n + 1 :], squares[1:]
+    return Blocks(hs, bs, loss + chi, chi, count, owner, (constant, by), drawn, drawn_chi)

@@ -20,7 +20,7 @@ from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
 from skincal.inference.tables import STEP_M, Presses, PressTable, press_table
 from skincal.model import Converter, Patch, SensorPose, Skin, SkinParameters, Sphere, StressLaw, Surface, TaxelLayout
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.patch import Rule
 
 Effects = Mapping[str, Mapping[str, FloatArray]]
@@ -124,7 +124,7 @@ class Forward:
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
-        self._laws: dict[object, tuple[PressTable, PressTable, PressTable]] = {}
+        self._laws: tuple[State, PressTable, PressTable, PressTable] | None = None
 
     def of_holds(self) -> Forward:
         """The same of holds alone, on coarser points: where the search for the sensor begins."""
@@ -215,9 +215,16 @@ class Forward:
         key = (law, spread[0].key if spread else None, radii, state.pose)
         if key in self._tables:
             before, places, table = self._tables[key]
-            near = np.nanmax(np.abs(middle - places), initial=0.0) < _FAR_M
-            if near and abs(before.log_e - state.log_e) < _ALIKE:
-                return table, places
+            if abs(before.log_e - state.log_e) < _ALIKE:
+                far = np.flatnonzero(np.nan_to_num(np.abs(middle - places)).max(axis=1) >= _FAR_M)
+                if not len(far):
+                    return table, places
+                if len(far) < len(places) / 2:
+                    places, terms = places.copy(), table.terms.copy()
+                    places[far] = middle[far]
+                    terms[:, far] = self._make(skin, felt, before, places, rows=far).terms
+                    self._tables[key] = (before, places, PressTable(terms, table.most_m3))
+                    return self._tables[key][2], places
         moved = middle.copy()
         table = self._make(skin, felt, state, moved)
         if len(self._tables) > 40:
@@ -225,13 +232,16 @@ class Forward:
         self._tables[key] = (state, moved, table)
         return table, moved
 
-    def _make(self, skin: EffectSkin, felt: Samples, state: State, places: FloatArray, *, lattice: bool = True) -> PressTable:
+    def _make(
+        self, skin: EffectSkin, felt: Samples, state: State, places: FloatArray, rows: IntArray | None = None, *, lattice: bool = True
+    ) -> PressTable:
         laws = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
         weights = None
         for a in skin.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
                 weights = a.effect.weights(a.values, skin.skin.patch)
-        moved = self._measured.moved(self.surface, places)
+        rows = np.arange(self.presses) if rows is None else rows
+        moved = self._measured.of(rows).moved(self.surface, places[rows])
         e, law = float(np.exp(state.log_e)), laws[-1] if laws else None
         return press_table(skin.skin.patch, self.surface, felt.indenters, moved, e, law, weights, lattice=lattice)
 
@@ -249,21 +259,24 @@ class Forward:
 
     def _law(self, state: State, felt: Samples) -> FloatArray:
         """(K, J, 3) what the law's three numbers do to loads."""
-        key = (state.pose, round(state.log_e / _ALIKE), round(float(np.nansum(np.abs(state.move[:, :2]))) / _FAR_M))
-        e = float(np.exp(state.log_e))
-        if key not in self._laws:
+        e, moves = float(np.exp(state.log_e)), state.move[:, :2]
+        near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
+        if near and self._laws is not None:
+            before = self._laws[0]
+            near = self._near(before.pose, state.pose) and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
+        if not near:
             plain = self.skin(state, {})
-            moved = self._measured.moved(self.surface, state.move[:, :2])
+            moved = self._measured.moved(self.surface, moves)
             things = self.samples.indenters
             wider = tuple(type(i)(i.radius_m * (1 + _RADIUS)) if isinstance(i, Sphere) else i for i in things)
-            self._laws = {
-                key: (
-                    press_table(plain.skin.patch, self.surface, things, moved, e),
-                    press_table(plain.skin.patch, self.surface, things, moved, e, StressLaw(1 + _POWER, 5e-4), lattice=False),
-                    press_table(plain.skin.patch, self.surface, wider, moved, e, lattice=False),
-                )
-            }
-        base, bent, wide = self._laws[key]
+            self._laws = (
+                state,
+                self._make(plain, self.samples, state, moves),
+                press_table(plain.skin.patch, self.surface, things, moved, e, StressLaw(1 + _POWER, 5e-4), lattice=False),
+                press_table(plain.skin.patch, self.surface, wider, moved, e, lattice=False),
+            )
+        assert self._laws is not None
+        _, base, bent, wide = self._laws
         x = self._force(felt, state) / e
         own = base.at(self.row, x)
         curved = PressTable((base.terms[3] + base.terms[4])[None] * STEP_M**2 / 2, base.most_m3)
@@ -273,6 +286,11 @@ class Forward:
             (wide.at(self.row, x) - own) * (e / _RADIUS),
         ]
         return np.stack(parts, axis=-1)
+
+    @staticmethod
+    def _near(a: SensorPose, b: SensorPose) -> bool:
+        far = max(abs(a.y_m - b.y_m), abs(a.x_m - b.x_m), 0.02 * abs(a.beta_rad - b.beta_rad), 5e-3 * abs(a.alpha_rad - b.alpha_rad))
+        return far < 2 * _FAR_M
 
     @staticmethod
     def _after(skin: EffectSkin, loads: FloatArray, felt: Samples) -> FloatArray:

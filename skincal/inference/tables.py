@@ -1,7 +1,7 @@
 """Loads of every press over its force, made once for a pose and looked up for every frame.
 
 Under a law of stress the loads of a press are functions of F / E alone, and smooth ones. So for each press the loads of
-all taxels are worked out at some values of F / E, and again with the contact moved a little on a lattice of nine
+all taxels are worked out at some values of F / E, and again with the contact moved a little on a lattice of six
 places: that gives the value and its slopes up to the second order in the move. A frame is then a look-up, and so are
 its slopes by force, by E and by the place.
 
@@ -23,7 +23,7 @@ NODES = 22
 """Values of F / E in a table, even in the square root."""
 STEP_M = 2.5e-4
 """How far the places of the lattice lie apart [m]."""
-_LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
+_LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +76,10 @@ class Presses:
     indenter: IntArray
     most_n: FloatArray
 
+    def of(self, rows: IntArray) -> Presses:
+        """Some of them."""
+        return Presses(self.points_m[rows], self.normals[rows], self.indenter[rows], self.most_n[rows])
+
     def moved(self, surface: Surface, move_m: FloatArray) -> Presses:
         """Presses whose contacts are moved over the surface (P, 2) across and along; normals turn with its own."""
         old = surface.project(self.points_m)
@@ -118,10 +122,10 @@ def press_table(
     found = np.stack([_loads(patch, indenters, p, most, law, weights) for p in stack])
     if not lattice:
         return PressTable(found, most)
-    c, e, w, n, s, ne, sw, se, nw = found
+    c, e, w, n, s, ne = found
     h = STEP_M
     terms = [c, (e - w) / (2 * h), (n - s) / (2 * h), (e + w - 2 * c) / (2 * h * h), (n + s - 2 * c) / (2 * h * h)]
-    return PressTable(np.stack([*terms, (ne + sw - se - nw) / (4 * h * h)]), most)
+    return PressTable(np.stack([*terms, (ne - e - n + c) / (h * h)]), most)
 
 
 def _loads(
@@ -160,11 +164,16 @@ def _balls(points, normals, areas, taxel, weights, centres, ups, radius, most, s
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
         if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
             continue
+        # Points that a press as deep as this could meet: beyond, the gap is larger than any depth.
+        wide = (radius + 1e-4) ** 2 + 4 * radius * np.sqrt(most[c] / (np.pi * radius))
         m, first = 0, np.inf
         for i in range(n):
             x, y, z = points[i, 0] - centres[c, 0], points[i, 1] - centres[c, 1], points[i, 2] - centres[c, 2]
+            away = x * x + y * y + z * z
+            if away > wide:
+                continue
             along = x * ux + y * uy + z * uz
-            half = along * along - x * x - y * y - z * z + radius * radius
+            half = along * along - away + radius * radius
             if half <= 0:
                 continue
             w = areas[i] * (normals[i, 0] * ux + normals[i, 1] * uy + normals[i, 2] * uz)

@@ -20,7 +20,7 @@ from skincal.model.arrays import FloatArray
 
 THICKNESSES_M = (1e-3, 3e-3, 10e-3)
 POWERS = (0.85, 1.2)
-_POISSON, _SPACING_M, _HALF_WIDTH_M, _FORCES, _TRIES = 0.4, 0.25e-3, 6e-3, 12, 6
+_POISSON, _SPACING_M, _HALF_WIDTH_M, _FORCES, _TRIES, _ALIKE = 0.4, 0.25e-3, 6e-3, 12, 7, 0.02
 
 
 def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
@@ -53,6 +53,7 @@ def _layer_table(forward: Forward, patch: Patch, surface: Surface, presses: Pres
     out = np.zeros((1, len(most), NODES, patch.layout.taxels))
     share = np.linspace(0.0, 1.0, NODES)
     radius = surface.radius_m if isinstance(surface, Cylinder) else float("inf")
+    factor = 0.0
     for number, ball in enumerate(forward.samples.indenters):
         rows = np.flatnonzero((presses.indenter == number) & np.isfinite(presses.points_m).all(axis=1))
         if not len(rows):
@@ -60,7 +61,9 @@ def _layer_table(forward: Forward, patch: Patch, surface: Surface, presses: Pres
         assert isinstance(ball, Sphere)
         press = Press(radius, ball.radius_m, _SPACING_M, min(_HALF_WIDTH_M, 0.98 * ball.radius_m))
         top = float(presses.most_n[rows].max())
-        solved = _solved(press, Layer.of_stiffness(e, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES))
+        stiff = e * (factor or _alike(press, e, 0.4 * top, thick))
+        factor = factor or stiff / e
+        solved = _solved(press, Layer.of_stiffness(stiff, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES))
         if solved is None:
             return None
         forces, fields = solved
@@ -75,6 +78,29 @@ def _layer_table(forward: Forward, patch: Patch, surface: Surface, presses: Pres
             asked = np.minimum(share * np.sqrt(presses.most_n[p]), curve.x[-1])
             out[0, p] = (own(asked) if len(rows) > 1 else own(asked)[0]) / e
     return PressTable(out, most)
+
+
+def _alike(press: Press, e: float, force_n: float, thick: float) -> float:
+    """How many times as stiff as the foundation a layer is whose press spreads as far."""
+
+    def width(felt: FloatArray) -> float:
+        square = press.axis_m**2
+        return float(np.sqrt((felt.sum(axis=1) @ square + felt.sum(axis=0) @ square) / felt.sum()))
+
+    wanted = width(press.foundation_pa(e, force_n))
+    low, high, factor = 0.05, 20.0, 1.0
+    for _ in range(_TRIES):
+        try:
+            wide = width(press.fields(Layer.of_stiffness(factor * e, thick, _POISSON), np.array([force_n]))[0].felt_pa)
+        except SmallContactError:
+            wide = 0.0
+        except ContactError:
+            wide = np.inf
+        low, high = (factor, high) if wide > wanted else (low, factor)
+        if abs(wide / wanted - 1) < _ALIKE:
+            break
+        factor = float(np.sqrt(low * high))
+    return factor
 
 
 def _solved(press: Press, layer: Layer, forces: FloatArray):  # noqa: ANN202
