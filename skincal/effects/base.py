@@ -53,6 +53,9 @@ class Effect(ABC):
         meaning: one sentence.
         parameters: that it has.
         covariates: that it needs whenever it is not neutral; parameters may need more.
+        asks: kinds of presses without which it hardly shows, by their names in :mod:`skincal.diagnose.reasons`.
+        single_taxels: whether it is a fault of some taxels, each for itself.
+        in_places: whether it lives in the measured places of presses, so that images hardly show it.
         has_memory: whether it depends on earlier samples.
         of_rig: whether it is an error of what was measured and no property of the skin: where the true place and force
             are known, as in an environment, it has no place.
@@ -64,6 +67,9 @@ class Effect(ABC):
     meaning: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
     covariates: ClassVar[tuple[str, ...]] = ()
+    asks: ClassVar[tuple[str, ...]] = ()
+    single_taxels: ClassVar[bool] = False
+    in_places: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
     source: ClassVar[str]
@@ -101,6 +107,11 @@ class Effect(ABC):
                 return parameter
         names = ", ".join(p.name for p in self.parameters)
         raise InputError([Problem(f"effect {self.name}", f"one of the parameters {names}", f'"{name}"')])
+
+    def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
+        """How much of the effect could as well be clocks that do not agree [s]; 0 for most effects."""
+        del parameters
+        return 0.0
 
     @abstractmethod
     def starts(self, scene: Scene) -> tuple[Start, ...]:

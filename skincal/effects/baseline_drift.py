@@ -71,6 +71,7 @@ class BaselineDrift(SignalEffect):
             needs=("temperature",),
         ),
     )
+    asks = ("clock",)
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

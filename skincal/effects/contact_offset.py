@@ -45,6 +45,8 @@ class ContactOffset(InputEffect):
         _number("along_m_per_n", "m/N", 1e-3, "movement along +y with the force"),
     )
     of_rig = True
+    asks = ("poses",)
+    in_places = True
     source = (
         "First-order kinematic calibration errors: Hollerbach, Khalil, Gautier, Model Identification, "
         "Springer Handbook of Robotics, 2016, chapter 6."

@@ -30,6 +30,7 @@ class Cover(InputEffect):
             "share", "-", 0.9, 0.05, 1.0, "part of the first newton that it carries", role="form"
         ),
     )
+    asks = ("forces",)
     source = "Parallel springs of which one yields: Jenkins, Br. J. Appl. Phys. 13 (1962) 30; here smooth."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

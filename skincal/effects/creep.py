@@ -35,6 +35,7 @@ class Creep(MemoryEffect):
         EffectParameter("breadth", "decades", 0.0, 0.0, 3.0, "b: range of the time constants", role="form"),
     )
     covariates = ("time",)
+    asks = ("frames", "clock")
     source = (
         "Prony series and its recursion: Simo, Hughes, Computational Inelasticity, 1998, 10.3; creep of force "
         "sensing resistors: Paredes-Madrid et al., Materials 10 (2017) 1334."

@@ -53,6 +53,7 @@ class DeadTaxel(SignalEffect):
             role="form",
         ),
     )
+    single_taxels = True
     source = "Stuck-at faults: Isermann, Fault-Diagnosis Systems, 2006."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

@@ -43,6 +43,7 @@ class FirstCycle(SignalEffect):
         EffectParameter("tail", "-", 0.0, 0.0, 1.0, "t: how slowly the last of it fades", role="form"),
     )
     covariates = ("cycle",)
+    asks = ("again",)
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

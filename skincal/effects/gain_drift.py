@@ -54,6 +54,7 @@ class GainDrift(SignalEffect):
             needs=("temperature",),
         ),
     )
+    asks = ("clock",)
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

@@ -33,6 +33,7 @@ class Hysteresis(MemoryEffect):
             "width", "-", 1.5, 0.05, 8.0, "w: how far the unloading curves reach", role="form", scale="log"
         ),
     )
+    asks = ("unloading",)
     source = (
         "Visintin, Differential Models of Hysteresis, 1994 (generalised play); on tactile sensors: "
         "Sánchez-Durán et al., Sensors 15 (2015) 26170, doi 10.3390/s151026170."

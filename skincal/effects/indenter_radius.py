@@ -43,6 +43,7 @@ class IndenterRadius(InputEffect):
         ),
     )
     of_rig = True
+    asks = ("indenters",)
     source = "Contact area of a sphere on an elastic foundation, a² = 2 R delta: Johnson, Contact Mechanics, 1985, 4.3."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

@@ -28,6 +28,7 @@ class ResponseCurve(SignalEffect):
         EffectParameter("exponent", "-", 1.0, -1.0, 3.0, "g", typical=-0.35),
         EffectParameter("knee_n", "N", 0.2, 0.01, 5.0, "x_0", role="form", scale="log"),
     )
+    asks = ("forces",)
     source = (
         "Box, Cox, J. R. Stat. Soc. B 26 (1964) 211 (shifted power); conductance of piezoresistive taxels: "
         "Paredes-Madrid et al., DYNA 85 (2018), doi 10.15446/dyna.v85n205.66432."

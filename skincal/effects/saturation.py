@@ -30,6 +30,7 @@ class Saturation(SignalEffect):
         ),
         EffectParameter("sharpness", "-", 4.0, 1.5, 30.0, "p", role="form", scale="log"),
     )
+    asks = ("forces",)
     source = (
         "Rapp's model of a limiting amplifier: Rapp, 2nd European Conf. on Satellite Communications, 1991."
     )

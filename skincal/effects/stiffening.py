@@ -32,6 +32,7 @@ class Stiffening(LawEffect):
             scale="log",
         ),
     )
+    asks = ("forces",)
     source = "Power-law foundation: Johnson, Contact Mechanics, 1985, 4.3; foams: Gibson, Ashby, Cellular Solids, 1997."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

@@ -102,7 +102,7 @@ def blocks(
         rng: for those.
     """
     taxels, n = w.residual.shape[1], w.columns.shape[2]
-    lists = block_rows(press)
+    lists = [r for r in block_rows(press) if w.seen[r].any()]
     order, begin = np.concatenate(lists), np.concatenate([[0], np.cumsum([len(r) for r in lists])])
     owner = np.array([int(press[r[0]]) for r in lists])
     size = np.diff(begin)

@@ -7,11 +7,11 @@ mixes taxels afterwards, its own taxel alone; so one run of the chain serves all
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.effects import EFFECTS, EffectParameter, Stage, effect
+from skincal.effects import EffectParameter, Stage, effect
 from skincal.effects.starts import Scene, Start
 from skincal.inference.forward import Effects, Forward, Seen
 from skincal.model.arrays import FloatArray
@@ -62,7 +62,8 @@ def with_values(effects: Effects, free: Sequence[Free], values: FloatArray) -> d
     """Parameters with some numbers set, on their own scales, within their bounds."""
     out = {n: {k: np.array(v, dtype=np.float64) for k, v in own.items()} for n, own in effects.items()}
     for f, value in zip(free, values, strict=True):
-        own = np.exp(f.clipped(float(value))) if f.logarithmic else f.clipped(float(value))
+        own = float(np.exp(value)) if f.logarithmic else float(value)
+        own = min(max(own, f.parameter.low), f.parameter.high)
         array = out[f.effect][f.parameter.name]
         if array.ndim:
             array[f.index or 0] = own
@@ -71,9 +72,12 @@ def with_values(effects: Effects, free: Sequence[Free], values: FloatArray) -> d
     return out
 
 
-def free_of(name: str, values: Mapping[str, FloatArray], first: Start, covariates: frozenset[str]) -> list[Free]:
-    """What is fitted of an effect that was found from a start: strengths that the start moves, and their forms."""
+def free_of(name: str, values: Mapping[str, FloatArray], first: Start | None, covariates: frozenset[str]) -> list[Free]:
+    """What is fitted of an effect: strengths that its start moves (of a known effect those that differ), and its forms."""
     found: list[Free] = []
+    if first is None:
+        away = {p.name: np.asarray(values[p.name]) for p in effect(name).parameters if p.role == "strength" and p.name in values}
+        first = Start(tuple({k: v} for k, v in away.items() if (v != effect(name).parameter(k).neutral).any()), ())
     moved = {k for p in first.points for k in p}
     own = effect(name)
     for p in own.parameters:
@@ -170,7 +174,7 @@ def candidates(forward: Forward, seen: Seen, scene: Scene, slope: FloatArray, na
         had: effects, or single taxels of them, that the state has already.
     """
     skip = {n for n, alone in had if alone is None}
-    wanted = [(n, s) for n in names if n not in skip for s in EFFECTS[n].starts(scene) if (n, s.alone) not in had]
+    wanted = [(n, s) for n in names if n not in skip for s in starts_of(n, scene) if (n, s.alone) not in had]
     apart = not mixes(seen.state.effects)
     lumps: dict[object, list[tuple[int, int, int]]] = {}
     points: list[list[Mapping[str, FloatArray]]] = []
@@ -205,6 +209,16 @@ def candidates(forward: Forward, seen: Seen, scene: Scene, slope: FloatArray, na
     for (name, s), columns in zip(wanted, found, strict=True):
         if np.isfinite(columns).all() and (np.abs(columns).max(axis=(0, 1), initial=0.0) > 0).any():
             yield Candidate(name, s, columns)
+
+
+def starts_of(name: str, scene: Scene) -> tuple[Start, ...]:
+    """Starts of an effect, within the bounds of its parameters."""
+    own = effect(name)
+
+    def inside(point: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        return {k: np.clip(v, own.parameter(k).low, own.parameter(k).high) for k, v in point.items()}
+
+    return tuple(replace(s, points=tuple(inside(p) for p in s.points)) for s in own.starts(scene))
 
 
 def _taxel_of(name: str, point: Mapping[str, FloatArray]) -> int | None:

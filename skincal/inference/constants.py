@@ -31,6 +31,8 @@ class Constants:
     contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
+    sure_names: int = 2  # T  names that may be sure while more than chance is left
+    stays_open: float = 0.3  # T  part of what there was that may be left beside sure names
     part: float = 0.005  # P  of what is explained already: less than that is a matter of the equations
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most

@@ -153,13 +153,13 @@ class Fitter:
 
     def _off(self, state: State) -> FloatArray:
         a, b = state.pose, self.before.start.pose
-        turn = (a.beta_rad - b.beta_rad) * self._radius(state) + a.x_m - b.x_m
+        turn = (a.beta_rad - b.beta_rad) * self.turning_radius(state) + a.x_m - b.x_m
         s = np.mean(state.log_s) - np.mean(self.before.start.log_s)
         return np.array(
             [a.y_m - b.y_m, turn, a.alpha_rad - b.alpha_rad, state.log_e - self.before.start.log_e, s, state.rest - self.before.start.rest]
         )
 
-    def _radius(self, state: State) -> float:
+    def turning_radius(self, state: State) -> float:
         from skincal.model import Plane  # noqa: PLC0415
 
         if isinstance(self.forward.surface, Plane):

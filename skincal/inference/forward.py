@@ -19,7 +19,7 @@ from skincal.effects.base import Stage
 from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
 from skincal.inference.tables import STEP_M, Presses, PressTable, press_table
-from skincal.model import Converter, Patch, SensorPose, Skin, SkinParameters, Sphere, StressLaw, Surface, TaxelLayout
+from skincal.model import Converter, Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Sphere, StressLaw, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.patch import Rule
 
@@ -126,12 +126,16 @@ class Forward:
         self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
         self._laws: tuple[State, PressTable, PressTable, PressTable] | None = None
 
+    @property
+    def rests_clipped(self) -> bool:
+        """Whether an untouched taxel rests at the converter's lower bound."""
+        return self._converter.value_min is not None
+
     def of_holds(self) -> Forward:
         """The same of holds alone, on coarser points: where the search for the sensor begins."""
         part = self.session.of_holds_alone()
         _, margin, rule = self._patch
-        clipped = self._converter.value_min is not None
-        return Forward(part, self.surface, self.layout, self.noise, clipped=clipped, resolution_m=6e-4, margin_m=margin, rule=rule)
+        return Forward(part, self.surface, self.layout, self.noise, clipped=self.rests_clipped, resolution_m=6e-4, margin_m=margin, rule=rule)
 
     # ------------------------------------------------------------------ what was measured
 
@@ -323,7 +327,16 @@ class Forward:
         _, places = self._table(skin, seen.felt, s, self._middle(self._felt(skin)[1]) + s.move[:, :2])
         own = seen.table.at(self.row, x / e)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
+        alike = isinstance(self.surface, Cylinder | Plane)
+        if alike:
+            # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
+            # difference would seem to tell the one from the other.
+            moves = seen.table.slopes(self.row, x / e, at) * e
+            out[..., 0] = self.with_loads(seen, -2e-5 * moves[1]) / 2e-5
+            out[..., 1] = self.with_loads(seen, -2e-5 * moves[0]) / 2e-5
         for k, name in enumerate(("y", "turn", "alpha")):
+            if alike and name != "alpha":
+                continue
             step = _STEP[name]
             other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, step)))
             table = self._make(other, seen.felt, s, places, lattice=False)
@@ -362,8 +375,6 @@ def moved_pose(surface: Surface, pose: SensorPose, name: str, step: float) -> Se
         return replace(pose, alpha_rad=pose.alpha_rad + step)
     if name == "y":
         return replace(pose, y_m=pose.y_m + step)
-    from skincal.model import Plane  # noqa: PLC0415
-
     if isinstance(surface, Plane):
         return replace(pose, x_m=pose.x_m + step)
     here = surface.wrap(replace(pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]

@@ -47,11 +47,8 @@ class Noise:
 
     @cached_property
     def _kept(self) -> float:
-        """Variance of rounding that all frames of a level share [counts²]: the first term of its Fourier series."""
-        if not self.step:
-            return 0.0
-        wave = self.step / np.pi * np.exp(-2 * (np.pi * self.frame / self.step) ** 2)
-        return float(wave * wave / 2)
+        """Variance of rounding that all frames of a level share [counts²]."""
+        return shared_rounding(self.frame, self.step)
 
     @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -117,6 +114,28 @@ class Noise:
         return np.maximum(own - self._kept, 0.2 * own) / frames[:, None] + self._kept
 
 
+def shared_rounding(sigma: float, step: float) -> float:
+    """Variance of the mean of a rounded, noisy level over where the level may lie within its step [counts²].
+
+    The Fourier series of the rounding error, each wave shrunk by the noise.
+    """
+    if not step:
+        return 0.0
+    k = np.arange(1, 7)
+    waves = step / (np.pi * k) * np.exp(-2 * (np.pi * k * sigma / step) ** 2)
+    return float((waves**2).sum() / 2)
+
+
+def sigma_before_rounding(variance: float, step: float) -> float:
+    """Noise whose frames, rounded in steps, scatter by a variance about their mean, levels lying anywhere."""
+    low, high = 0.0, float(np.sqrt(max(variance, 0.0))) + step
+    for _ in range(50):
+        middle = (low + high) / 2
+        seen = middle**2 + step**2 / 12 - shared_rounding(middle, step)
+        low, high = (middle, high) if seen < variance else (low, middle)
+    return (low + high) / 2
+
+
 def step_of(counts: FloatArray) -> float:
     """Step in which values come; 0 where they are no multiples of one."""
     some = np.unique(counts[np.isfinite(counts)].ravel()[:200_000])
@@ -154,36 +173,38 @@ def noise_of(
         force = (force_n[2:] - 2 * force_n[1:-1] + force_n[:-2])[ok] / np.sqrt(6)
         return second, third, force
 
-    d, at, force = (np.concatenate(x) for x in zip(steps(hold), steps(rest), strict=True))
+    held, idle = steps(hold), steps(rest)
+    # Levels in holds lie anywhere within a step of the converter; at rest they are all the same.
+    d, at, force = held if len(held[0]) > 300 else tuple(np.concatenate(x) for x in zip(held, idle, strict=True))
     inside = (at > low + away) & (at < high - away) & np.isfinite(d)
     above = np.maximum(at - level, 0.0)
-    usual = _robust(d[inside]) if inside.any() else 0.0
-    quiet = inside & (above < 20 * max(usual, 0.2 * max(step, 0.0), 1e-12))
+    usual = _robust(d[inside], step) if inside.any() else 0.0
+    quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
     loud = inside & (above > 60 * max(usual, 1e-12))
-    variance = _robust(d[quiet]) ** 2 if quiet.sum() > 50 else usual**2
+    variance = _robust(d[quiet], step) ** 2 if quiet.sum() > 50 else usual**2
     grows = 0.0
     if loud.sum() > 200:
-        more = _robust(d[loud]) ** 2 - variance
+        more = _robust(d[loud], step) ** 2 - variance
         grows = float(np.sqrt(max(more, 0.0)) / np.median(above[loud]))
         # Too little to be told from the scatter of the estimate.
         grows = grows if more > 4 * variance / np.sqrt(quiet.sum() + 1.0) and more > 0.2 * variance else 0.0
-    before = max(variance - step**2 / 12, 0.0)
-    sigma = max(float(np.sqrt(before)), C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step)
+    before = sigma_before_rounding(variance, step)
+    sigma = max(before, C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step)
     own = np.full(counts.shape[1], sigma)
     for j in range(counts.shape[1]):
         mine = quiet[:, j] if quiet[:, j].sum() > 50 else inside[:, j]
-        if mine.sum() > 50 and (found := _robust(d[mine, j])) > 1.5 * np.sqrt(variance):
-            own[j] = max(float(np.sqrt(max(found**2 - step**2 / 12, 0.0))), sigma)
+        if mine.sum() > 50 and (found := _robust(d[mine, j], step)) > 1.5 * np.sqrt(variance):
+            own[j] = max(sigma_before_rounding(found**2, step), sigma)
     return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0)
 
 
-def _robust(x: FloatArray) -> float:
+def _robust(x: FloatArray, step: float = 0.0) -> float:
     """Standard deviation of values, those far out left aside; the median alone would be that of steps."""
     if not len(x):
         return 0.0
     size = np.abs(x)
     rough = 1.4826 * float(np.median(size))
-    near = size <= 5 * max(rough, float(np.quantile(size, 0.9)) / 1.645)
+    near = size <= 5 * max(rough, float(np.quantile(size, 0.9)) / 1.645, step / 2)
     return float(np.sqrt(np.mean(x[near] ** 2)))
 
 

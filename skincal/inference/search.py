@@ -16,21 +16,23 @@ All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inf
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skincal.effects import EFFECTS
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
 from skincal.inference.check import beyond, left
-from skincal.inference.columns import Candidate, Free, begun, candidates, free_of
+from skincal.inference.columns import Candidate, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model.arrays import FloatArray, IntArray
+
+
+_SCALES = (1.0, 0.5, 0.75, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,7 @@ class Named:
         gain: that its fit adds [nats].
         limit: of the null.
         p_value: part of null sessions that reach its gain.
+        rivals: fits of those alike, in its place.
     """
 
     name: str
@@ -79,6 +82,7 @@ class Named:
     gain: float
     limit: float
     p_value: float
+    rivals: tuple[tuple[str, Fitted], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +97,7 @@ class Found:
         null: of the base.
         left: (3,) what the final model leaves, as :func:`skincal.inference.check.left`.
         open: whether that is more than chance.
+        begun_with: (3,) the same of the base model.
     """
 
     base: Fitted
@@ -102,6 +107,15 @@ class Found:
     null: Null
     left: FloatArray
     open: bool
+    begun_with: FloatArray
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether what is named leaves more than chance and too much of what there was: it is not what is missing."""
+        if not self.open:
+            return False
+        before, after = np.maximum(self.begun_with - 1, 1e-9), np.maximum(self.left - 1, 0.0)
+        return len(self.named) > C.sure_names or bool((after / before)[self.begun_with > 1 + C.left].max(initial=0.0) > C.stays_open)
 
 
 @dataclass(eq=False)
@@ -114,11 +128,11 @@ class Search:
     covariates: frozenset[str]
     rng: np.random.Generator
     heard: Callable[[str], None] = lambda _: None
+    null_sessions: int = C.null_sessions
     _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def run(self) -> Found:
         """From the base model to what is missing."""
-        fitter = self.fitter
         self._folds = folds_of(self.base.blocks, self.rng)
         known = dict(self.base.state.effects)
         fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
@@ -139,7 +153,7 @@ class Search:
             best = self._best(fit, good)
             if best is None:
                 break
-            one, new, alike = best
+            one, new, alike, rivals = best
             gain = Score(self.score(new) - self.score(fit))
             if gain.total < null.limit(one.name) or gain.total < C.part * gained:
                 dropped.add(one.name)
@@ -149,7 +163,7 @@ class Search:
             starts[one.name] = one.candidate
             if one.name not in [n.name for n in named]:
                 p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (1 + len(null.laws))
-                named.append(Named(one.name, alike, gain.total, null.limit(one.name), p))
+                named.append(Named(one.name, alike, gain.total, null.limit(one.name), p, rivals))
             # What the new one has made needless goes.
             for old in list(named[:-1]):
                 less = self._without(fit, old.name, known)
@@ -158,8 +172,8 @@ class Search:
                     dropped.add(old.name)
         b = fit.blocks
         own = left(b.chi[:, None], b.count, b.press)[0]
-        del fitter
-        return Found(self.base, fit, tuple(named), tuple(rounds), null, own, bool(beyond(own, null.left).any()))
+        first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
+        return Found(self.base, fit, tuple(named), tuple(rounds), null, own, bool(beyond(own, null.left).any()), first)
 
     # ------------------------------------------------------------------ a round
 
@@ -170,7 +184,7 @@ class Search:
         _, slope = f.noise.written(seen.values + seen.state.rest)
         had = {(n, None) for n in seen.state.effects if not any(x.index is not None and x.effect == n for x in fit.free)}
         had |= {(x.effect, x.index) for x in fit.free if x.index is not None}
-        had |= {(n, None) for n in seen.state.effects if not any(s.alone is not None for s in EFFECTS[n].starts(self.scene))}
+        had |= {(n, None) for n in seen.state.effects if not any(s.alone is not None for s in starts_of(n, self.scene))}
         found = list(candidates(f, seen, self.scene, slope, self.names, had))
         w = fitter.whitened(seen, fitter.columns(seen, fit.free), fitter.contributions(seen))
         sd = np.exp(w.log_sd)
@@ -181,7 +195,7 @@ class Search:
         if first:
             self.heard("null sessions")
             residuals = law_residuals(fitter, fit)
-            laws, draws = drawn_residuals(residuals, fitter.before.weights, w.seen, self.rng, C.null_sessions)
+            laws, draws = drawn_residuals(residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions)
         linear = fitter.built(seen, fit.free, wide, draws=draws, rng=self.rng)
         null = None
         if first:
@@ -226,16 +240,20 @@ class Search:
                 out[c.name] = t
         return sorted(out.values(), key=lambda t: -t.gain)
 
-    def _best(self, fit: Fitted, good: Sequence[Tried]) -> tuple[Tried, Fitted, tuple[str, ...]] | None:
+    def _best(self, fit: Fitted, good: Sequence[Tried]) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
         """Of the best few the one whose joint fit predicts best, and those that predict as well."""
         order = sorted(good, key=lambda t: -t.shared)
         few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
         fits = [(t, self.with_one(fit, t)) for t in few]
         scores = [self.score(x) for _, x in fits]
         k = int(np.argmax([s.sum() for s in scores]))
-        alike = [t.name for (t, _), s in zip(fits, scores, strict=True) if Score(scores[k] - s).total < C.alike * max(Score(scores[k] - s).error, 1.0)]
         first = fits[k][0]
-        return first, fits[k][1], (first.name, *(n for n in alike if n != first.name))
+        alike = []
+        for (t, fit_), own in zip(fits, scores, strict=True):
+            behind = Score(scores[k] - own)
+            if t.name != first.name and behind.total < C.alike * max(behind.error, 1.0):
+                alike.append((t.name, fit_))
+        return first, fits[k][1], (first.name, *(n for n, _ in alike)), tuple(alike)
 
     # ------------------------------------------------------------------ fits
 
@@ -247,13 +265,28 @@ class Search:
     def with_one(self, fit: Fitted, tried: Tried) -> Fitted:
         """The joint fit with one more, from where the model is and from where it was before it bent to what it lacks."""
         before = fit.state.effects.get(tried.name)
-        values = begun(tried.name, tried.candidate.start, tried.coefficients, before)
+        values = self._scaled(fit, tried, before)
         effects = {**fit.state.effects, tried.name: values}
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
         at = replace(fit.state, effects=effects)
         return self.fitter.solve(at, free, steps=C.joint_steps)
+
+    def _scaled(self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None) -> dict[str, FloatArray]:
+        """Parameters that do what the multiples of a start's points do to first order: few equations are lines."""
+        f, c = self.fitter.forward, tried.candidate
+        wanted = c.columns @ tried.coefficients
+        _, slope = f.noise.written(fit.seen.values + fit.state.rest)
+        best: tuple[float, dict[str, FloatArray]] | None = None
+        for scale in _SCALES:
+            values = begun(tried.name, c.start, scale * tried.coefficients, before)
+            does = f.mean @ ((f.with_effects(fit.seen, {**fit.state.effects, tried.name: values}) - fit.seen.values) * slope)
+            off = float(((does - wanted) ** 2).sum())
+            if best is None or off < best[0]:
+                best = off, values
+        assert best is not None
+        return best[1]
 
     def _without(self, fit: Fitted, name: str, known: dict) -> Fitted:  # type: ignore[type-arg]
         effects = {n: v for n, v in fit.state.effects.items() if n != name or n in known}
@@ -283,8 +316,3 @@ def scene_of(fitter: Fitter, base: Fitted) -> Scene:
         duration_s=max(span, 1.0),
         speed_m_per_s=1e-3 if speed is None or not np.isfinite(speed).any() else float(np.nanmedian(speed)),
     )
-
-
-def free_numbers(fit: Fitted) -> tuple[Free, ...]:
-    """What was fitted of effects."""
-    return fit.free

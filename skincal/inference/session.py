@@ -108,6 +108,17 @@ class GapSession:
             found[mine] = np.linalg.norm(place[mine] - middle, axis=1)
         return found
 
+    def held(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """(N,) observations in the hold of a press."""
+        return (self.phase == HOLD) & (self.press >= 0)
+
+    def mean_force(self) -> FloatArray:
+        """(N,) mean force of the samples of each observation [N]."""
+        own = np.flatnonzero(self.observation >= 0)
+        force = np.nan_to_num(self.samples.contacts.force_n[own]) * self.samples.touching[own]
+        at = self.observation[own]
+        return np.bincount(at, force, len(self)) / np.maximum(np.bincount(at, minlength=len(self)), 1)
+
     def of_holds_alone(self) -> GapSession:
         """The holds of a session of frames, without memory of what was before: enough to find the sensor with."""
         own = np.flatnonzero((self.phase == HOLD) & (self.press >= 0))

@@ -9,9 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from skincal.effects import COVARIATES
+from skincal.effects import COVARIATES, effect
 from skincal.effects.samples import UNLOAD
-from skincal.gap.audit import EffectAudit
 from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
@@ -19,6 +18,40 @@ _COLUMNS = {"shear": "shear_u_n and shear_v_n"}
 _SAME_SPEED = 1.2
 _SHEAR_N = 0.05
 _FORCE_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class EffectAudit:
+    """What presses tell of one effect.
+
+    Attributes:
+        name: of the effect.
+        distance: standard deviations that a typical case lies off, all nuisances and the base model taken out.
+        raw_distance: the same before anything is taken out.
+        threshold: distance that is needed.
+        smallest_strength: at which it is found; infinite where no strength is.
+        lost_to_presses: part of the square that the presses' own numbers take up.
+        lost_to_base: the same of the base model.
+        lacking: covariates that were not recorded.
+        overlaps: cosine with a typical case of each other effect.
+        consistent_with: names that these data cannot tell apart from this one, itself first.
+    """
+
+    name: str
+    distance: float
+    raw_distance: float
+    threshold: float
+    smallest_strength: float
+    lost_to_presses: float
+    lost_to_base: float
+    lacking: tuple[str, ...]
+    overlaps: Mapping[str, float]
+    consistent_with: tuple[str, ...]
+
+    @property
+    def visible(self) -> bool:
+        """Whether a typical case is found."""
+        return self.smallest_strength <= 1.0
 
 
 @dataclass(frozen=True)
@@ -134,25 +167,20 @@ _NO_SHEAR = Rule(
 )
 _ONE_INDENTER = Rule(lambda f: f.radii < 2, "there is one indenter only", "press with a second indenter, too")
 
-_RULES: Final[Mapping[str, tuple[Rule, ...]]] = MappingProxyType(
+_RULES: Final[Mapping[str, Rule]] = MappingProxyType(
     {
-        "hysteresis": (_NO_UNLOADING,),
-        "creep": (_NO_FRAMES, _NO_CLOCK),
-        "latency": (_NO_FRAMES, _NO_CLOCK),
-        "rate": (_ONE_SPEED, _NO_CLOCK),
-        "first_cycle": (_ONE_TOUCH,),
-        "baseline_drift": (_NO_CLOCK,),
-        "gain_drift": (_NO_CLOCK,),
-        "shear": (_NO_SHEAR,),
-        "force_bias": (_ONE_POSE, _ONE_FORCE),
-        "contact_offset": (_ONE_POSE,),
-        "indenter_radius": (_ONE_INDENTER,),
-        "cover": (_ONE_FORCE,),
-        "stiffening": (_ONE_FORCE,),
-        "response_curve": (_ONE_FORCE,),
-        "saturation": (_ONE_FORCE,),
+        "unloading": _NO_UNLOADING,
+        "frames": _NO_FRAMES,
+        "clock": _NO_CLOCK,
+        "speeds": _ONE_SPEED,
+        "again": _ONE_TOUCH,
+        "shear": _NO_SHEAR,
+        "poses": _ONE_POSE,
+        "forces": _ONE_FORCE,
+        "indenters": _ONE_INDENTER,
     }
 )
+"""Kinds of presses that effects ask for (:attr:`skincal.effects.Effect.asks`)."""
 
 
 _CURES = {
@@ -178,7 +206,7 @@ def why_not(found: EffectAudit, facts: Facts) -> str:
         return "; ".join(said)
     if found.raw_distance < found.threshold:
         return "in these presses it does less than the noise"
-    if found.lost.base > found.lost.presses:
+    if found.lost_to_base > found.lost_to_presses:
         return "another pose, E and scale of the base model look the same"
     return "places, forces and the doubt of each press's image take it up"
 
@@ -191,14 +219,15 @@ def cures(found: EffectAudit, facts: Facts) -> tuple[str, ...]:
         return tuple(said)
     if found.raw_distance < found.threshold:
         return ("press harder and on more taxels, and hold longer",)
-    if found.lost.base > found.lost.presses:
+    if found.lost_to_base > found.lost_to_presses:
         return ("vary forces, sites and the hand's pose more, each apart from the others",)
     return ("measure places and forces better, or come back to the same sites",)
 
 
 def _missing(found: EffectAudit, facts: Facts) -> tuple[list[Rule], list[str]]:
     """The rules that a session breaks, and the covariates beside them that it lacks."""
-    rules = [r for r in _RULES.get(found.name, ()) if r.missing(facts) and r.of not in found.lacking]
+    asked = (_RULES[kind] for kind in effect(found.name).asks)
+    rules = [r for r in asked if r.missing(facts) and r.of not in found.lacking]
     # Without a clock that is said already, and a temperature only adds to what a clock shows.
     told = {"time", "phase", "temperature"} if rules else set[str]()
     return rules, [name for name in found.lacking if name not in told]
