@@ -178,7 +178,14 @@ def audit_plan(
         differ = sensor_differences(calibration, meta.sensor, mount.layout, meta.surface, {}, place=place)
         if differ:
             raise InputError(differ)
-    session = plan_session(plan, description)
+    return audit_planned(plan_session(plan, description), description, calibration, rng)
+
+
+def audit_planned(
+    session: GapSession, description: HandDescription, calibration: Calibration | None, rng: np.random.Generator
+) -> AuditReport:
+    """Audits a session that has not been recorded; arguments as of :func:`audit_plan`."""
+    meta, mount = description.meta, Mount.of(description.meta)
     step = 1.0 if meta.sensor.integer else 0.0
     low = -np.inf if meta.sensor.value_min is None else meta.sensor.value_min
     high = np.inf if meta.sensor.value_max is None else meta.sensor.value_max
@@ -260,4 +267,4 @@ def report_of(
     return AuditReport(effects, reasons, floor, presses, len(session), taxels, session.has_frames, calibrated, planned, options)
 
 
-__all__ = ["AuditOptions", "AuditReport", "GapSession", "audit_dataset", "audit_plan", "report_of"]
+__all__ = ["AuditOptions", "AuditReport", "GapSession", "audit_dataset", "audit_plan", "audit_planned", "report_of"]

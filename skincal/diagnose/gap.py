@@ -155,5 +155,11 @@ def _squares(whole: Forward, state: State, counts: FloatArray, observed: Observe
     level = seen.values + state.rest
     mean, _ = whole.noise.written(level)
     variance = whole.noise.variance(whole.mean @ level, state.rest, whole.session.frames)
+    if whole.noise.force_n:
+        # The measured force of a frame is noisy, too: no model can follow that.
+        more = replace(state, move=state.move + np.array([0.0, 0.0, 0.02]))
+        per_n = whole.mean @ (whole.see(more).values - seen.values) / 0.02
+        force = np.maximum(whole.session.mean_force(), 5 * whole.noise.force_n)[:, None]
+        variance = variance + (per_n / force * whole.noise.force_n) ** 2 / whole.session.frames[:, None]
     error = (counts - whole.mean @ mean) ** 2
     return error, np.where(np.isfinite(error), variance, np.nan)

@@ -16,7 +16,7 @@ from skincal.diagnose.phases import check_phases
 from skincal.diagnose.session import gap_session, hold_groups, pose_names, press_rows
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem
-from skincal.fit.observe import noise_from_rest
+from skincal.fit.observe import clipped_share, noise_from_rest
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
@@ -232,6 +232,9 @@ def _noise(
         step = 1.0 if sensor.integer and np.isfinite(sigma) else 0.0
         if not np.isfinite(sigma):
             sigma, low, high = own, -np.inf, np.inf
+        else:
+            # Clipped noise scatters less than it would elsewhere.
+            own = own / clipped_share(low, sigma, _readout(low, high, sensor.integer))
         full = float(np.hypot(sigma, step / np.sqrt(12)))
         session = replace(session, frames=np.full(len(session), max(1.0, (full / max(own, 1e-12)) ** 2)))
         noise = Noise(np.full(session.counts.shape[1], max(sigma, C.least_noise * top)), 0.0, step, low, high)

@@ -112,16 +112,14 @@ def blocks(
     shrink = np.repeat((1 - 1 / grown) / np.maximum(square, 1e-12), size, axis=0) * signal
 
     def freed(x: FloatArray) -> FloatArray:
-        """(N, J, k) without the error of the image, in the order of blocks."""
-        x = x[order]
+        """(N, J, k), in the order of blocks, without the error of the image."""
         part = np.add.reduceat(signal[..., None] * x, begin[:-1], axis=0)
         return x - shrink[..., None] * np.repeat(part, size, axis=0)
 
     phases = [phase[order] == f for f in np.unique(phase[press >= 0])]
     own = np.concatenate([w.own[order] * f[:, None, None] for f in phases], axis=2) if w.own.shape[2] else w.own[order]
-    back = np.argsort(order)
-    columns, residual = freed(w.columns), freed(w.residual[..., None])[..., 0]
-    nuisance = freed(np.concatenate([w.press, own[back]], axis=2))
+    columns, residual = freed(w.columns[order]), freed(w.residual[order][..., None])[..., 0]
+    nuisance = freed(np.concatenate([w.press[order], own], axis=2))
     lam = np.full(nuisance.shape[2], 1 / C.equation**2)
     lam[:3] = precision
     look = None
@@ -129,7 +127,7 @@ def blocks(
         look = draws[order]
         errors = rng.standard_normal((len(lists), taxels, look.shape[2])) * C.image
         look += signal[..., None] * np.repeat(errors, size, axis=0)
-        look = freed(look[back])
+        look = freed(look)
     seen, log_sd = w.seen[order], np.where(w.seen, w.log_sd, 0.0)[order]
     count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
     loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + 2 * np.log(grown).sum(axis=1)

@@ -17,6 +17,8 @@ from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pos
 from skincal.model.arrays import BoolArray, FloatArray
 
 NB = len(BASE) + len(LAW)
+_FORM, _STRENGTH = 0.5, 0.4
+"""A step of an effect's number is no longer than this part of what is expected of it beforehand."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -174,6 +176,15 @@ class Fitter:
         h, g = b.h.sum(axis=0)[:n, :n] + np.diag(at.prior), b.b.sum(axis=0)[:n] - at.pull
         size = 1 / np.sqrt(np.diag(h))
         d = np.linalg.solve(h * np.outer(size, size), g * size) * size
+        if at.free:
+            # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
+            now = np.array([f.get(s.effects) for f in at.free])
+            reach = np.array([f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free])
+            ends = np.array([f.bounds() for f in at.free])
+            own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
+            if np.any(own != d[NB:]):
+                rest = h[:NB, :NB] * np.outer(size[:NB], size[:NB])
+                d = np.concatenate([np.linalg.solve(rest, (g[:NB] - h[:NB, NB:] @ own) * size[:NB]) * size[:NB], own])
         limit = most * _MOST.copy()
         limit[5] *= self.forward.noise.frame
         d[:6] = np.clip(d[:6], -limit, limit)
@@ -193,10 +204,11 @@ class Fitter:
         at = self.linear(state, free, only)
         for _ in range(steps):
             new, seen, total = self._careful(at, self.step(at), only)
+            for part in (0.3, 0.1):
+                if total > at.loss() + 0.1:
+                    new, seen, total = self._careful(at, between(at.state, new, part), only)
             if total > at.loss() + 0.1:
-                new, seen, total = self._careful(at, between(at.state, new, 0.3), only)
-                if total > at.loss():
-                    break
+                break
             gained = at.loss() - total
             at = self.linear(new, free, only, seen)
             if gained < C.settled:

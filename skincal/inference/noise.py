@@ -69,11 +69,13 @@ class Noise:
             share[:, -1] += 1 - share.sum(axis=1)
             written = np.clip(k, self.low, self.high)
             mean = share @ written
+            variance = share @ written**2 - (share @ written) ** 2
             if self._kept > C.rounding * self.frame**2:
                 # Steps that the noise does not blur: the mean over where a level may lie within its step.
                 wide = max(int(step / (x[1] - x[0])), 1)
-                mean = np.convolve(np.pad(mean, wide, mode="reflect", reflect_type="odd"), np.ones(wide) / wide, "same")[wide:-wide]
-            variance = share @ written**2 - (share @ written) ** 2
+                box = np.ones(wide) / wide
+                mean = np.convolve(np.pad(mean, wide, mode="reflect", reflect_type="odd"), box, "same")[wide:-wide]
+                variance = np.convolve(np.pad(variance, wide, mode="edge"), box, "same")[wide:-wide]
             levels.append(x)
             means.append(mean)
             variances.append(variance)
@@ -180,14 +182,16 @@ def noise_of(
     above = np.maximum(at - level, 0.0)
     usual = _robust(d[inside], step) if inside.any() else 0.0
     quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
-    loud = inside & (above > 60 * max(usual, 1e-12))
+    loud = inside & (above > 20 * max(usual, 1e-12))
     variance = _robust(d[quiet], step) ** 2 if quiet.sum() > 50 else usual**2
     grows = 0.0
-    if loud.sum() > 200:
-        more = _robust(d[loud], step) ** 2 - variance
-        grows = float(np.sqrt(max(more, 0.0)) / np.median(above[loud]))
-        # Too little to be told from the scatter of the estimate.
-        grows = grows if more > 4 * variance / np.sqrt(quiet.sum() + 1.0) and more > 0.2 * variance else 0.0
+    if loud.sum() > 60:
+        own, high_up = d[loud], above[loud]
+        own, high_up = (x[np.abs(own) < 6 * np.sqrt(variance + (0.1 * high_up) ** 2)] for x in (own, high_up))
+        more = float(np.mean(own**2) - variance)
+        # Too little is not told from the scatter of the estimate.
+        if more > max(4 * variance * np.sqrt(2 / len(own) + 2 / (quiet.sum() + 1.0)), 0.1 * variance):
+            grows = float(np.sqrt(more / np.mean(high_up**2)))
     before = sigma_before_rounding(variance, step)
     sigma = max(before, C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step)
     own = np.full(counts.shape[1], sigma)
