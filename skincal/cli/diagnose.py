@@ -41,9 +41,7 @@ def diagnose(
         typer.Argument(metavar="CAL", help="Folder of a calibration of this sensor.", show_default=False),
     ],
     out: OutOption,
-    thorough: Annotated[
-        bool, typer.Option("--thorough", help="Five times as many null sessions.")
-    ] = False,
+    thorough: Annotated[bool, typer.Option("--thorough", help="Five times as many null sessions.")] = False,
     seed: SeedOption = 0,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-
 from scipy.stats import norm
 
 from skincal.calibration import Calibration, check_same_sensor, sensor_differences
@@ -136,7 +135,14 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
             "no press has a known place and a force: there is nothing to audit. Give x_m, y_m, z_m and force_n",
         )
     seen = observe(dataset, calibration, rng, keep=False)
-    found = report_of(seen.fitter, seen.fitter.before.start, seen.floor, rng, calibrated=calibration is not None, planned=False)
+    found = report_of(
+        seen.fitter,
+        seen.fitter.before.start,
+        seen.floor,
+        rng,
+        calibrated=calibration is not None,
+        planned=False,
+    )
     return replace(found, left_out=left_out)
 
 
@@ -182,7 +188,10 @@ def audit_plan(
 
 
 def audit_planned(
-    session: GapSession, description: HandDescription, calibration: Calibration | None, rng: np.random.Generator
+    session: GapSession,
+    description: HandDescription,
+    calibration: Calibration | None,
+    rng: np.random.Generator,
 ) -> AuditReport:
     """Audits a session that has not been recorded; arguments as of :func:`audit_plan`."""
     meta, mount = description.meta, Mount.of(description.meta)
@@ -193,21 +202,40 @@ def audit_planned(
     noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01)
     forward = forward_of(session, mount.surface, mount.layout, noise, clipped=bool(np.isfinite(low)))
     own = None if calibration is None else calibration.parameters()
-    e, scale = (GUESSED_PA_PER_M, GUESSED_PER_N) if own is None else (own.elasticity_pa_per_m, own.scale_per_n)
+    e, scale = (
+        (GUESSED_PA_PER_M, GUESSED_PER_N) if own is None else (own.elasticity_pa_per_m, own.scale_per_n)
+    )
     pose = mount.pose if calibration is None else calibration.pose()
     rest = low if np.isfinite(low) else 0.0
-    start = State(pose, float(np.log(e)), np.log(np.asarray(scale, dtype=np.float64)), rest, np.zeros(3), np.zeros((session.presses, 3)))
+    start = State(
+        pose,
+        float(np.log(e)),
+        np.log(np.asarray(scale, dtype=np.float64)),
+        rest,
+        np.zeros(3),
+        np.zeros((session.presses, 3)),
+    )
     counts = np.zeros((len(session), taxels))
     base = 1 / np.array([4e-3, 2e-3, 0.35, 1.0, 1.5, C.rest]) ** 2
     move = 1 / np.array([meta.position.sigma_m, meta.position.sigma_m, C.force]) ** 2
     before = Beforehand(base, start, move, 2e-3, np.ones_like(counts))
     mean = float(np.hypot(1.0, step / np.sqrt(12)) / 5)
-    floor = NoiseFloor(1.0, (0.5, 2.0), "assumed", mean, (mean / 2, 2 * mean), "assumed", 0.0, step, measured=False)
-    return report_of(Fitter(forward, counts, before), start, floor, rng, calibrated=calibration is not None, planned=True)
+    floor = NoiseFloor(
+        1.0, (0.5, 2.0), "assumed", mean, (mean / 2, 2 * mean), "assumed", 0.0, step, measured=False
+    )
+    return report_of(
+        Fitter(forward, counts, before), start, floor, rng, calibrated=calibration is not None, planned=True
+    )
 
 
 def report_of(
-    fitter: Fitter, state: State, floor: NoiseFloor, rng: np.random.Generator, *, calibrated: bool, planned: bool
+    fitter: Fitter,
+    state: State,
+    floor: NoiseFloor,
+    rng: np.random.Generator,
+    *,
+    calibrated: bool,
+    planned: bool,
 ) -> AuditReport:
     """What presses can show of typical cases of every effect, by the information that the engine would have.
 
@@ -235,8 +263,14 @@ def report_of(
             cases.append(np.zeros_like(seen.values))
             continue
         cases.append(np.nan_to_num(f.with_effects(seen, {**state.effects, name: case}) - seen.values))
-    w = fitter.whitened(seen, np.concatenate([fitter.columns(seen, ()), np.stack(cases, axis=-1)], axis=2), fitter.contributions(seen))
-    h = fitter.built(seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)).blocks.h.sum(axis=0)
+    w = fitter.whitened(
+        seen,
+        np.concatenate([fitter.columns(seen, ()), np.stack(cases, axis=-1)], axis=2),
+        fitter.contributions(seen),
+    )
+    h = fitter.built(
+        seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
+    ).blocks.h.sum(axis=0)
     del slope
     n = h.shape[0] - len(names)
     raw = (w.columns[..., n:] ** 2).sum(axis=(0, 1))
@@ -249,7 +283,9 @@ def report_of(
     effects: dict[str, EffectAudit] = {}
     for name in EFFECTS:
         if name not in names:
-            effects[name] = EffectAudit(name, 0.0, 0.0, needed, float("inf"), 0.0, 0.0, lacking[name], {}, (name,))
+            effects[name] = EffectAudit(
+                name, 0.0, 0.0, needed, float("inf"), 0.0, 0.0, lacking[name], {}, (name,)
+            )
             continue
         k = names.index(name)
         d, whole = float(np.sqrt(square[k])), float(max(raw[k], 1e-12))
@@ -258,13 +294,44 @@ def report_of(
         smallest = needed / d if d > 1e-6 else float("inf")
         middle = float(h[n + k, n + k])
         effects[name] = EffectAudit(
-            name, d, float(np.sqrt(whole)), needed, smallest, 1 - middle / whole, (middle - square[k]) / whole, (), overlaps, (name, *alike)
+            name,
+            d,
+            float(np.sqrt(whole)),
+            needed,
+            smallest,
+            1 - middle / whole,
+            (middle - square[k]) / whole,
+            (),
+            overlaps,
+            (name, *alike),
         )
     facts = facts_of(session)
     reasons = {name: why_not(one, facts) for name, one in effects.items() if not one.visible}
+    for name in reasons if planned else ():
+        if effects[name].lacking == ("shear",):
+            reasons[name] = "a plan does not say which tangential forces there will be"
     presses = len(np.unique(session.press[session.press >= 0]))
     taxels = seen.values.shape[1]
-    return AuditReport(effects, reasons, floor, presses, len(session), taxels, session.has_frames, calibrated, planned, options)
+    return AuditReport(
+        effects,
+        reasons,
+        floor,
+        presses,
+        len(session),
+        taxels,
+        session.has_frames,
+        calibrated,
+        planned,
+        options,
+    )
 
 
-__all__ = ["AuditOptions", "AuditReport", "GapSession", "audit_dataset", "audit_plan", "audit_planned", "report_of"]
+__all__ = [
+    "AuditOptions",
+    "AuditReport",
+    "GapSession",
+    "audit_dataset",
+    "audit_plan",
+    "audit_planned",
+    "report_of",
+]

@@ -76,7 +76,9 @@ def placed_presses(fitter: Fitter, state: State, rows: IntArray, *, lattice: boo
         best = np.minimum(best, loss)
         step = np.clip(found.moves[0], [-4e-4, -4e-4, -0.03], [4e-4, 4e-4, 0.03])
         new = move.copy()
-        new[rows] = np.where(better[rows, None], move[rows] + step[rows], move[rows] + 0.3 * (at.move[rows] - move[rows]))
+        new[rows] = np.where(
+            better[rows, None], move[rows] + step[rows], move[rows] + 0.3 * (at.move[rows] - move[rows])
+        )
         new[:, :2] = np.clip(new[:, :2], -fitter.before.slack_m, fitter.before.slack_m)
         at = replace(at, move=new)
         damp *= 0.5
@@ -117,7 +119,8 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
     drawn = errors[rng.integers(0, len(errors), (_DRAWS, len(errors)))].sum(axis=1)
     return Gap(
         float(np.sqrt(b / n)), float(np.sqrt(a / n)), float(np.sqrt(f / n)), *_closed(b, a, f, drawn),
-        _ends((drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]), rows, int(n // whole.session.counts.shape[1] if whole.session.counts is not None else 0),
+        _ends((drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]), rows, int(n // whole.session.counts.shape[1] if
+        whole.session.counts is not None else 0),
         _rms(first.move[rows]), _rms(second.move[rows]), errors,
     )  # fmt: skip
 
@@ -148,7 +151,9 @@ def _frames(whole: Forward, observed: Observed) -> FloatArray:
     return np.where(own[:, None], s.counts, np.nan)
 
 
-def _squares(whole: Forward, state: State, counts: FloatArray, observed: Observed) -> tuple[FloatArray, FloatArray]:
+def _squares(
+    whole: Forward, state: State, counts: FloatArray, observed: Observed
+) -> tuple[FloatArray, FloatArray]:
     """Squared errors (N, J), and the noise's variance."""
     del observed
     seen = whole.see(state)

@@ -26,7 +26,9 @@ PLAN_FILE = "next-presses.toml"
 """Name of the plan, beside the report."""
 MOST = 12
 _CAP_M, _LARGER_M, _APART, _MANY = 4e-3, 6e-3, 0.2, 3
-_SINGLE = "uniform pressure shows what each taxel does by itself: press single places with a small indenter, too"
+_SINGLE = (
+    "uniform pressure shows what each taxel does by itself: press single places with a small indenter, too"
+)
 
 
 def next_presses(
@@ -58,7 +60,10 @@ def next_presses(
         factors = factors_of([s.name for s in depends if s.times > 1.3], rig)
         plan = ladder_plan(factors, rig, rng)
         how = " and ".join(WORDS[f] for f in factors)
-        said = f"on what it depends: the {len(plan)} presses of {PLAN_FILE}, in which {how}, show it; then look at them one by one"
+        said = (
+            f"on what it depends: the {len(plan)} presses of {PLAN_FILE}, in which {how}, show "
+            f"it; then look at them one by one"
+        )
         return (said, *words), plan
     if not rivals:
         return words, None
@@ -72,11 +77,16 @@ def next_presses(
     lines = []
     for (a, _, b, _), own in zip(rivals, gains, strict=True):
         off = float(np.sqrt(own[picked].sum()))
-        lines.append(f"to tell {a} from {b}: the presses of {PLAN_FILE}; on these the two lie {off:.1f} standard deviations apart")
+        lines.append(
+            f"to tell {a} from {b}: the presses of {PLAN_FILE}; on these the two lie "
+            f"{off:.1f} standard deviations apart"
+        )
     return (*lines, *words), plan_of(pool, picked.tolist(), rig)
 
 
-def information(observed: Observed, pool: Plan, rig: Rig, first: Fitted, second: Fitted, rng: np.random.Generator) -> FloatArray:
+def information(
+    observed: Observed, pool: Plan, rig: Rig, first: Fitted, second: Fitted, rng: np.random.Generator
+) -> FloatArray:
     """(presses of the pool,) squared distance of two explanations, each press's own numbers taken out."""
     session = imagined(pool, rig, observed.dataset, rng)
     like = observed.fitter.forward
@@ -84,10 +94,14 @@ def information(observed: Observed, pool: Plan, rig: Rig, first: Fitted, second:
     still = np.zeros((session.presses, 3))
     seen, other = (forward.see(replace(f.state, move=still)) for f in (first, second))
     counts = np.zeros((len(session), seen.values.shape[1]))
-    before = Beforehand(observed.fitter.before.base, first.state, observed.fitter.before.move, 2e-3, np.ones_like(counts))
+    before = Beforehand(
+        observed.fitter.before.base, first.state, observed.fitter.before.move, 2e-3, np.ones_like(counts)
+    )
     fitter = Fitter(forward, counts, before)
     w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.contributions(seen))
-    found = fitter.built(seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)).blocks
+    found = fitter.built(
+        seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
+    ).blocks
     out = np.zeros(len(pool))
     for k, p in enumerate(found.press.tolist()):
         if 0 <= p < len(out):
@@ -102,7 +116,9 @@ def plan_of(pool: Plan, picked: Sequence[int], rig: Rig) -> Plan:
     first = [p for p in chosen if p.indenter_radius_m is None]
     named = named_by_order([anchor, *first, anchor, *(p for p in chosen if p.indenter_radius_m is not None)])
     ends = (0, len(first) + 1)
-    return rig.plan("next-presses", [replace(p, kind="anchor") if i in ends else p for i, p in enumerate(named)])
+    return rig.plan(
+        "next-presses", [replace(p, kind="anchor") if i in ends else p for i, p in enumerate(named)]
+    )
 
 
 def _other_cap_m(dataset: Dataset) -> float:

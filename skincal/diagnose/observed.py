@@ -108,13 +108,32 @@ def resolution_of(layout: TaxelLayout, surface: object) -> tuple[float, str]:
     return finest, "gauss" if isinstance(surface, Cylinder | Plane) else "midpoint"
 
 
-def forward_of(session: GapSession, dataset_surface: object, layout: TaxelLayout, noise: Noise, *, clipped: bool, margin_m: float = 6e-3) -> Forward:
+def forward_of(
+    session: GapSession,
+    dataset_surface: object,
+    layout: TaxelLayout,
+    noise: Noise,
+    *,
+    clipped: bool,
+    margin_m: float = 6e-3,
+) -> Forward:
     """The model of a session."""
     resolution, rule = resolution_of(layout, dataset_surface)
-    return Forward(session, dataset_surface, layout, noise, clipped=clipped, resolution_m=resolution, margin_m=margin_m, rule=rule)  # type: ignore[arg-type]
+    return Forward(
+        session,
+        dataset_surface,
+        layout,
+        noise,
+        clipped=clipped,
+        resolution_m=resolution,
+        margin_m=margin_m,
+        rule=rule,
+    )  # type: ignore[arg-type]
 
 
-def observe(dataset: Dataset, calibration: Calibration | None, rng: np.random.Generator, *, keep: bool = True) -> Observed:
+def observe(
+    dataset: Dataset, calibration: Calibration | None, rng: np.random.Generator, *, keep: bool = True
+) -> Observed:
     """Reads a session as the engine needs it.
 
     Args:
@@ -144,7 +163,9 @@ def observe(dataset: Dataset, calibration: Calibration | None, rng: np.random.Ge
     noise, floor, rest, clipped, session = _noise(dataset, session, calibration)
     layout = dataset.layout()
     surface = dataset.surface()
-    forward = forward_of(session, surface, layout, noise, clipped=clipped, margin_m=MARGIN_M if uniform else 6e-3)
+    forward = forward_of(
+        session, surface, layout, noise, clipped=clipped, margin_m=MARGIN_M if uniform else 6e-3
+    )
     start = start_state(dataset, calibration, session, rest, pose_names(dataset))
     before = beforehand(dataset, start, noise, session, uniform=uniform)
     counts = session.counts
@@ -153,7 +174,9 @@ def observe(dataset: Dataset, calibration: Calibration | None, rng: np.random.Ge
     shown = np.where(((session.press >= 0) & held[np.maximum(session.press, 0)])[:, None], np.nan, counts)
     covariates = frozenset(c for c in COVARIATES if session.samples.has(c))
     never = ~np.isfinite(counts).any(axis=0)
-    return Observed(dataset, session, Fitter(forward, shown, before), held, floor, covariates, pose_names(dataset), never)
+    return Observed(
+        dataset, session, Fitter(forward, shown, before), held, floor, covariates, pose_names(dataset), never
+    )
 
 
 def _held(session: GapSession, pressed: IntArray, rng: np.random.Generator) -> BoolArray:
@@ -162,15 +185,34 @@ def _held(session: GapSession, pressed: IntArray, rng: np.random.Generator) -> B
     return held
 
 
-def start_state(dataset: Dataset, calibration: Calibration | None, session: GapSession, rest: float, poses: tuple[str, ...]) -> State:
+def start_state(
+    dataset: Dataset,
+    calibration: Calibration | None,
+    session: GapSession,
+    rest: float,
+    poses: tuple[str, ...],
+) -> State:
     """Where the fit begins: a calibration's numbers, or the nominal pose and middling E and S."""
     moves = np.zeros((session.presses, 3))
     if calibration is None:
-        return State(dataset.nominal_pose(), float(np.log(4.5e8)), np.asarray(np.log(_scale(dataset, session, rest))), rest, np.zeros(3), moves)
+        return State(
+            dataset.nominal_pose(),
+            float(np.log(4.5e8)),
+            np.asarray(np.log(_scale(dataset, session, rest))),
+            rest,
+            np.zeros(3),
+            moves,
+        )
     own = calibration.parameters()
     effects = {n: {k: np.asarray(v) for k, v in p.items()} for n, p in effects_of(calibration, poses).items()}
     return State(
-        calibration.pose(), float(np.log(own.elasticity_pa_per_m)), np.log(np.asarray(own.scale_per_n)), rest, np.zeros(3), moves, effects
+        calibration.pose(),
+        float(np.log(own.elasticity_pa_per_m)),
+        np.log(np.asarray(own.scale_per_n)),
+        rest,
+        np.zeros(3),
+        moves,
+        effects,
     )
 
 
@@ -186,16 +228,35 @@ def _scale(dataset: Dataset, session: GapSession, rest: float) -> float:
     return float(np.clip(2.0 * np.median(lit[ok] / own[ok]), 1e-9, None)) if ok.any() else 60.0
 
 
-def beforehand(dataset: Dataset, start: State, noise: Noise, session: GapSession, *, uniform: bool) -> Beforehand:
+def beforehand(
+    dataset: Dataset, start: State, noise: Noise, session: GapSession, *, uniform: bool
+) -> Beforehand:
     """What is known before the fit: ranges of the mount, what positions are worth, how well rest is known."""
     mount, position = dataset.meta.mount, dataset.meta.position
 
     def half(ends: tuple[float, float] | None, otherwise: float) -> float:
-        return otherwise if ends is None or not np.isfinite(ends[1] - ends[0]) or ends[1] <= ends[0] else (ends[1] - ends[0]) / 2
+        return (
+            otherwise
+            if ends is None or not np.isfinite(ends[1] - ends[0]) or ends[1] <= ends[0]
+            else (ends[1] - ends[0]) / 2
+        )
 
     radius = dataset.meta.surface.radius_m or 0.01
-    turn = half(mount.x_range_m, 4e-3) if mount.beta_range_deg is None else radians(half(mount.beta_range_deg, 12.0)) * radius
-    sigma = np.array([half(mount.y_range_m, 4e-3), turn, radians(half(mount.alpha_range_deg, 20.0)), 1.0, 1.5, max(C.rest * noise.frame, 1e-9)])
+    turn = (
+        half(mount.x_range_m, 4e-3)
+        if mount.beta_range_deg is None
+        else radians(half(mount.beta_range_deg, 12.0)) * radius
+    )
+    sigma = np.array(
+        [
+            half(mount.y_range_m, 4e-3),
+            turn,
+            radians(half(mount.alpha_range_deg, 20.0)),
+            1.0,
+            1.5,
+            max(C.rest * noise.frame, 1e-9),
+        ]
+    )
     worth = 1e-4 if uniform else max(position.sigma_m, 1e-5)
     slack = position.slack_m if np.isfinite(position.slack_m or np.inf) else 2e-3
     move = 1 / np.array([worth, worth, C.force]) ** 2
@@ -218,7 +279,9 @@ def _noise(
         idle = (frames.phase == IDLE) & (rows < 0)
         stretch = np.where(idle, np.cumsum(np.diff(idle.astype(int), prepend=0) != 0), -1)
         force = np.nan_to_num(frames.force_n)
-        noise = noise_of(frames.counts, hold_groups(dataset), stretch, force, low, high, integer=sensor.integer)
+        noise = noise_of(
+            frames.counts, hold_groups(dataset), stretch, force, low, high, integer=sensor.integer
+        )
         mean = idle_means(dataset)
         mean = rest_from_presses(dataset.presses.counts)[0] if mean is None else mean
         count = max(int((hold_groups(dataset) >= 0).sum()) * sensor_taxels(dataset), 1)
@@ -228,7 +291,11 @@ def _noise(
         said = 0.0 if calibration is None else float(calibration.loss.extra.get("noise_sigma_counts") or 0.0)
         top = float(np.nanmax(dataset.presses.counts) - np.nanmedian(mean))
         own = scatter if np.isfinite(scatter) and scatter > 0 else said if said > 0 else 0.005 * top
-        sigma = noise_from_rest(float(np.nanmedian(mean)), _readout(low, high, sensor.integer)) if np.isfinite(low) else float("nan")
+        sigma = (
+            noise_from_rest(float(np.nanmedian(mean)), _readout(low, high, sensor.integer))
+            if np.isfinite(low)
+            else float("nan")
+        )
         step = 1.0 if sensor.integer and np.isfinite(sigma) else 0.0
         if not np.isfinite(sigma):
             sigma, low, high = own, -np.inf, np.inf
@@ -262,8 +329,8 @@ def sensor_taxels(dataset: Dataset) -> int:
     return dataset.presses.counts.shape[1]
 
 
-def _readout(low: float, high: float, integer: bool):  # noqa: ANN202
-    from skincal.fit.observe import Readout  # noqa: PLC0415
+def _readout(low: float, high: float, integer: bool):
+    from skincal.fit.observe import Readout
 
     return Readout(low if np.isfinite(low) else None, high if np.isfinite(high) else None, integer)
 
@@ -278,4 +345,13 @@ def full_rate(observed: Observed) -> Forward:
     return forward_of(session, forward.surface, forward.layout, forward.noise, clipped=clipped)
 
 
-__all__ = ["FEWEST_PRESSES", "MOST_TAXELS", "NoiseFloor", "Observed", "forward_of", "full_rate", "observe", "step_of"]
+__all__ = [
+    "FEWEST_PRESSES",
+    "MOST_TAXELS",
+    "NoiseFloor",
+    "Observed",
+    "forward_of",
+    "full_rate",
+    "observe",
+    "step_of",
+]

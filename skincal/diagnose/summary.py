@@ -82,7 +82,8 @@ def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
                 "sure": t.sure,
                 "limit": t.limit,
                 "p_value": float(
-                    (1 + (diagnosis.found.null.gains.get(t.name, np.zeros(0)) >= t.gain).sum()) / (1 + len(diagnosis.found.null.laws))
+                    (1 + (diagnosis.found.null.gains.get(t.name, np.zeros(0)) >= t.gain).sum())
+                    / (1 + len(diagnosis.found.null.laws))
                 ),
             }
             for t in one

@@ -50,23 +50,38 @@ def shares(residual: FloatArray, session: GapSession) -> tuple[Share, ...]:
     first[session.observation[own][::-1]] = own[::-1]
     force, on = session.mean_force(), session.press >= 0
     parts: list[tuple[str, str, BoolArray]] = [
-        (word, f"{word}", session.phase == phase) for phase, word in PHASES.items() if (session.phase == phase).any()
+        (word, f"{word}", session.phase == phase)
+        for phase, word in PHASES.items()
+        if (session.phase == phase).any()
     ]
     middle = float(np.median(force[on])) if on.any() else 0.0
-    parts += [("force", f"above {middle:.2g} N", on & (force > middle)), ("small force", f"below {middle:.2g} N", on & (force <= middle))]
+    parts += [
+        ("force", f"above {middle:.2g} N", on & (force > middle)),
+        ("small force", f"below {middle:.2g} N", on & (force <= middle)),
+    ]
     time = s.elapsed_s[first]
     if s.time_s is not None and session.has_frames:
         ends = np.quantile(time, [1 / 3, 2 / 3])
-        parts += [("begin", "the first third of the session", time < ends[0]), ("end", "the last third of the session", time > ends[1])]
+        parts += [
+            ("begin", "the first third of the session", time < ends[0]),
+            ("end", "the last third of the session", time > ends[1]),
+        ]
     for name, column in (("speed", s.speed_m_per_s), ("cycle", s.cycle)):
         if column is not None:
             of = column[first]
             cut = float(np.nanmedian(of[on])) if on.any() else 0.0
-            words = ("fast presses", "slow presses") if name == "speed" else ("sites touched before", "first touches")
+            words = (
+                ("fast presses", "slow presses")
+                if name == "speed"
+                else ("sites touched before", "first touches")
+            )
             parts += [(name, words[0], on & (of > cut)), (f"low {name}", words[1], on & (of <= cut))]
     for name, column in (("pose", s.pose), ("indenter", s.indenter)):
         if column is not None and len(np.unique(column[first][on])) > 1:
-            parts += [(name, f"{name} number {int(v) + 1}", on & (column[first] == v)) for v in np.unique(column[first][on])]
+            parts += [
+                (name, f"{name} number {int(v) + 1}", on & (column[first] == v))
+                for v in np.unique(column[first][on])
+            ]
     found = []
     for name, words, rows in parts:
         share = float(np.where(seen & rows[:, None], excess, 0.0).sum()) / total

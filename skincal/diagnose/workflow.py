@@ -23,14 +23,18 @@ from skincal.inference.columns import free_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
-from skincal.inference.start import base_fit, raw_residual
+from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
 from skincal.model.arrays import FloatArray
 
 Heard = Callable[[str], None]
 
 
 def diagnose(
-    dataset: Dataset, calibration: Calibration, seed: int = 0, heard: Heard = lambda _: None, null_sessions: int = C.null_sessions
+    dataset: Dataset,
+    calibration: Calibration,
+    seed: int = 0,
+    heard: Heard = lambda _: None,
+    null_sessions: int = C.null_sessions,
 ) -> Diagnosis:
     """Finds what a calibrated simulation lacks against a dataset.
 
@@ -69,14 +73,19 @@ def diagnose(
     if effects:
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
-        last = whole.solve(ready, found.fitted.free, steps=C.joint_steps)
-        final = new_calibration(calibration, observed, last, drawn, unexplained=unexplained)
+        wild = wild_presses(whole, ready)
+        last = without_presses(whole, wild).solve(ready, found.fitted.free, steps=C.joint_steps)
+        final = new_calibration(calibration, observed, last, drawn, wild, unexplained=unexplained)
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
     findings = findings_of(observed, calibration, shown, effects, gap)
     heard("next presses")
-    rivals = [(n.name, found.fitted, other, fit) for n in found.named for other, fit in n.rivals] if effects else []
+    rivals = (
+        [(n.name, found.fitted, other, fit) for n in found.named for other, fit in n.rivals]
+        if effects
+        else []
+    )
     words, plan = next_presses(observed, audit, depends, rivals, pressed, unknown=verdict == "unknown")
     return Diagnosis(
         verdict, effects, unexplained, where_text(left, observed.session, dataset.layout()), gap, observed.floor, audit,
@@ -95,20 +104,30 @@ def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
     made = []
     for one in found.named:
         without = {n: v for n, v in fit.state.effects.items() if n != one.name}
-        residual = np.where(np.isfinite(fitter.counts), raw_residual(fitter, replace(fit.state, effects=without)), np.nan)
+        residual = np.where(
+            np.isfinite(fitter.counts), raw_residual(fitter, replace(fit.state, effects=without)), np.nan
+        )
         alone = len(found.named) == 1
-        share = 1 - max(excess[1], 0.0) / max(excess[0], 1e-9) if alone else (float(np.nansum(residual**2 - 1)) - excess[1]) / whole
+        share = (
+            1 - max(excess[1], 0.0) / max(excess[0], 1e-9)
+            if alone
+            else (float(np.nansum(residual**2 - 1)) - excess[1]) / whole
+        )
         made.append(
             NamedEffect(
-                one.name, one.alike, one.p_value, one.gain, dict(fit.state.effects[one.name]), effect_intervals(fit, one.name),
-                where_text(_residual(fitter, found.base) if alone else residual, observed.session, observed.dataset.layout()),
+                one.name, one.alike, one.p_value, one.gain, dict(fit.state.effects[one.name]),
+                effect_intervals(fit, one.name),
+                where_text(_residual(fitter, found.base) if alone else residual, observed.session,
+                observed.dataset.layout()),
                 float(np.clip(share, 0.0, 1.0)), EFFECTS[one.name].in_places,
             )
         )  # fmt: skip
     return tuple(made)
 
 
-def refitted_effects(dataset: Dataset, calibration: Calibration, known: Calibration, seed: int = 0) -> Calibration:
+def refitted_effects(
+    dataset: Dataset, calibration: Calibration, known: Calibration, seed: int = 0
+) -> Calibration:
     """A calibration of the base model, with the effects of another one fitted beside it to the same session.
 
     An effect that the dataset cannot speak of, for it lacks a covariate, stays as it was.
@@ -133,7 +152,16 @@ def refitted_effects(dataset: Dataset, calibration: Calibration, known: Calibrat
         if name in observed.names:
             checked = EFFECTS[name].checked(values, dataset.layout().taxels)
             free += free_of(name, checked, None, observed.covariates)
-    state = replace(base.state, effects={n: dict(EFFECTS[n].checked(v, dataset.layout().taxels)) for n, v in base.state.effects.items()})
+    state = replace(
+        base.state,
+        effects={
+            n: dict(EFFECTS[n].checked(v, dataset.layout().taxels)) for n, v in base.state.effects.items()
+        },
+    )
     last = observed.fitter.solve(state, tuple(free), steps=2 * C.joint_steps)
-    made = new_calibration(both, observed, last, drawn, unexplained=False)
+    wild = wild_presses(observed.fitter, last.state)
+    if len(wild):
+        # They have drawn sensor, places and effects after them: again without them.
+        last = without_presses(observed.fitter, wild).solve(state, tuple(free), steps=2 * C.joint_steps)
+    made = new_calibration(both, observed, last, drawn, wild, unexplained=False)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

@@ -67,7 +67,9 @@ class Rate(MemoryEffect):
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         """See :meth:`Effect.starts`."""
         slow = (1e-5, scene.speed_m_per_s)
-        return tuple(start({"exponent": 0.05, "fade_s": t, "slow_m_per_s": v}) for t in (1000.0, 0.3) for v in slow)
+        return tuple(
+            start({"exponent": 0.05, "fade_s": t, "slow_m_per_s": v}) for t in (1000.0, 0.3) for v in slow
+        )
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

@@ -36,7 +36,9 @@ class ResponseCurve(SignalEffect):
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         """See :meth:`Effect.starts`."""
-        return tuple(start({"exponent": 0.7, "knee_n": float(np.clip(x * scene.top_n, 0.01, 5.0))}) for x in (0.1, 1.0))
+        return tuple(
+            start({"exponent": 0.7, "knee_n": float(np.clip(x * scene.top_n, 0.01, 5.0))}) for x in (0.1, 1.0)
+        )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. Loads below zero stay as they are."""

@@ -76,7 +76,9 @@ class Shear(InputEffect):
         del scene
         forms = (0.0, 1 / 3, 1.0)
         shifts = [{"shift_m_per_n": 3e-4, "load_exponent": p} for p in forms]
-        return tuple(start(one, {"force_share": 0.1, "load_exponent": p}) for one, p in zip(shifts, forms, strict=True))
+        return tuple(
+            start(one, {"force_share": 0.1, "load_exponent": p}) for one, p in zip(shifts, forms, strict=True)
+        )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`. A sample without a tangential force counts as having none."""

@@ -117,7 +117,11 @@ def blocks(
         return x - shrink[..., None] * np.repeat(part, size, axis=0)
 
     phases = [phase[order] == f for f in np.unique(phase[press >= 0])]
-    own = np.concatenate([w.own[order] * f[:, None, None] for f in phases], axis=2) if w.own.shape[2] else w.own[order]
+    own = (
+        np.concatenate([w.own[order] * f[:, None, None] for f in phases], axis=2)
+        if w.own.shape[2]
+        else w.own[order]
+    )
     columns, residual = freed(w.columns[order]), freed(w.residual[order][..., None])[..., 0]
     nuisance = freed(np.concatenate([w.press[order], own], axis=2))
     lam = np.full(nuisance.shape[2], 1 / C.equation**2)
@@ -135,11 +139,18 @@ def blocks(
     hs, bs = np.zeros((len(lists), n, n)), np.zeros((len(lists), n))
     constant, by = np.zeros((len(at), 3)), np.zeros((len(at), 3, n))
     sessions = 0 if look is None else look.shape[2]
-    drawn, drawn_chi = np.zeros((len(lists) if sessions else 0, n, sessions)), np.zeros((len(lists) if sessions else 0, sessions))
+    drawn, drawn_chi = (
+        np.zeros((len(lists) if sessions else 0, n, sessions)),
+        np.zeros((len(lists) if sessions else 0, sessions)),
+    )
     for k, p in enumerate(owner.tolist()):
         part = slice(begin[k], begin[k + 1])
         c, e = columns[part].reshape(size[k] * taxels, n), residual[part].ravel()
-        all_ = np.concatenate([c, e[:, None]], axis=1) if sessions == 0 else np.concatenate([c, e[:, None], look[part].reshape(len(e), -1)], axis=1)  # type: ignore[index]
+        all_ = (
+            np.concatenate([c, e[:, None]], axis=1)
+            if sessions == 0
+            else np.concatenate([c, e[:, None], look[part].reshape(len(e), -1)], axis=1)
+        )  # type: ignore[index]
         cross = c.T @ all_
         squares = np.einsum("rs,rs->s", all_[:, n:], all_[:, n:])
         if p >= 0:
@@ -155,7 +166,9 @@ def blocks(
                 drawn_m = rng.standard_normal((len(lam), sessions)) / np.sqrt(lam)[:, None]
                 lift = big @ drawn_m
                 cross[:, n + 1 :] += c.T @ lift
-                squares[1:] += 2 * np.einsum("rs,rs->s", all_[:, n + 1 :], lift) + np.einsum("rs,rs->s", lift, lift)
+                squares[1:] += 2 * np.einsum("rs,rs->s", all_[:, n + 1 :], lift) + np.einsum(
+                    "rs,rs->s", lift, lift
+                )
                 right[:, n + 1 :] += big.T @ lift
             z = solve_triangular(chol, right, lower=True, check_finite=False)
             cross -= z[:, :n].T @ z

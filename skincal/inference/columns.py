@@ -58,7 +58,9 @@ class Free:
         return min(max(value, low), high)
 
 
-def with_values(effects: Effects, free: Sequence[Free], values: FloatArray) -> dict[str, dict[str, FloatArray]]:
+def with_values(
+    effects: Effects, free: Sequence[Free], values: FloatArray
+) -> dict[str, dict[str, FloatArray]]:
     """Parameters with some numbers set, on their own scales, within their bounds."""
     out = {n: {k: np.array(v, dtype=np.float64) for k, v in own.items()} for n, own in effects.items()}
     for f, value in zip(free, values, strict=True):
@@ -72,12 +74,20 @@ def with_values(effects: Effects, free: Sequence[Free], values: FloatArray) -> d
     return out
 
 
-def free_of(name: str, values: Mapping[str, FloatArray], first: Start | None, covariates: frozenset[str]) -> list[Free]:
-    """What is fitted of an effect: strengths that its start moves (of a known effect those that differ), and its forms."""
+def free_of(
+    name: str, values: Mapping[str, FloatArray], first: Start | None, covariates: frozenset[str]
+) -> list[Free]:
+    """What is fitted of an effect: strengths that its start moves, or that differ if it is known, and its forms."""
     found: list[Free] = []
     if first is None:
-        away = {p.name: np.asarray(values[p.name]) for p in effect(name).parameters if p.role == "strength" and p.name in values}
-        first = Start(tuple({k: v} for k, v in away.items() if (v != effect(name).parameter(k).neutral).any()), ())
+        away = {
+            p.name: np.asarray(values[p.name])
+            for p in effect(name).parameters
+            if p.role == "strength" and p.name in values
+        }
+        first = Start(
+            tuple({k: v} for k, v in away.items() if (v != effect(name).parameter(k).neutral).any()), ()
+        )
     moved = {k for p in first.points for k in p}
     own = effect(name)
     for p in own.parameters:
@@ -126,7 +136,9 @@ def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Flo
         difference = forward.with_effects(seen, changed) - seen.values
         for k, step in zip(members, steps, strict=True):
             column = difference / step
-            if len(members) > 1 or (isinstance(free[k].index, int) and apart and free[k].parameter.shape == "per-taxel"):
+            if len(members) > 1 or (
+                isinstance(free[k].index, int) and apart and free[k].parameter.shape == "per-taxel"
+            ):
                 only = np.zeros_like(column)
                 only[:, free[k].index or 0] = column[:, free[k].index or 0]
                 column = only
@@ -135,7 +147,7 @@ def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Flo
 
 
 def _step(f: Free, at: float) -> float:
-    low, high = f.bounds()
+    _, high = f.bounds()
     p = f.parameter
     step = _LOG_STEP if f.logarithmic else _LINEAR_STEP * (p.typical or (p.high - p.low) / 4)
     step = abs(step) if not p.shape.startswith("per") else max(abs(step), 1e-9)
@@ -162,7 +174,14 @@ class Candidate:
         return self.name, self.start.alone
 
 
-def candidates(forward: Forward, seen: Seen, scene: Scene, slope: FloatArray, names: Sequence[str], had: set[tuple[str, int | None]]) -> Iterator[Candidate]:
+def candidates(
+    forward: Forward,
+    seen: Seen,
+    scene: Scene,
+    slope: FloatArray,
+    names: Sequence[str],
+    had: set[tuple[str, int | None]],
+) -> Iterator[Candidate]:
     """All starts of effects whose covariates are there, with their columns.
 
     Args:
@@ -181,11 +200,17 @@ def candidates(forward: Forward, seen: Seen, scene: Scene, slope: FloatArray, na
     for w, (name, s) in enumerate(wanted):
         points.append(list(s.points))
         for q, point in enumerate(s.points):
-            j = _taxel_of(name, point) if apart and effect(name).stage >= Stage.TRANSFER and not effect(name).has_memory else None
+            j = (
+                _taxel_of(name, point)
+                if apart and effect(name).stage >= Stage.TRANSFER and not effect(name).has_memory
+                else None
+            )
             key: object = (w, q)
             if j is not None:
                 scalars = tuple((k, float(v)) for k, v in point.items() if not v.ndim)
-                times = sum(1 for own in lumps.values() for ww, _, jj in own if wanted[ww][0] == name and jj == j)
+                times = sum(
+                    1 for own in lumps.values() for ww, _, jj in own if wanted[ww][0] == name and jj == j
+                )
                 key = (name, scalars, times)
             lumps.setdefault(key, []).append((w, q, -1 if j is None else j))
     found = [np.zeros((len(forward.session), seen.values.shape[1], len(s.points))) for _, s in wanted]
@@ -199,7 +224,9 @@ def candidates(forward: Forward, seen: Seen, scene: Scene, slope: FloatArray, na
                     point[k] = v.copy()
                     for w, q, j in members:
                         point[k][j] = points[w][q][k][j]
-        change = forward.with_effects(seen, {**have, name: _joined(name, have.get(name), point)}) - seen.values
+        change = (
+            forward.with_effects(seen, {**have, name: _joined(name, have.get(name), point)}) - seen.values
+        )
         mean = forward.mean @ (change * slope)
         for w, q, j in members:
             if j < 0:
@@ -230,12 +257,16 @@ def _taxel_of(name: str, point: Mapping[str, FloatArray]) -> int | None:
     return own.pop() if len(own) == 1 else None
 
 
-def _joined(name: str, before: Mapping[str, FloatArray] | None, point: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def _joined(
+    name: str, before: Mapping[str, FloatArray] | None, point: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
     """A point beside what the state has of the same effect: taxel by taxel."""
     if before is None:
         return dict(point)
     out = {k: np.array(v) for k, v in before.items()}
-    strengths = [p for p in effect(name).parameters if p.role == "strength" and p.name in point and point[p.name].ndim]
+    strengths = [
+        p for p in effect(name).parameters if p.role == "strength" and p.name in point and point[p.name].ndim
+    ]
     for k, v in point.items():
         if v.ndim and k in out:
             for p in strengths:
@@ -246,7 +277,9 @@ def _joined(name: str, before: Mapping[str, FloatArray] | None, point: Mapping[s
     return out
 
 
-def begun(name: str, s: Start, coefficients: FloatArray, before: Mapping[str, FloatArray] | None) -> dict[str, FloatArray]:
+def begun(
+    name: str, s: Start, coefficients: FloatArray, before: Mapping[str, FloatArray] | None
+) -> dict[str, FloatArray]:
     """Parameters of an effect that multiples of a start's points stand for, within bounds."""
     own = effect(name)
     out: dict[str, FloatArray] = {}

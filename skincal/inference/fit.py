@@ -88,7 +88,9 @@ class Fitter:
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
         self._force = np.maximum(force, 0.0)
 
-    def whitened(self, seen: Seen, columns: FloatArray, own: FloatArray, only: BoolArray | None = None) -> Whitened:
+    def whitened(
+        self, seen: Seen, columns: FloatArray, own: FloatArray, only: BoolArray | None = None
+    ) -> Whitened:
         """Over the noise.
 
         Args:
@@ -113,7 +115,14 @@ class Fitter:
         if only is not None:
             ok = ok & only[:, None]
         weight = np.where(ok, self.before.weights, 0.0) / sd
-        thin = lambda x: np.stack([f.mean @ (slope * x[..., k]) for k in range(x.shape[2])], axis=-1) * weight[..., None] if x.shape[2] else np.zeros((*sd.shape, 0))  # noqa: E731
+
+        def thin(x: FloatArray) -> FloatArray:
+            """Means over observations, through the converter, over the noise."""
+            if not x.shape[2]:
+                return np.zeros((*sd.shape, 0))
+            parts = [f.mean @ (slope * x[..., k]) for k in range(x.shape[2])]
+            return np.stack(parts, axis=-1) * weight[..., None]
+
         residual = np.where(ok, self.counts - expected, 0.0) * weight
         signal = (f.mean @ (slope * seen.values)) * weight
         return Whitened(residual, thin(columns), thin(moves), signal, thin(own), ok, np.log(sd))
@@ -133,7 +142,9 @@ class Fitter:
             parts.append(seen.values - self.forward.with_effects(seen, without))
         return np.stack(parts, axis=-1) if parts else np.zeros((*seen.values.shape, 0))
 
-    def linear(self, state: State, free: tuple[Free, ...], only: BoolArray | None = None, seen: Seen | None = None) -> Fitted:
+    def linear(
+        self, state: State, free: tuple[Free, ...], only: BoolArray | None = None, seen: Seen | None = None
+    ) -> Fitted:
         """A state with its linearisation."""
         seen = self.forward.see(state) if seen is None else seen
         w = self.whitened(seen, self.columns(seen, free), self.contributions(seen), only)
@@ -158,11 +169,19 @@ class Fitter:
         turn = (a.beta_rad - b.beta_rad) * self.turning_radius(state) + a.x_m - b.x_m
         s = np.mean(state.log_s) - np.mean(self.before.start.log_s)
         return np.array(
-            [a.y_m - b.y_m, turn, a.alpha_rad - b.alpha_rad, state.log_e - self.before.start.log_e, s, state.rest - self.before.start.rest]
+            [
+                a.y_m - b.y_m,
+                turn,
+                a.alpha_rad - b.alpha_rad,
+                state.log_e - self.before.start.log_e,
+                s,
+                state.rest - self.before.start.rest,
+            ]
         )
 
     def turning_radius(self, state: State) -> float:
-        from skincal.model import Plane  # noqa: PLC0415
+        """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
+        from skincal.model import Plane
 
         if isinstance(self.forward.surface, Plane):
             return 0.0
@@ -179,12 +198,16 @@ class Fitter:
         if at.free:
             # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
             now = np.array([f.get(s.effects) for f in at.free])
-            reach = np.array([f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free])
+            reach = np.array(
+                [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
+            )
             ends = np.array([f.bounds() for f in at.free])
             own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
             if np.any(own != d[NB:]):
                 rest = h[:NB, :NB] * np.outer(size[:NB], size[:NB])
-                d = np.concatenate([np.linalg.solve(rest, (g[:NB] - h[:NB, NB:] @ own) * size[:NB]) * size[:NB], own])
+                d = np.concatenate(
+                    [np.linalg.solve(rest, (g[:NB] - h[:NB, NB:] @ own) * size[:NB]) * size[:NB], own]
+                )
         limit = most * _MOST.copy()
         limit[5] *= self.forward.noise.frame
         d[:6] = np.clip(d[:6], -limit, limit)
@@ -192,14 +215,29 @@ class Fitter:
         pose = moved_pose(self.forward.surface, pose, "turn", d[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", d[2])
         law = np.clip(s.law + d[6:NB], *(np.array([[-6.0], [6.0]]) * [C.law_power, C.law_blur, C.law_radius]))
-        effects = with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + d[NB:]) if at.free else s.effects
+        effects = (
+            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + d[NB:])
+            if at.free
+            else s.effects
+        )
         constant, by = b.moves
         move = constant - by[:, :, :n] @ d
         move = np.clip(move, [-8e-4, -8e-4, -0.05], [8e-4, 8e-4, 0.05]) + s.move
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
-        return replace(s, pose=pose, log_e=s.log_e + d[3], log_s=s.log_s + d[4], rest=s.rest + d[5], law=law, move=move, effects=effects)
+        return replace(
+            s,
+            pose=pose,
+            log_e=s.log_e + d[3],
+            log_s=s.log_s + d[4],
+            rest=s.rest + d[5],
+            law=law,
+            move=move,
+            effects=effects,
+        )
 
-    def solve(self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None) -> Fitted:
+    def solve(
+        self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
+    ) -> Fitted:
         """Fits, from a state; a step that makes it worse is halved."""
         at = self.linear(state, free, only)
         for _ in range(steps):
@@ -223,7 +261,11 @@ class Fitter:
             none = np.zeros((*seen.values.shape, 0))
             w = self.whitened(seen, none, self.contributions(seen), only)
             found = blocks(w, self.press, self.phase, state.move, self.before.move)
-            far = [p for p, own in zip(found.press.tolist(), found.loss.tolist(), strict=True) if p >= 0 and own > before[p] + 1.0]
+            far = [
+                p
+                for p, own in zip(found.press.tolist(), found.loss.tolist(), strict=True)
+                if p >= 0 and own > before[p] + 1.0
+            ]
             if last or not far:
                 break
             move = state.move.copy()
@@ -243,7 +285,10 @@ def between(a: State, b: State, part: float) -> State:
         beta_rad=mix(a.pose.beta_rad, b.pose.beta_rad),
         alpha_rad=mix(a.pose.alpha_rad, b.pose.alpha_rad),
     )
-    effects = {n: {k: mix(np.asarray(v), np.asarray(b.effects[n][k])) for k, v in own.items()} for n, own in a.effects.items()}
+    effects = {
+        n: {k: mix(np.asarray(v), np.asarray(b.effects[n][k])) for k, v in own.items()}
+        for n, own in a.effects.items()
+    }
     return replace(
         a, pose=pose, log_e=mix(a.log_e, b.log_e), log_s=mix(a.log_s, b.log_s), rest=mix(a.rest, b.rest),
         law=mix(a.law, b.law), move=mix(a.move, b.move), effects=effects,

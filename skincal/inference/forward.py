@@ -1,7 +1,8 @@
 """What a session reads under a state of the sensor: y = c(g(theta, law, effects, press) + rest), and its slopes.
 
 A state is the pose, E, S, the level at rest, three numbers of the contact law, the parameters of effects, and for every
-press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.tables`); everything after
+press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.tables`);
+everything after
 the contact is the chain of effects itself, so each slope by a parameter is a difference of that chain.
 """
 
@@ -13,13 +14,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect
+from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect, effect
 from skincal.effects.applied import at_work
 from skincal.effects.base import Stage
 from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
 from skincal.inference.tables import STEP_M, Presses, PressTable, press_table
-from skincal.model import Converter, Cylinder, Patch, Plane, SensorPose, Skin, SkinParameters, Sphere, StressLaw, Surface, TaxelLayout
+from skincal.model import (
+    Converter,
+    Cylinder,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    SkinParameters,
+    Sphere,
+    StressLaw,
+    Surface,
+    TaxelLayout,
+)
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.patch import Rule
 
@@ -135,7 +148,16 @@ class Forward:
         """The same of holds alone, on coarser points: where the search for the sensor begins."""
         part = self.session.of_holds_alone()
         _, margin, rule = self._patch
-        return Forward(part, self.surface, self.layout, self.noise, clipped=self.rests_clipped, resolution_m=6e-4, margin_m=margin, rule=rule)
+        return Forward(
+            part,
+            self.surface,
+            self.layout,
+            self.noise,
+            clipped=self.rests_clipped,
+            resolution_m=6e-4,
+            margin_m=margin,
+            rule=rule,
+        )
 
     # ------------------------------------------------------------------ what was measured
 
@@ -143,7 +165,12 @@ class Forward:
         c, count = self.samples.contacts, self.presses
         points, normals = np.full((count, 3), np.nan), np.tile([0.0, 0.0, 1.0], (count, 1))
         indenter, most = np.zeros(count, dtype=np.int64), np.zeros(count)
-        ok = (self.row >= 0) & self.samples.touching & np.isfinite(c.points_m).all(axis=1) & np.isfinite(c.force_n)
+        ok = (
+            (self.row >= 0)
+            & self.samples.touching
+            & np.isfinite(c.points_m).all(axis=1)
+            & np.isfinite(c.force_n)
+        )
         for p in np.unique(self.row[ok]):
             mine = np.flatnonzero(ok & (self.row == p))
             force = np.maximum(c.force_n[mine], 0.0)
@@ -175,12 +202,18 @@ class Forward:
             if len(self._patches) > 8:
                 self._patches.clear()
             resolution, margin, rule = self._patch
-            self._patches[state.pose] = Patch.build(self.surface, self.layout, state.pose, resolution, margin, rule)
+            self._patches[state.pose] = Patch.build(
+                self.surface, self.layout, state.pose, resolution, margin, rule
+            )
         return self._with(self._patches[state.pose], state, effects)
 
     def _with(self, patch: Patch, state: State, effects: Effects | None = None) -> EffectSkin:
         scale = np.exp(state.log_s)
-        skin = Skin(patch, SkinParameters(float(np.exp(state.log_e)), scale if scale.ndim else float(scale)), self._converter)
+        skin = Skin(
+            patch,
+            SkinParameters(float(np.exp(state.log_e)), scale if scale.ndim else float(scale)),
+            self._converter,
+        )
         given = state.effects if effects is None else effects
         return EffectSkin.of(skin, self.surface, given, missing="abstain")
 
@@ -199,8 +232,8 @@ class Forward:
     def _felt(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
         """Samples as the skin feels them, and how far (K, 2) they are from the measured place of their press."""
         felt = self.samples
-        for _, effect, values in at_work(skin.effects, felt, InputEffect, "abstain"):
-            felt = effect.apply(felt, values, skin.setting)
+        for _, one, values in at_work(skin.effects, felt, InputEffect, "abstain"):
+            felt = one.apply(felt, values, skin.setting)
         off = self._within if felt.contacts.points_m is self.samples.contacts.points_m else self._off(felt)
         return felt, off
 
@@ -209,10 +242,17 @@ class Forward:
         w = np.where(self.row >= 0, np.maximum(np.nan_to_num(self.samples.contacts.force_n), 0.0), 0.0)
         r = np.maximum(self.row, 0)
         total = np.bincount(r, w, self.presses)
-        return np.stack([np.bincount(r, w * off[:, k], self.presses) for k in (0, 1)], axis=1) / np.maximum(total, 1e-12)[:, None]
+        return (
+            np.stack([np.bincount(r, w * off[:, k], self.presses) for k in (0, 1)], axis=1)
+            / np.maximum(total, 1e-12)[:, None]
+        )
 
-    def _table(self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray) -> tuple[PressTable, FloatArray]:
-        laws = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
+    def _table(
+        self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
+    ) -> tuple[PressTable, FloatArray]:
+        laws = [
+            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
+        ]
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
         law = (laws[-1].exponent, laws[-1].reference_m) if laws else None
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
@@ -237,9 +277,18 @@ class Forward:
         return table, moved
 
     def _make(
-        self, skin: EffectSkin, felt: Samples, state: State, places: FloatArray, rows: IntArray | None = None, *, lattice: bool = True
+        self,
+        skin: EffectSkin,
+        felt: Samples,
+        state: State,
+        places: FloatArray,
+        rows: IntArray | None = None,
+        *,
+        lattice: bool = True,
     ) -> PressTable:
-        laws = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
+        laws = [
+            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
+        ]
         weights = None
         for a in skin.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
@@ -247,7 +296,9 @@ class Forward:
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places[rows])
         e, law = float(np.exp(state.log_e)), laws[-1] if laws else None
-        return press_table(skin.skin.patch, self.surface, felt.indenters, moved, e, law, weights, lattice=lattice)
+        return press_table(
+            skin.skin.patch, self.surface, felt.indenters, moved, e, law, weights, lattice=lattice
+        )
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
         row = np.maximum(self.row, 0)
@@ -267,7 +318,10 @@ class Forward:
         near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
         if near and self._laws is not None:
             before = self._laws[0]
-            near = self._near(before.pose, state.pose) and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
+            near = (
+                self._near(before.pose, state.pose)
+                and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
+            )
         if not near:
             plain = self.skin(state, {})
             moved = self._measured.moved(self.surface, moves)
@@ -276,7 +330,15 @@ class Forward:
             self._laws = (
                 state,
                 self._make(plain, self.samples, state, moves),
-                press_table(plain.skin.patch, self.surface, things, moved, e, StressLaw(1 + _POWER, 5e-4), lattice=False),
+                press_table(
+                    plain.skin.patch,
+                    self.surface,
+                    things,
+                    moved,
+                    e,
+                    StressLaw(1 + _POWER, 5e-4),
+                    lattice=False,
+                ),
                 press_table(plain.skin.patch, self.surface, wider, moved, e, lattice=False),
             )
         assert self._laws is not None
@@ -293,7 +355,12 @@ class Forward:
 
     @staticmethod
     def _near(a: SensorPose, b: SensorPose) -> bool:
-        far = max(abs(a.y_m - b.y_m), abs(a.x_m - b.x_m), 0.02 * abs(a.beta_rad - b.beta_rad), 5e-3 * abs(a.alpha_rad - b.alpha_rad))
+        far = max(
+            abs(a.y_m - b.y_m),
+            abs(a.x_m - b.x_m),
+            0.02 * abs(a.beta_rad - b.beta_rad),
+            5e-3 * abs(a.alpha_rad - b.alpha_rad),
+        )
         return far < 2 * _FAR_M
 
     @staticmethod
@@ -312,8 +379,7 @@ class Forward:
     def with_effects(self, seen: Seen, effects: Effects) -> FloatArray:
         """(K, J) values with other effects, by the shortest way: from the contact only if that changes."""
         skin = self.skin(seen.state, effects)
-        early = lambda own: [(n, k, np.asarray(v).tobytes()) for n, p in own.items() if _early(n) for k, v in p.items()]  # noqa: E731
-        if early(effects) == early(seen.state.effects):
+        if _early_part(effects) == _early_part(seen.state.effects):
             return self._after(skin, seen.loads, seen.felt)
         state = replace(seen.state, effects=effects)
         return self.see(state).values
@@ -359,14 +425,17 @@ class Forward:
         moves = seen.table.slopes(self.row, force / e, seen.at if seen.at.any() else None) * e
         h = 0.01
         more = e * (seen.table.at(self.row, force * (1 + h) / e) - seen.table.at(self.row, force / e)) / h
-        parts = [self.with_loads(seen, step * x) / step for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))]
+        parts = [
+            self.with_loads(seen, step * x) / step
+            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))
+        ]
         return np.stack(parts, axis=-1)
 
 
-def _early(name: str) -> bool:
-    from skincal.effects import effect  # noqa: PLC0415
-
-    return effect(name).stage <= Stage.SPREAD
+def _early_part(effects: Effects) -> list[tuple[str, str, bytes]]:
+    """What of effects acts before the loads are known."""
+    early = [n for n in effects if effect(n).stage <= Stage.SPREAD]
+    return [(n, k, np.asarray(v).tobytes()) for n in early for k, v in effects[n].items()]
 
 
 def moved_pose(surface: Surface, pose: SensorPose, name: str, step: float) -> SensorPose:

@@ -1,6 +1,7 @@
 """Noise of a session, and what the converter makes of a level: its mean, its slope and its scatter.
 
-A frame is ``round(level + noise)`` in steps of the converter, clipped. Its mean and scatter as functions of the level are
+A frame is ``round(level + noise)`` in steps of the converter, clipped. Its mean and scatter as functions of
+the level are
 worked out once, as a table. Where the noise is small against a step, the rounding error of a hold is the same in all
 its frames: that part does not average out, and is kept apart.
 """
@@ -74,7 +75,9 @@ class Noise:
                 # Steps that the noise does not blur: the mean over where a level may lie within its step.
                 wide = max(int(step / (x[1] - x[0])), 1)
                 box = np.ones(wide) / wide
-                mean = np.convolve(np.pad(mean, wide, mode="reflect", reflect_type="odd"), box, "same")[wide:-wide]
+                mean = np.convolve(np.pad(mean, wide, mode="reflect", reflect_type="odd"), box, "same")[
+                    wide:-wide
+                ]
                 variance = np.convolve(np.pad(variance, wide, mode="edge"), box, "same")[wide:-wide]
             levels.append(x)
             means.append(mean)
@@ -146,11 +149,22 @@ def step_of(counts: FloatArray) -> float:
     apart = np.diff(some)
     step = float(apart.min())
     whole = apart / step
-    return step if step > 1e-9 * np.abs(some).max(initial=1.0) and np.abs(whole - np.rint(whole)).max() < 1e-6 else 0.0
+    return (
+        step
+        if step > 1e-9 * np.abs(some).max(initial=1.0) and np.abs(whole - np.rint(whole)).max() < 1e-6
+        else 0.0
+    )
 
 
 def noise_of(
-    counts: FloatArray, hold: IntArray, rest: IntArray, force_n: FloatArray, low: float, high: float, *, integer: bool
+    counts: FloatArray,
+    hold: IntArray,
+    rest: IntArray,
+    force_n: FloatArray,
+    low: float,
+    high: float,
+    *,
+    integer: bool,
 ) -> Noise:
     """Finds the noise from frames that follow each other.
 
@@ -177,7 +191,9 @@ def noise_of(
 
     held, idle = steps(hold), steps(rest)
     # Levels in holds lie anywhere within a step of the converter; at rest they are all the same.
-    d, at, force = held if len(held[0]) > 300 else tuple(np.concatenate(x) for x in zip(held, idle, strict=True))
+    d, at, force = (
+        held if len(held[0]) > 300 else tuple(np.concatenate(x) for x in zip(held, idle, strict=True))
+    )
     inside = (at > low + away) & (at < high - away) & np.isfinite(d)
     above = np.maximum(at - level, 0.0)
     usual = _robust(d[inside], step) if inside.any() else 0.0
@@ -214,7 +230,7 @@ def _robust(x: FloatArray, step: float = 0.0) -> float:
 
 def rest_level(mean: FloatArray, noise: Noise) -> FloatArray:
     """Levels of which clipped noise makes means (J,)."""
-    x, m, _, _ = noise._table  # noqa: SLF001
+    x, m, _, _ = noise._table
     if not len(x):
         return mean
     near = np.abs(mean - noise.low) < _NEAR * np.hypot(noise.frame, noise.step)

@@ -2,7 +2,8 @@
 
 A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, the own
 numbers of presses by their priors, and what a contact law other than the model's leaves after the base model has been
-fitted to it (twins). With the columns of this session the gain of a candidate is then the same linear algebra as for the
+fitted to it (twins). With the columns of this session the gain of a candidate is then the same linear algebra
+as for the
 data, so that a null session costs milliseconds.
 """
 
@@ -56,9 +57,13 @@ def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
 
 
 def drawn_residuals(
-    laws: dict[str, FloatArray], weights: FloatArray, seen: FloatArray, rng: np.random.Generator, sessions: int
+    laws: dict[str, FloatArray],
+    weights: FloatArray,
+    seen: FloatArray,
+    rng: np.random.Generator,
+    sessions: int,
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of laws (S,), and residuals (N, J, S) of noise and law; nuisances are added where they are integrated out."""
+    """Names of laws (S,), and residuals (N, J, S) of noise and law; nuisances are added where they go."""
     names = tuple(list(laws)[k % len(laws)] for k in range(sessions))
     noise = rng.standard_normal((*weights.shape, sessions), dtype=np.float32).astype(np.float64)
     for k, name in enumerate(names):

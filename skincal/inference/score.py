@@ -23,7 +23,9 @@ def folds_of(blocks: Blocks, rng: np.random.Generator) -> IntArray:
     return out
 
 
-def held_out(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray, folds: IntArray) -> FloatArray:
+def held_out(
+    h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray, folds: IntArray
+) -> FloatArray:
     """(B, S) logarithm of the likelihood that blocks gain by a step of parameters found on the other folds.
 
     Args:
@@ -39,7 +41,10 @@ def held_out(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray, 
         test = folds == fold
         hh = total_h - h[test].sum(axis=0)
         size = 1 / np.sqrt(np.diag(hh))
-        c = np.linalg.solve(hh * np.outer(size, size), (total_b - b[test].sum(axis=0)) * size[:, None]) * size[:, None]
+        c = (
+            np.linalg.solve(hh * np.outer(size, size), (total_b - b[test].sum(axis=0)) * size[:, None])
+            * size[:, None]
+        )
         out[test] = np.einsum("pns,ns->ps", b[test], c) - 0.5 * np.einsum("ns,pns->ps", c, h[test] @ c)
     return out
 
@@ -66,7 +71,7 @@ class Score:
 
     @property
     def sure(self) -> float:
-        """Standard errors by which it is there, no block counting for more than ``clip``, so that none decides alone."""
+        """Standard errors by which it is there, no block counting for more than ``clip``: none decides alone."""
         k = np.clip(self.each, -C.clip, C.clip)
         return float(k.sum() / (k.std() * np.sqrt(len(k)) + 1e-9))
 

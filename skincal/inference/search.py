@@ -31,7 +31,6 @@ from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model.arrays import FloatArray, IntArray
 
-
 _SCALES = (1.0, 0.5, 0.75, 1.5, 2.0, 3.0)
 
 
@@ -115,7 +114,9 @@ class Found:
         if not self.open:
             return False
         before, after = np.maximum(self.begun_with - 1, 1e-9), np.maximum(self.left - 1, 0.0)
-        return len(self.named) > C.sure_names or bool((after / before)[self.begun_with > 1 + C.left].max(initial=0.0) > C.stays_open)
+        return len(self.named) > C.sure_names or bool(
+            (after / before)[self.begun_with > 1 + C.left].max(initial=0.0) > C.stays_open
+        )
 
 
 @dataclass(eq=False)
@@ -162,7 +163,9 @@ class Search:
             fit = new
             starts[one.name] = one.candidate
             if one.name not in [n.name for n in named]:
-                p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (1 + len(null.laws))
+                p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (
+                    1 + len(null.laws)
+                )
                 named.append(Named(one.name, alike, gain.total, null.limit(one.name), p, rivals))
             # What the new one has made needless goes.
             for old in list(named[:-1]):
@@ -173,7 +176,9 @@ class Search:
         b = fit.blocks
         own = left(b.chi[:, None], b.count, b.press)[0]
         first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
-        return Found(self.base, fit, tuple(named), tuple(rounds), null, own, bool(beyond(own, null.left).any()), first)
+        return Found(
+            self.base, fit, tuple(named), tuple(rounds), null, own, bool(beyond(own, null.left).any()), first
+        )
 
     # ------------------------------------------------------------------ a round
 
@@ -182,37 +187,57 @@ class Search:
         fitter, seen = self.fitter, fit.seen
         f = fitter.forward
         _, slope = f.noise.written(seen.values + seen.state.rest)
-        had = {(n, None) for n in seen.state.effects if not any(x.index is not None and x.effect == n for x in fit.free)}
+        had = {
+            (n, None)
+            for n in seen.state.effects
+            if not any(x.index is not None and x.effect == n for x in fit.free)
+        }
         had |= {(x.effect, x.index) for x in fit.free if x.index is not None}
-        had |= {(n, None) for n in seen.state.effects if not any(s.alone is not None for s in starts_of(n, self.scene))}
+        had |= {
+            (n, None)
+            for n in seen.state.effects
+            if not any(s.alone is not None for s in starts_of(n, self.scene))
+        }
         found = list(candidates(f, seen, self.scene, slope, self.names, had))
         w = fitter.whitened(seen, fitter.columns(seen, fit.free), fitter.contributions(seen))
         sd = np.exp(w.log_sd)
         weight = np.where(w.seen, fitter.before.weights, 0.0) / sd
         more = [c.columns * weight[..., None] for c in found]
-        wide = Whitened(w.residual, np.concatenate([w.columns, *more], axis=2), w.press, w.signal, w.own, w.seen, w.log_sd)
+        wide = Whitened(
+            w.residual, np.concatenate([w.columns, *more], axis=2), w.press, w.signal, w.own, w.seen, w.log_sd
+        )
         draws, laws = None, ()
         if first:
             self.heard("null sessions")
             residuals = law_residuals(fitter, fit)
-            laws, draws = drawn_residuals(residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions)
+            laws, draws = drawn_residuals(
+                residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions
+            )
         linear = fitter.built(seen, fit.free, wide, draws=draws, rng=self.rng)
         null = None
         if first:
             b = linear.blocks
             gains: dict[str, FloatArray] = {}
-            for c, (_, each) in zip(found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True):
+            for c, (_, each) in zip(
+                found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True
+            ):
                 own = each.sum(axis=0)
                 gains[c.name] = np.maximum(gains.get(c.name, own), own)
             # What the base model's own fit takes up is taken up there, too.
             n = len(linear.prior)
             h = b.h[:, :n, :n]
             c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
-            chi = b.drawn_chi - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
+            chi = (
+                b.drawn_chi
+                - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c)
+                + np.einsum("ns,pns->ps", c, h @ c)
+            )
             null = Null(laws, gains, left(chi, b.count, b.press))
         return (found, linear), null
 
-    def _gains(self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    def _gains(
+        self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
+    ) -> list[tuple[FloatArray, FloatArray]]:
         """For each candidate its multiples (n, S), and what blocks gain (B, S)."""
         n, h = len(linear.prior), linear.blocks.h
         none = held_out(h[:, :n, :n], b[:, :n], linear.prior, pull, self._folds)
@@ -240,7 +265,9 @@ class Search:
                 out[c.name] = t
         return sorted(out.values(), key=lambda t: -t.gain)
 
-    def _best(self, fit: Fitted, good: Sequence[Tried]) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
+    def _best(
+        self, fit: Fitted, good: Sequence[Tried]
+    ) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
         """Of the best few the one whose joint fit predicts best, and those that predict as well."""
         order = sorted(good, key=lambda t: -t.shared)
         few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
@@ -260,10 +287,12 @@ class Search:
     def score(self, fit: Fitted) -> FloatArray:
         """(B,) logarithm of the likelihood of each block by the fit of the others."""
         b, n = fit.blocks, len(fit.prior)
-        return -0.5 * b.loss + held_out(b.h[:, :n, :n], b.b[:, :n, None], fit.prior, fit.pull, self._folds)[:, 0]
+        return (
+            -0.5 * b.loss + held_out(b.h[:, :n, :n], b.b[:, :n, None], fit.prior, fit.pull, self._folds)[:, 0]
+        )
 
     def with_one(self, fit: Fitted, tried: Tried) -> Fitted:
-        """The joint fit with one more, from where the model is and from where it was before it bent to what it lacks."""
+        """The joint fit with one more."""
         before = fit.state.effects.get(tried.name)
         values = self._scaled(fit, tried, before)
         effects = {**fit.state.effects, tried.name: values}
@@ -273,7 +302,9 @@ class Search:
         at = replace(fit.state, effects=effects)
         return self.fitter.solve(at, free, steps=C.joint_steps)
 
-    def _scaled(self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None) -> dict[str, FloatArray]:
+    def _scaled(
+        self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None
+    ) -> dict[str, FloatArray]:
         """Parameters that do what the multiples of a start's points do to first order: few equations are lines."""
         f, c = self.fitter.forward, tried.candidate
         wanted = c.columns @ tried.coefficients
@@ -281,7 +312,10 @@ class Search:
         best: tuple[float, dict[str, FloatArray]] | None = None
         for scale in _SCALES:
             values = begun(tried.name, c.start, scale * tried.coefficients, before)
-            does = f.mean @ ((f.with_effects(fit.seen, {**fit.state.effects, tried.name: values}) - fit.seen.values) * slope)
+            does = f.mean @ (
+                (f.with_effects(fit.seen, {**fit.state.effects, tried.name: values}) - fit.seen.values)
+                * slope
+            )
             off = float(((does - wanted) ** 2).sum())
             if best is None or off < best[0]:
                 best = off, values

@@ -16,6 +16,8 @@ from skincal.model.arrays import FloatArray, IntArray
 _TURNS = (-0.2, 0.0, 0.2)
 """Angles that the search begins at, about the start's own [rad]."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
+_WILD = 5.0
+"""A press that leaves so many times as much as the middle one, whatever its place, is no press like the others."""
 _TRAPPED = 1.5
 """A press that leaves so many times as much as the middle one is looked for anew."""
 
@@ -92,10 +94,31 @@ def left_of(fitter: Fitter, state: State) -> FloatArray:
     return out
 
 
+def wild_presses(fitter: Fitter, state: State) -> IntArray:
+    """Rows of presses whose images are out of all proportion to those of others, if they are few."""
+    left = left_of(fitter, state)
+    known = left > 0
+    if not known.any():
+        return np.zeros(0, dtype=np.int64)
+    found = np.flatnonzero(left > _WILD * np.median(left[known]) + 0.5)
+    return found if len(found) <= max(1, int(known.sum()) // 10) else np.zeros(0, dtype=np.int64)
+
+
+def without_presses(fitter: Fitter, rows: IntArray) -> Fitter:
+    """The same fitter that does not see some presses."""
+    counts = fitter.counts.copy()
+    counts[np.isin(fitter.press, rows)] = np.nan
+    return Fitter(fitter.forward, counts, fitter.before)
+
+
 def placed(fitter: Fitter, state: State) -> State:
     """A state whose presses that leave far more than others stand at the best place of a lattice within the slack."""
     left = left_of(fitter, state)
-    bad = np.flatnonzero(left > _TRAPPED * np.median(left[left > 0]) + 0.2) if (left > 0).any() else np.zeros(0, int)
+    bad = (
+        np.flatnonzero(left > _TRAPPED * np.median(left[left > 0]) + 0.2)
+        if (left > 0).any()
+        else np.zeros(0, int)
+    )
     return placed_at(fitter, state, bad) if len(bad) else state
 
 
@@ -105,7 +128,7 @@ def placed_at(fitter: Fitter, state: State, bad: IntArray) -> State:
     reach = fitter.before.slack_m
     grid = np.array([(a, b) for a in _LATTICE for b in _LATTICE]) * reach
     skin = f.skin(state)
-    e, measured = float(np.exp(state.log_e)), f._measured  # noqa: SLF001
+    e, measured = float(np.exp(state.log_e)), f._measured
     move = state.move.copy()
     every = np.repeat(bad, len(grid))
     some = replace(
@@ -113,7 +136,12 @@ def placed_at(fitter: Fitter, state: State, bad: IntArray) -> State:
         indenter=measured.indenter[every], most_n=measured.most_n[every],
     )  # fmt: skip
     table = press_table(
-        skin.skin.patch, f.surface, f.samples.indenters, some.moved(f.surface, np.tile(grid, (len(bad), 1))), e, lattice=False
+        skin.skin.patch,
+        f.surface,
+        f.samples.indenters,
+        some.moved(f.surface, np.tile(grid, (len(bad), 1))),
+        e,
+        lattice=False,
     )
     force = np.maximum(np.nan_to_num(f.samples.contacts.force_n), 0.0)
     scale = np.exp(state.log_s)
@@ -124,7 +152,9 @@ def placed_at(fitter: Fitter, state: State, bad: IntArray) -> State:
         if not len(own) or not own.max() > 0:
             continue
         image = np.average(fitter.counts[rows], axis=0, weights=own + 1e-12)
-        loads = e * table.at(np.arange(k * len(grid), (k + 1) * len(grid)), np.full(len(grid), float(own.mean()) / e))
+        loads = e * table.at(
+            np.arange(k * len(grid), (k + 1) * len(grid)), np.full(len(grid), float(own.mean()) / e)
+        )
         mean, _ = f.noise.written(loads * scale + state.rest)
         sd = np.hypot(f.noise.frame, 0.05 * max(float(np.nanmax(image)) - state.rest, 0.0))
         off = np.nansum(((mean - image) / sd) ** 2, axis=1) + (grid**2).sum(axis=1) * fitter.before.move[0]

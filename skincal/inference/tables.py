@@ -16,7 +16,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from skincal.model import Contacts, Indenter, Patch, Skin, SkinParameters, Sphere, StressLaw, Surface, contact_rotations
+from skincal.model import (
+    Contacts,
+    Indenter,
+    Patch,
+    Skin,
+    SkinParameters,
+    Sphere,
+    StressLaw,
+    Surface,
+    contact_rotations,
+)
 from skincal.model.arrays import FloatArray, IntArray
 
 NODES = 22
@@ -118,18 +128,32 @@ def press_table(
     """
     most = presses.most_n / elasticity_pa_per_m
     places = _LATTICE if lattice else _LATTICE[:1]
-    stack = [presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1))) for p in places]
+    stack = [
+        presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1)))
+        for p in places
+    ]
     found = np.stack([_loads(patch, indenters, p, most, law, weights) for p in stack])
     if not lattice:
         return PressTable(found, most)
     c, e, w, n, s, ne = found
     h = STEP_M
-    terms = [c, (e - w) / (2 * h), (n - s) / (2 * h), (e + w - 2 * c) / (2 * h * h), (n + s - 2 * c) / (2 * h * h)]
+    terms = [
+        c,
+        (e - w) / (2 * h),
+        (n - s) / (2 * h),
+        (e + w - 2 * c) / (2 * h * h),
+        (n + s - 2 * c) / (2 * h * h),
+    ]
     return PressTable(np.stack([*terms, (ne - e - n + c) / (h * h)]), most)
 
 
 def _loads(
-    patch: Patch, indenters: tuple[Indenter, ...], presses: Presses, most: FloatArray, law: StressLaw | None, weights: FloatArray | None
+    patch: Patch,
+    indenters: tuple[Indenter, ...],
+    presses: Presses,
+    most: FloatArray,
+    law: StressLaw | None,
+    weights: FloatArray | None,
 ) -> FloatArray:
     share = (np.arange(NODES) / (NODES - 1)) ** 2
     out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
@@ -148,13 +172,19 @@ def _loads(
             force = (most[rows][:, None] * share).ravel()
             contacts = Contacts(presses.points_m[k], presses.normals[k], force)
             skin = Skin(patch, SkinParameters(1.0, 1.0), law=law)
-            found = skin.loads(indenter, contacts) if weights is None else skin.pressures(indenter, contacts).loads(weights)
+            found = (
+                skin.loads(indenter, contacts)
+                if weights is None
+                else skin.pressures(indenter, contacts).loads(weights)
+            )
             out[rows] = found.reshape(len(rows), NODES, -1)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _balls(points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference):  # noqa: ANN001, ANN202, PLR0913, PLR0917, C901, PLR0912, PLR0915
+def _balls(
+    points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference
+):
     count, nodes = len(centres), len(share)
     spread = weights.shape[0] > 0
     out = np.zeros((count, nodes, taxels))
@@ -249,7 +279,7 @@ def _balls(points, normals, areas, taxel, weights, centres, ups, radius, most, s
 
 
 @njit(cache=True, nogil=True)
-def _look_up(terms, row, load, most, move):  # noqa: ANN001, ANN202
+def _look_up(terms, row, load, most, move):
     """Cubic through four nodes of the square root; beyond the last a line."""
     orders, nodes, taxels = terms.shape[0], terms.shape[2], terms.shape[3]
     out = np.zeros((len(row), taxels))
@@ -271,7 +301,19 @@ def _look_up(terms, row, load, most, move):  # noqa: ANN001, ANN202
             w[3] = t * (t - 1) * (t - 2) / 6
         a, b = move[f, 0], move[f, 1]
         for o in range(orders):
-            g = 1.0 if o == 0 else a if o == 1 else b if o == 2 else a * a if o == 3 else b * b if o == 4 else a * b
+            g = (
+                1.0
+                if o == 0
+                else a
+                if o == 1
+                else b
+                if o == 2
+                else a * a
+                if o == 3
+                else b * b
+                if o == 4
+                else a * b
+            )
             if g == 0.0:
                 continue
             for q in range(4):

@@ -28,7 +28,7 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
     f, e = forward, float(np.exp(state.log_e))
     plain = replace(state, effects={}, law=np.zeros(3))
     skin = f.skin(plain)
-    presses = f._measured.moved(f.surface, state.move[:, :2])  # noqa: SLF001
+    presses = f._measured.moved(f.surface, state.move[:, :2])
     things = f.samples.indenters
     tables: dict[str, PressTable] = {}
     if isinstance(f.surface, Cylinder | Plane) and all(isinstance(i, Sphere) for i in things):
@@ -38,12 +38,16 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
                 tables[f"layer {1e3 * thick:g} mm"] = table
     if not tables:
         for n in POWERS:
-            tables[f"power {n:g}"] = press_table(skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), lattice=False)
-    force = f._force(f.samples, plain)  # noqa: SLF001
+            tables[f"power {n:g}"] = press_table(
+                skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), lattice=False
+            )
+    force = f._force(f.samples, plain)
     return {name: skin.after(e * t.at(f.row, force / e), f.samples, {}) for name, t in tables.items()}
 
 
-def _layer_table(forward: Forward, patch: Patch, surface: Surface, presses: Presses, e: float, thick: float) -> PressTable | None:
+def _layer_table(
+    forward: Forward, patch: Patch, surface: Surface, presses: Presses, e: float, thick: float
+) -> PressTable | None:
     felt = np.flatnonzero(patch.taxel >= 0)
     points, areas, taxel = patch.points_m[felt], patch.areas_m2[felt], patch.taxel[felt]
     arc, along = _unrolled(points, surface)
@@ -63,7 +67,9 @@ def _layer_table(forward: Forward, patch: Patch, surface: Surface, presses: Pres
         top = float(presses.most_n[rows].max())
         stiff = e * (factor or _alike(press, e, 0.4 * top, thick))
         factor = factor or stiff / e
-        solved = _solved(press, Layer.of_stiffness(stiff, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES))
+        solved = _solved(
+            press, Layer.of_stiffness(stiff, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES)
+        )
         if solved is None:
             return None
         forces, fields = solved
@@ -91,7 +97,9 @@ def _alike(press: Press, e: float, force_n: float, thick: float) -> float:
     low, high, factor = 0.05, 20.0, 1.0
     for _ in range(_TRIES):
         try:
-            wide = width(press.fields(Layer.of_stiffness(factor * e, thick, _POISSON), np.array([force_n]))[0].felt_pa)
+            wide = width(
+                press.fields(Layer.of_stiffness(factor * e, thick, _POISSON), np.array([force_n]))[0].felt_pa
+            )
         except SmallContactError:
             wide = 0.0
         except ContactError:
@@ -103,7 +111,7 @@ def _alike(press: Press, e: float, force_n: float, thick: float) -> float:
     return factor
 
 
-def _solved(press: Press, layer: Layer, forces: FloatArray):  # noqa: ANN202
+def _solved(press: Press, layer: Layer, forces: FloatArray):
     for _ in range(_TRIES):
         try:
             return forces, press.fields(layer, forces)

@@ -27,7 +27,8 @@ SECTIONS = (
     (
         "gap",
         "The gap, before and after",
-        "Presses that neither the fit nor the choice of effects has seen. A press may place its contact within what its "
+        "Presses that neither the fit nor the choice of effects has seen. A press may "
+        "place its contact within what its "
         "measured place is worth, alike before and after. The bar is what noise alone makes.",
         gap_figure,
     ),
@@ -47,8 +48,10 @@ SECTIONS = (
     (
         "candidates",
         "What was tried",
-        "Logarithm of the likelihood that each effect gains on presses that its fit has not seen, with its standard error. "
-        "Grey: what it reaches in simulated sessions of these presses with nothing hidden, under several contact laws, and a "
+        "Logarithm of the likelihood that each effect gains on presses that its fit has "
+        "not seen, with its standard error. "
+        "Grey: what it reaches in simulated sessions of these presses with nothing hidden, "
+        "under several contact laws, and a "
         "quarter more. An effect is named beyond it; the search begins again with it in the model.",
         candidates_figure,
     ),
@@ -70,9 +73,12 @@ def write_diagnosis_report(
     (folder / SUMMARY).write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
         return
-    figures = [picture(draw(found, dataset), stem, title, caption, folder) for stem, title, caption, draw in SECTIONS]
+    figures = [
+        picture(draw(found, dataset), stem, title, caption, folder) for stem, title, caption, draw in SECTIONS
+    ]
     caption = (
-        "Of an ideal test, before anything is fitted (`skincal audit`). Left: how small each effect may be and still be "
+        "Of an ideal test, before anything is fitted (`skincal audit`). Left: how small "
+        "each effect may be and still be "
         "seen. Right: how alike two effects are; those framed in red cannot be told apart."
     )
     last = picture(audit_figure(found.audit), "audit", "What these presses can show at all", caption, folder)
@@ -114,7 +120,15 @@ def _parameters(found: Diagnosis) -> list[dict[str, str]]:
             interval = "one each" if several else f"{float(low):.4g} to {float(high):.4g}"
             last = "" if several or name not in final else f"{float(np.asarray(final[name])):.4g}"
             rows.append(
-                {"effect": e.name, "name": name, "meaning": p.description, "value": value, "interval": interval, "final": last, "neutral": f"{p.neutral:g}"}
+                {
+                    "effect": e.name,
+                    "name": name,
+                    "meaning": p.description,
+                    "value": value,
+                    "interval": interval,
+                    "final": last,
+                    "neutral": f"{p.neutral:g}",
+                }
             )
     return rows
 
@@ -136,7 +150,16 @@ def _effects(found: Diagnosis) -> list[dict[str, str]]:
             outcome = "gains, but others explain more"
         seen = "never" if not np.isfinite(smallest) else f"{smallest:.2g}"
         score = "" if tried is None else f"{tried.gain:.1f} of {tried.limit:.1f}"
-        rows.append({"name": name, "meaning": effect.meaning, "smallest": seen, "tried": score, "outcome": outcome, "kind": kind})
+        rows.append(
+            {
+                "name": name,
+                "meaning": effect.meaning,
+                "smallest": seen,
+                "tried": score,
+                "outcome": outcome,
+                "kind": kind,
+            }
+        )
     return rows
 
 
@@ -145,8 +168,10 @@ def _method(found: Diagnosis) -> list[str]:
     presses = len(np.unique(session.press[session.press >= 0]))
     laws = list(dict.fromkeys(found.found.null.laws))
     return [
-        f"{presses} presses: {presses - int(held.sum())} to fit and to choose on, held out in turn, {int(held.sum())} kept for the end.",
-        f"{len(session)} observations were looked at" + (", means over a few frames each." if session.has_frames else ", the means of the holds."),
+        f"{presses} presses: {presses - int(held.sum())} to fit and to choose on, held out "
+        f"in turn, {int(held.sum())} kept for the end.",
+        f"{len(session)} observations were looked at"
+        + (", means over a few frames each." if session.has_frames else ", the means of the holds."),
         f"{len(found.found.null.laws)} null sessions of these presses, with nothing hidden, under {', '.join(laws)}.",
         f"Seed {found.seed}.",
     ]

@@ -54,8 +54,12 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     time = np.zeros(len(session))
     time[session.observation[own]] = session.samples.elapsed_s[own]
     with style():
-        figure = new_figure(13, 3.2, "Counts over time, measured and simulated, where the base model errs most")
-        for axes, p in zip(np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False):
+        figure = new_figure(
+            13, 3.2, "Counts over time, measured and simulated, where the base model errs most"
+        )
+        for axes, p in zip(
+            np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False
+        ):
             rows = np.flatnonzero(session.press == p)
             j = int(np.argmax(off[rows].sum(axis=0)))
             x = time[rows] - time[rows[0]] if session.has_frames else np.arange(len(rows))
@@ -74,9 +78,11 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     """Root mean square residual of each taxel over the noise, and parts of the session with more than their share."""
     fitter = found.observed.fitter
-    from skincal.inference.start import raw_residual  # noqa: PLC0415
+    from skincal.inference.start import raw_residual
 
-    models = [("base model", found.found.base)] + ([("with what was named", found.found.fitted)] if found.effects else [])
+    models = [("base model", found.found.base)] + (
+        [("with what was named", found.found.fitted)] if found.effects else []
+    )
     with style():
         figure = new_figure(12, 3.8)
         panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
@@ -103,7 +109,15 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     rounds = [r for r in found.found.rounds if r]
     with style():
         figure = new_figure(10, 1.0 + sum(0.24 * len(r) + 0.5 for r in rounds))
-        panels = np.ravel(figure.subplots(max(len(rounds), 1), 1, sharex=True, squeeze=False, height_ratios=[len(r) for r in rounds] or [1]))
+        panels = np.ravel(
+            figure.subplots(
+                max(len(rounds), 1),
+                1,
+                sharex=True,
+                squeeze=False,
+                height_ratios=[len(r) for r in rounds] or [1],
+            )
+        )
         for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
             names = {n for e in found.effects for n in e.consistent_with}
             firsts = {e.name for e in found.effects}
@@ -111,10 +125,21 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
                 colour = BLUE if t.name in firsts else GREEN if t.name in names else GREY
                 axes.barh(k, max(t.limit, _LEAST), color=LIGHT, height=0.8)
                 gain = max(t.gain, _LEAST)
-                axes.errorbar(gain, k, xerr=[[min(t.error, 0.95 * gain)], [t.error]], fmt="o", color=colour, markersize=5)
+                axes.errorbar(
+                    gain,
+                    k,
+                    xerr=[[min(t.error, 0.95 * gain)], [t.error]],
+                    fmt="o",
+                    color=colour,
+                    markersize=5,
+                )
             axes.set_yticks(np.arange(len(tried)), [t.name for t in tried])
             axes.invert_yaxis()
-            axes.set_title("beside the base model" if number == 0 else f"beside what was added in {number} round{'s' if number > 1 else ''}")
+            axes.set_title(
+                "beside the base model"
+                if number == 0
+                else f"beside what was added in {number} round{'s' if number > 1 else ''}"
+            )
         panels[0].set_xscale("log")
         panels[0].set_xlim(left=_LEAST)
         panels[-1].set_xlabel("gain on presses not fitted to [nats]; grey: reached with nothing hidden")

@@ -29,9 +29,15 @@ def headline(found: Diagnosis) -> str:
     if found.verdict == "effects":
         return "Missing: " + " and ".join(" or ".join(e.consistent_with) for e in found.effects) + "."
     if found.taken_back and found.gap.refutes:
-        return f"Something is missing. {_and(found.taken_back)} would explain it, but puts presses that nobody has fitted further off."
+        return (
+            f"Something is missing. {_and(found.taken_back)} would explain it, but puts presses "
+            f"that nobody has fitted further off."
+        )
     if found.taken_back:
-        return f"Something is missing. {_and(found.taken_back)} explains a part of it, but too much is left to be sure of a name."
+        return (
+            f"Something is missing. {_and(found.taken_back)} explains a part of it, but too "
+            f"much is left to be sure of a name."
+        )
     return "Something is missing that none of the known effects explains."
 
 
@@ -55,19 +61,26 @@ def verdict_sentences(found: Diagnosis) -> list[str]:
     """What the verdict says and what it rests on, for the page."""
     lines = [] if found.verdict == "none" else [capital(found.where) + "."]
     for e in found.effects:
-        text = f"{capital(e.name)} ({EFFECTS[e.name].meaning}): {e.gain:.0f} nats on presses not fitted to (p = {e.p_value:.2g})."
+        text = (
+            f"{capital(e.name)} ({EFFECTS[e.name].meaning}): {e.gain:.0f} nats on presses not "
+            f"fitted to (p = {e.p_value:.2g})."
+        )
         if len(e.consistent_with) > 1:
             text += f" These presses cannot tell it from {_and(e.consistent_with[1:])}; {e.name} is what was added."
         lines.append(text)
     if found.verdict == "none" and found.found.rounds and found.found.rounds[0]:
         best = found.found.rounds[0][0]
-        lines.append(f"The effect that does best, {best.name}, gains {best.gain:.1f} nats; {best.limit:.1f} are asked for.")
+        lines.append(
+            f"The effect that does best, {best.name}, gains {best.gain:.1f} nats; {best.limit:.1f} are asked for."
+        )
     lines.append(capital(gap_sentence(found)) + ".")
     if found.unexplained and found.verdict == "effects":
         lines.append("More than chance is left beside what is named: something else is missing, too.")
     if found.audit.cannot_see:
         lines.append(f"These presses could not show {_and(found.audit.cannot_see)}; why not, is said below.")
-    new = "The new calibration has what was named, fitted once more to all presses. The old one stays as it is."
+    new = (
+        "The new calibration has what was named, fitted once more to all presses. The old one stays as it is."
+    )
     return [*lines, new if found.effects else "The calibration written is the given one, unchanged."]
 
 
@@ -82,8 +95,10 @@ def gap_sentence(found: Diagnosis) -> str:
         return f"{where}, simulated and measured values differ by {gap.before:.3g} counts rms a taxel {noise}"
     if found.only_places:
         return (
-            f"{where}, the places that fit best lie {1e3 * gap.slack_before_m:.2f} mm rms from the measured ones before, and "
-            f"{1e3 * gap.slack_after_m:.2f} mm after; the error is {gap.before:.3g} counts before and {gap.after:.3g} after {noise}"
+            f"{where}, the places that fit best lie {1e3 * gap.slack_before_m:.2f} mm rms "
+            f"from the measured ones before, and "
+            f"{1e3 * gap.slack_after_m:.2f} mm after; the error is {gap.before:.3g} counts "
+            f"before and {gap.after:.3g} after {noise}"
         )
     text = f"{where}, the error falls from {gap.before:.3g} to {gap.after:.3g} counts rms a taxel {noise}"
     if not np.isfinite(gap.closed):

@@ -85,7 +85,10 @@ KINDS: Mapping[str, Mapping[str, object]] = {
     "creep": {"effects": {"creep": {"amplitude": 0.25, "time_constant_s": 1.0}}},
     "crosstalk": {"effects": {"crosstalk": {"leak": 0.06}}, "rest": 40.0},
     "saturation": {"effects": {"saturation": {"inverse_ceiling_per_count": 1 / 120}}},
-    "taxel_gain": {"effects": {"taxel_gain": {"gain": np.exp(0.15 * np.random.default_rng(0).standard_normal(16))}}, "rest": 30.0},
+    "taxel_gain": {
+        "effects": {"taxel_gain": {"gain": np.exp(0.15 * np.random.default_rng(0).standard_normal(16))}},
+        "rest": 30.0,
+    },
     "wiring": {"change": swapped},
 }
 

@@ -8,7 +8,9 @@ import pytest
 from skincal.inference.noise import Noise, noise_of, sigma_before_rounding, step_of
 
 
-def frames(sigma: float, step: float, rest: float, grows: float, low: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def frames(
+    sigma: float, step: float, rest: float, grows: float, low: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(1)
     level = np.repeat(rng.uniform(0, 120, (60, 16)) * (rng.uniform(size=(60, 16)) < 0.5), 25, axis=0)
     noisy = level + rest + np.hypot(sigma, grows * level) * rng.standard_normal(level.shape)
@@ -19,7 +21,9 @@ def frames(sigma: float, step: float, rest: float, grows: float, low: float = 0.
 @pytest.mark.parametrize("rest", [0.0, 25.0])
 def test_the_noise_before_rounding_is_found(step: float, rest: float):
     counts, hold = frames(1.0, step, rest, 0.0)
-    found = noise_of(counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0 + rest, integer=True)
+    found = noise_of(
+        counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0 + rest, integer=True
+    )
     assert found.step == step and found.grows == 0.0
     assert found.frame == pytest.approx(1.0, abs=0.1 * step)
 

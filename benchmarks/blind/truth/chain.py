@@ -56,10 +56,10 @@ def _bell(x: Floats) -> Floats:
     return np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
 
 
-def read(
-    rng: np.random.Generator, x: Floats, noise_counts: float, spec: Spec | None = None
-) -> Floats:
+def read(rng: np.random.Generator, x: Floats, noise_counts: float, spec: Spec | None = None) -> Floats:
     """What the sensor reads of values (N, J): noisy, in whole steps, clipped, above its level at rest."""
-    rest, step, grows = (0.0, 1, 0.0) if spec is None else (spec.rest_counts, spec.step_counts, spec.noise_grows)
+    rest, step, grows = (
+        (0.0, 1, 0.0) if spec is None else (spec.rest_counts, spec.step_counts, spec.noise_grows)
+    )
     noisy = x + rest + np.hypot(noise_counts, grows * np.maximum(x, 0.0)) * rng.standard_normal(x.shape)
     return np.clip(step * np.rint(noisy / step), 0, TOP_COUNTS + round(rest))

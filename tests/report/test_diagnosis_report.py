@@ -1,0 +1,57 @@
+"""The report of a diagnosis: its page, its pictures, and what it says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from report.diagnosis_cases import diagnosed
+
+from skincal.cli.common import plain
+from skincal.diagnose.summary import summary
+from skincal.report.diagnosis import write_diagnosis_report
+from skincal.report.diagnosis_words import headline, tone, verdict_lines, verdict_sentences
+
+
+@pytest.mark.parametrize("kind", ["hysteresis", "none", "static"])
+def test_the_page_holds_its_pictures_and_the_verdict(kind: str, tmp_path: Path):
+    found, data = diagnosed(kind)
+    told = plain(summary(found))
+    write_diagnosis_report(found, data, tmp_path, told)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert headline(found) in page
+    assert {"gap.png", "signature.png", "where.png", "candidates.png", "audit.png"} <= {
+        p.name for p in tmp_path.iterdir()
+    }
+    assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8")) == told
+    json.dumps(told, allow_nan=False)
+
+
+def test_what_was_named_is_said_with_its_numbers():
+    found, _ = diagnosed("hysteresis")
+    lines = "\n".join(verdict_lines(found))
+    assert lines.startswith("Missing: hysteresis")
+    assert "height" in lines and "% of the gap is closed" in lines
+    assert tone(found) in ("found", "attention")
+    assert any("fitted once more" in s for s in verdict_sentences(found))
+
+
+def test_nothing_is_said_with_what_did_best():
+    found, _ = diagnosed("none")
+    assert tone(found) == "good"
+    assert verdict_lines(found)[0] == "Nothing is missing that these presses could show."
+    assert any("are asked for" in s for s in verdict_sentences(found))
+
+
+def test_other_programs_find_the_keys_that_they_know():
+    told = plain(summary(diagnosed("hysteresis")[0]))
+    assert {"verdict", "effects", "unexplained", "cannot_see", "gap", "next_presses", "findings"} <= set(told)
+    (effect,) = told["effects"]
+    assert {"name", "consistent_with", "p_value", "parameters", "where"} <= set(effect)
+    gap = told["gap"]
+    assert {"heldout_rmse_before", "heldout_rmse_after", "noise_floor_rmse", "closed"} <= set(gap)
+    above = [
+        gap[k] ** 2 - gap["noise_floor_rmse"] ** 2 for k in ("heldout_rmse_before", "heldout_rmse_after")
+    ]
+    assert gap["closed"] == pytest.approx(1 - above[1] / above[0], abs=1e-6)
