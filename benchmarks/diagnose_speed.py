@@ -3,9 +3,7 @@
     python -m benchmarks.diagnose_speed [--effects none,hysteresis] [--seed 7] [--out FILE]
 
 For each effect (or ``none``) the simulated hand makes a full session, a coarse grid fits it, and
-:func:`skincal.diagnose.workflow.diagnose` runs in one process with an empty cache, again with what the first run kept,
-and with an empty cache on two more processes. Processor times are those of this process; wall-clock time depends on
-what else the machine does.
+:func:`skincal.diagnose.workflow.diagnose` runs in one process. Wall-clock time depends on what else the machine does.
 """
 
 # ruff: noqa: E402 - the number of threads is read when numpy is imported
@@ -33,7 +31,6 @@ from skincal.calibrate import calibrate
 from skincal.calibration import Calibration
 from skincal.collect import Mount, collect, full_plan
 from skincal.dataset import Dataset
-from skincal.diagnose.cache import Cache
 from skincal.diagnose.workflow import diagnose
 from skincal.fit.options import FitOptions
 from skincal.hand.sim import SimDriver
@@ -70,10 +67,10 @@ def session(effect: str, seed: int, folder: Path) -> Dataset:
     return collect(plan, hand, lambda _: SimDriver(seed=seed, effects=effects), folder / effect).dataset
 
 
-def timed(data: Dataset, calibration: Calibration, seed: int, cache: Cache, workers: int) -> Record:
+def timed(data: Dataset, calibration: Calibration, seed: int) -> Record:
     """One diagnosis."""
     stages, wall = Stages(), time.perf_counter()
-    found = diagnose(data, calibration, seed=seed, heard=stages, cache=cache, workers=workers)
+    found = diagnose(data, calibration, seed=seed, heard=stages)
     by_stage = stages.seconds()
     return {
         "verdict": found.verdict,
@@ -96,13 +93,10 @@ def measure(effects: Sequence[str], seed: int, tell: Callable[[str], None]) -> R
             presses = len(data.presses)
             tell(f"{effect}: {presses} presses")
             calibration = calibrate(data, options=FitOptions(steps=COARSE), seed=seed).calibration
-            for cached, workers in (("empty", 1), ("of the run before", 1), ("empty", 2)):
-                one = timed(data, calibration, seed, Cache(folder / f"cache-{effect}-{workers}"), workers)
-                tell(f"{effect}, cache {cached}, workers {workers}: {one}")
-                own = one.pop("by_stage_s")
-                if workers == 1:
-                    stages[f"{effect}, cache {cached}"] = own
-                runs.append({"hidden": effect, "cache": cached, "workers": workers, **one})
+            one = timed(data, calibration, seed)
+            tell(f"{effect}: {one}")
+            stages[effect] = one.pop("by_stage_s")
+            runs.append({"hidden": effect, **one})
     return {"version": __version__, "presses": presses, "runs": runs, "processor_time_by_stage_s": stages}
 
 

@@ -18,14 +18,9 @@ import numpy as np
 from skincal import __version__
 from skincal.collect import Mount, Plan, full_plan, paper_plan
 from skincal.dataset import read_dataset
-from skincal.diagnose.audit import audit_dataset
-from skincal.diagnose.base import GUESSED_PA_PER_M, GUESSED_PER_N
+from skincal.diagnose.audit import audit_dataset, audit_planned
 from skincal.diagnose.plan import plan_session
-from skincal.fit.observe import Readout
-from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
-from skincal.gap.base import BaseModel, base_columns, resolution_of
-from skincal.gap.noise import assumed_floor
-from skincal.gap.reasons import facts_of, why_not
+from skincal.diagnose.reasons import EffectAudit
 from skincal.hand.hands import hand_named
 
 ROOT = Path(__file__).parent.parent
@@ -46,26 +41,12 @@ def static() -> tuple[dict[str, EffectAudit], dict[str, str], int]:
 def planned(plan: Plan) -> tuple[dict[str, EffectAudit], dict[str, str], int]:
     """A plan on the bundled hand."""
     description = hand_named()
-    meta, mount = description.meta, Mount.of(description.meta)
-    readout = Readout(meta.sensor.value_min, meta.sensor.value_max, meta.sensor.integer)
-    model = BaseModel(
-        mount.surface,
-        mount.layout,
-        mount.pose,
-        GUESSED_PA_PER_M,
-        GUESSED_PER_N,
-        readout,
-        resolution_of(mount.layout),
-    )
     rng = np.random.default_rng(SEED)
     session = plan_session(plan, description)
     shear = rng.normal(0.0, SHEAR_N, (len(plan), 2))[np.maximum(session.row, 0)]
     session = replace(session, samples=replace(session.samples, shear_n=shear))
-    options = AuditOptions(position_sigma_m=meta.position.sigma_m)
-    base = base_columns(model, session)
-    found = audit(linearise(model, session, base, assumed_floor(readout), options, rng), options)
-    facts = facts_of(session)
-    return found, {n: why_not(one, facts) for n, one in found.items() if not one.visible}, len(plan)
+    report = audit_planned(session, description, None, rng)
+    return dict(report.effects), dict(report.reasons), len(plan)
 
 
 def row(found: EffectAudit, reasons: dict[str, str]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ one. What is then read is spoiled as on a real rig: measured positions are off a
 half a percent, and a hold is the mean of 25 frames that are noisy, rounded and clipped.
 
 The images follow either skincal's own law, the elastic foundation, or that of an elastic layer
-(:mod:`skincal.gap.elastic_layer`), which the fit does not know.
+(:mod:`skincal.inference.elastic_layer`), which the fit does not know.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from skincal.dataset import (
     SensorSpec,
     SurfaceSpec,
 )
-from skincal.gap.elastic_layer import Layer, Press
+from skincal.inference.elastic_layer import Layer, Press
 from skincal.model import (
     Contacts,
     Converter,

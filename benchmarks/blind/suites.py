@@ -8,6 +8,8 @@ two        60 two effects of different classes
 outside    64 something the catalogue does not have, eight kinds
 poor       60 static sessions and such in raster order, with and without an effect
 robust     36 glitches with an effect, taxels that jump together, taxels that die half-way
+rest       88 sensors that rest between 8 and 60 counts and clip nowhere, count in steps of 1 to 8, with noise that
+              may grow: a quarter with nothing hidden, one effect in the others
 ======== ==== =====================================================================================================
 
 The classes are those of what a user would look for next: the *memory* of the skin, *drift* over the session, what
@@ -117,6 +119,25 @@ def _robust(rng: np.random.Generator, seed: int) -> list[Spec]:
     return found
 
 
+def _rest(rng: np.random.Generator, seed: int) -> list[Spec]:
+    wanted = [((name, float(g)),) for name in EFFECTS for g in rng.choice(STRENGTHS, 3, replace=False)]
+    hidden = [*(wanted[k] for k in rng.permutation(len(wanted))), *[()] * 22]
+    order = rng.permutation(len(hidden))
+    return [
+        Spec(
+            "rest",
+            number,
+            seed,
+            law=LAWS[number % 2],
+            effects=hidden[k],
+            rest_counts=float(np.round(rng.uniform(8, 60), 2)),
+            step_counts=int(rng.choice([1, 1, 2, 4, 8])),
+            noise_grows=float(rng.choice([0.0, 0.0, 0.01, 0.025])),
+        )
+        for number, k in enumerate(order)
+    ]
+
+
 SUITES: Mapping[str, Callable[[np.random.Generator, int], list[Spec]]] = {
     "none": _none,
     "decoy": _decoy,
@@ -125,6 +146,7 @@ SUITES: Mapping[str, Callable[[np.random.Generator, int], list[Spec]]] = {
     "outside": _outside,
     "poor": _poor,
     "robust": _robust,
+    "rest": _rest,
 }
 
 SIZES: Mapping[str, int] = {suite: len(specs(suite, 0)) for suite in SUITES}

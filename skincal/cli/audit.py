@@ -12,7 +12,7 @@ from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, pri
 if TYPE_CHECKING:
     from skincal.calibration import Calibration
     from skincal.diagnose.audit import AuditReport
-    from skincal.gap.noise import NoiseFloor
+    from skincal.diagnose.observed import NoiseFloor
 
 EPILOG = example("skincal audit data/paper-like", "skincal audit run-plan.toml --out audit --json")
 
@@ -188,10 +188,7 @@ def _beyond(report: AuditReport, name: str) -> str:
 def _noise(floor: NoiseFloor) -> str:
     low, high = floor.frame_interval
     mean_low, mean_high = floor.mean_interval
-    repeats = ""
-    if floor.repeat_counts == floor.repeat_counts:  # there are some
-        repeats = f"; exact repeats differ by {floor.repeat_counts:.2f}"
     return (
         f"noise of a frame {floor.frame_counts:.2f} counts ({low:.2f} to {high:.2f}, from {floor.frame_from}), "
-        f"of a hold mean {floor.mean_counts:.2f} ({mean_low:.2f} to {mean_high:.2f}, from {floor.mean_from}){repeats}"
+        f"of a hold mean {floor.mean_counts:.2f} ({mean_low:.2f} to {mean_high:.2f}, from {floor.mean_from})"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Generator
@@ -42,20 +41,8 @@ def diagnose(
         typer.Argument(metavar="CAL", help="Folder of a calibration of this sensor.", show_default=False),
     ],
     out: OutOption,
-    thorough: Annotated[
-        bool, typer.Option("--thorough", help="Five times as many null sessions, and more contenders.")
-    ] = False,
-    cache: Annotated[
-        bool,
-        typer.Option(
-            help="Keep null sessions and fits in the user's cache (SKINCAL_CACHE), and take them from there: the "
-            "same command goes on where it was interrupted."
-        ),
-    ] = True,
+    thorough: Annotated[bool, typer.Option("--thorough", help="Five times as many null sessions.")] = False,
     seed: SeedOption = 0,
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
-    ] = None,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -69,21 +56,19 @@ def diagnose(
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
     from skincal.dataset import read_dataset
-    from skincal.diagnose.cache import Cache, default_folder
     from skincal.diagnose.next_presses import PLAN_FILE
-    from skincal.diagnose.options import DiagnoseOptions, thoroughly
     from skincal.diagnose.summary import summary
     from skincal.diagnose.workflow import diagnose as diagnosed
     from skincal.files import refuse_existing
+    from skincal.inference.constants import CONSTANTS
 
     refuse_existing(out, dataset, calibration, force=force, marker="calibration.toml")
     data, cal = read_dataset(dataset), read_calibration(calibration)
     said = [str(problem) for problem in (*data.warnings, *cal.warnings)]
     warn((*data.warnings, *cal.warnings))
-    options = thoroughly() if thorough else DiagnoseOptions()
-    with _stages() as heard, _going_on(cache):
-        kept = Cache(default_folder() if cache else None)
-        found = diagnosed(data, cal, options, seed, heard, kept, workers)
+    sessions = CONSTANTS.null_sessions * (5 if thorough else 1)
+    with _stages() as heard:
+        found = diagnosed(data, cal, seed, heard, sessions)
         heard("report")
         command = shlex.join(["skincal", *sys.argv[1:]])
         now = datetime.now(UTC).replace(microsecond=0)
@@ -104,24 +89,6 @@ def diagnose(
         print_json(told)
         return
     _tell(found, out, report)
-
-
-@contextmanager
-def _going_on(cache: bool) -> Generator[None]:
-    """An interrupt says what is kept and how to go on."""
-    from skincal.diagnose.cache import default_folder
-
-    try:
-        yield
-    except KeyboardInterrupt:
-        folder = default_folder()
-        kept = f"Null sessions and fits so far are kept in {folder}; the same command goes on with them."
-        if not cache:
-            kept = "Nothing is kept, with --no-cache."
-        elif not (folder.is_dir() and os.access(folder, os.W_OK)):
-            kept = f"Nothing is kept: {folder} (SKINCAL_CACHE) is no folder to write to, or was not made yet."
-        say(f"skincal: interrupted. {kept}")
-        raise SystemExit(130) from None
 
 
 @contextmanager

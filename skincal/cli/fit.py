@@ -172,7 +172,7 @@ def fit(
             progress=told,
         )
         if known is not None:
-            from skincal.diagnose.refitting import refitted_effects
+            from skincal.diagnose.workflow import refitted_effects
 
             told("effects", 0, 1)
             both = refitted_effects(data, outcome.calibration, known, seed)

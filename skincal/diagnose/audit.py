@@ -7,34 +7,52 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from skincal.calibration import Calibration, check_same_sensor, sensor_differences
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
-from skincal.diagnose.base import (
-    GUESSED_PA_PER_M,
-    GUESSED_PER_N,
-    calibrated_model,
-    floor_of,
-    guessed_model,
-    hold_slopes,
-    thinned,
-)
+from skincal.diagnose.observed import NoiseFloor, forward_of, observe
 from skincal.diagnose.phases import check_phases
 from skincal.diagnose.plan import plan_session
+from skincal.diagnose.reasons import EffectAudit, facts_of, why_not
 from skincal.diagnose.session import gap_session
+from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
-from skincal.fit.observe import Readout
-from skincal.gap.audit import AuditOptions, EffectAudit, audit, linearise
-from skincal.gap.base import BaseColumns, BaseModel, base_columns, resolution_of
-from skincal.gap.noise import NoiseFloor, assumed_floor
-from skincal.gap.reasons import facts_of, why_not
-from skincal.gap.session import GapSession
+from skincal.inference.blocks import Whitened
+from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.fit import Beforehand, Fitter
+from skincal.inference.forward import State
+from skincal.inference.noise import Noise
+from skincal.inference.session import GapSession
+from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription
 
 STRONG, OUT_OF_PROPORTION, FEWEST = 0.9, 10.0, 5
 """A force is no measurement if it is so many times the one that so large a share of so many presses stays below."""
+GUESSED_PA_PER_M, GUESSED_PER_N = 4.5e8, 70.0
+
+
+@dataclass(frozen=True)
+class AuditOptions:
+    """What the audit counts with.
+
+    Attributes:
+        false_alarm: of the whole list of effects.
+        power: at the smallest strength.
+        alike: cosine above which two effects look the same.
+        position_sigma_m: of the measured place of a press, along each direction [m].
+        force_sigma: of the measured force of a press, relative.
+        shape_sigma: doubt of each taxel's value in a press, relative and shared by its frames.
+    """
+
+    false_alarm: float = 0.05
+    power: float = 0.9
+    alike: float = 0.95
+    position_sigma_m: float = 1e-3
+    force_sigma: float = C.force
+    shape_sigma: float = C.image
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,13 +134,15 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
             dataset,
             "no press has a known place and a force: there is nothing to audit. Give x_m, y_m, z_m and force_n",
         )
-    model = guessed_model(dataset, session) if calibration is None else calibrated_model(calibration, dataset)
-    session = thinned(model, session)
-    base = base_columns(model, session)
-    slopes = hold_slopes(session, base, len(dataset.presses))
-    floor = floor_of(dataset, slopes, rng, session.taxels)
-    options = _options(dataset.meta.position.sigma_m, calibration)
-    found = _report(model, session, base, floor, options, rng, calibration, planned=False)
+    seen = observe(dataset, calibration, rng, keep=False)
+    found = report_of(
+        seen.fitter,
+        seen.fitter.before.start,
+        seen.floor,
+        rng,
+        calibrated=calibration is not None,
+        planned=False,
+    )
     return replace(found, left_out=left_out)
 
 
@@ -159,78 +179,159 @@ def audit_plan(
         InputError: the plan's poses do not suit the hand, or the calibration is of another sensor.
     """
     meta, mount = description.meta, Mount.of(description.meta)
-    readout = Readout(meta.sensor.value_min, meta.sensor.value_max, meta.sensor.integer)
-    if calibration is None:
-        model = BaseModel(
-            mount.surface,
-            mount.layout,
-            mount.pose,
-            GUESSED_PA_PER_M,
-            GUESSED_PER_N,
-            readout,
-            resolution_of(mount.layout),
-        )
-    else:
+    if calibration is not None:
         place = f"hand {description.name}"
         differ = sensor_differences(calibration, meta.sensor, mount.layout, meta.surface, {}, place=place)
         if differ:
             raise InputError(differ)
-        own = calibration.parameters()
-        model = BaseModel(
-            calibration.surface_model(),
-            calibration.layout(),
-            calibration.pose(),
-            own.elasticity_pa_per_m,
-            own.scale_per_n,
-            readout,
-            resolution_of(calibration.layout()),
-        )
-    session = thinned(model, plan_session(plan, description))
-    options = _options(meta.position.sigma_m, calibration)
-    base = base_columns(model, session)
-    return _report(model, session, base, assumed_floor(readout), options, rng, calibration, planned=True)
+    return audit_planned(plan_session(plan, description), description, calibration, rng)
 
 
-def _report(
-    model: BaseModel,
+def audit_planned(
     session: GapSession,
-    base: BaseColumns,
-    floor: NoiseFloor,
-    options: AuditOptions,
-    rng: np.random.Generator,
+    description: HandDescription,
     calibration: Calibration | None,
+    rng: np.random.Generator,
+) -> AuditReport:
+    """Audits a session that has not been recorded; arguments as of :func:`audit_plan`."""
+    meta, mount = description.meta, Mount.of(description.meta)
+    step = 1.0 if meta.sensor.integer else 0.0
+    low = -np.inf if meta.sensor.value_min is None else meta.sensor.value_min
+    high = np.inf if meta.sensor.value_max is None else meta.sensor.value_max
+    taxels = mount.layout.taxels
+    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01)
+    forward = forward_of(session, mount.surface, mount.layout, noise, clipped=bool(np.isfinite(low)))
+    own = None if calibration is None else calibration.parameters()
+    e, scale = (
+        (GUESSED_PA_PER_M, GUESSED_PER_N) if own is None else (own.elasticity_pa_per_m, own.scale_per_n)
+    )
+    pose = mount.pose if calibration is None else calibration.pose()
+    rest = low if np.isfinite(low) else 0.0
+    start = State(
+        pose,
+        float(np.log(e)),
+        np.log(np.asarray(scale, dtype=np.float64)),
+        rest,
+        np.zeros(3),
+        np.zeros((session.presses, 3)),
+    )
+    counts = np.zeros((len(session), taxels))
+    base = 1 / np.array([4e-3, 2e-3, 0.35, 1.0, 1.5, C.rest]) ** 2
+    move = 1 / np.array([meta.position.sigma_m, meta.position.sigma_m, C.force]) ** 2
+    before = Beforehand(base, start, move, 2e-3, np.ones_like(counts))
+    mean = float(np.hypot(1.0, step / np.sqrt(12)) / 5)
+    floor = NoiseFloor(
+        1.0, (0.5, 2.0), "assumed", mean, (mean / 2, 2 * mean), "assumed", 0.0, step, measured=False
+    )
+    return report_of(
+        Fitter(forward, counts, before), start, floor, rng, calibrated=calibration is not None, planned=True
+    )
+
+
+def report_of(
+    fitter: Fitter,
+    state: State,
+    floor: NoiseFloor,
+    rng: np.random.Generator,
     *,
+    calibrated: bool,
     planned: bool,
 ) -> AuditReport:
-    found = audit(linearise(model, session, base, floor, options, rng), options)
+    """What presses can show of typical cases of every effect, by the information that the engine would have.
+
+    Args:
+        fitter: of the session.
+        state: the sensor.
+        floor: the noise in plain numbers.
+        rng: for cases that vary from taxel to taxel.
+        calibrated: whether the sensor is a calibration's.
+        planned: whether there are no data yet.
+    """
+    f, session = fitter.forward, fitter.forward.session
+    options = AuditOptions(position_sigma_m=float(1 / np.sqrt(fitter.before.move[0])))
+    seen = f.see(state)
+    samples = session.samples
+    have = {c for c in COVARIATES if samples.has(c)}
+    poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
+    lacking = {n: tuple(c for c in e.covariates if c not in have) for n, e in EFFECTS.items()}
+    names = [n for n in EFFECTS if not lacking[n]]
+    _, slope = f.noise.written(seen.values + state.rest)
+    cases: list[FloatArray] = []
+    for name in names:
+        case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2))
+        if name in state.effects:
+            cases.append(np.zeros_like(seen.values))
+            continue
+        cases.append(np.nan_to_num(f.with_effects(seen, {**state.effects, name: case}) - seen.values))
+    w = fitter.whitened(
+        seen,
+        np.concatenate([fitter.columns(seen, ()), np.stack(cases, axis=-1)], axis=2),
+        fitter.contributions(seen),
+    )
+    h = fitter.built(
+        seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
+    ).blocks.h.sum(axis=0)
+    del slope
+    n = h.shape[0] - len(names)
+    raw = (w.columns[..., n:] ** 2).sum(axis=(0, 1))
+    law = 1 / np.array([C.law_power, C.law_blur, C.law_radius]) ** 2
+    base = h[:n, :n] + np.diag(np.concatenate([fitter.before.base, law]))
+    left = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])
+    square = np.maximum(np.diag(left), 0.0)
+    needed = float(norm.isf(options.false_alarm / (2 * len(EFFECTS))) + norm.isf(1 - options.power))
+    cosine = np.abs(left) / np.sqrt(np.maximum(np.outer(square, square), 1e-12))
+    effects: dict[str, EffectAudit] = {}
+    for name in EFFECTS:
+        if name not in names:
+            effects[name] = EffectAudit(
+                name, 0.0, 0.0, needed, float("inf"), 0.0, 0.0, lacking[name], {}, (name,)
+            )
+            continue
+        k = names.index(name)
+        d, whole = float(np.sqrt(square[k])), float(max(raw[k], 1e-12))
+        overlaps = {other: float(min(cosine[k, j], 1.0)) for j, other in enumerate(names)} if d > 0 else {}
+        alike = tuple(o for o, c in overlaps.items() if o != name and c > options.alike)
+        smallest = needed / d if d > 1e-6 else float("inf")
+        middle = float(h[n + k, n + k])
+        effects[name] = EffectAudit(
+            name,
+            d,
+            float(np.sqrt(whole)),
+            needed,
+            smallest,
+            1 - middle / whole,
+            (middle - square[k]) / whole,
+            (),
+            overlaps,
+            (name, *alike),
+        )
     facts = facts_of(session)
-    reasons = {name: why_not(one, facts) for name, one in found.items() if not one.visible}
-    if planned and "shear" in reasons:
-        reasons["shear"] = "a plan does not say which tangential forces there will be"
+    reasons = {name: why_not(one, facts) for name, one in effects.items() if not one.visible}
+    for name in reasons if planned else ():
+        if effects[name].lacking == ("shear",):
+            reasons[name] = "a plan does not say which tangential forces there will be"
     presses = len(np.unique(session.press[session.press >= 0]))
+    taxels = seen.values.shape[1]
     return AuditReport(
-        found,
+        effects,
         reasons,
         floor,
         presses,
         len(session),
-        base.values.shape[1],
+        taxels,
         session.has_frames,
-        calibration is not None,
+        calibrated,
         planned,
         options,
     )
 
 
-def _options(position_sigma_m: float, calibration: Calibration | None) -> AuditOptions:
-    """What positions and forces are worth: what the fit found, else what the data say."""
-    usual = AuditOptions()
-    found: Mapping[str, Any] = {} if calibration is None else calibration.loss.extra
-    return AuditOptions(
-        position_sigma_m=_positive(found.get("position_sigma_m"), position_sigma_m),
-        force_sigma=_positive(found.get("force_sigma_relative"), usual.force_sigma),
-    )
-
-
-def _positive(value: object, otherwise: float) -> float:
-    return float(value) if isinstance(value, int | float) and 0 < value < np.inf else otherwise
+__all__ = [
+    "AuditOptions",
+    "AuditReport",
+    "GapSession",
+    "audit_dataset",
+    "audit_plan",
+    "audit_planned",
+    "report_of",
+]

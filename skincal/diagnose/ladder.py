@@ -16,32 +16,26 @@ import numpy as np
 from skincal.collect import Plan, PlannedPress
 from skincal.collect.protocols import named_by_order, spread_sites
 from skincal.diagnose.rig import Rig
-from skincal.gap.signatures import Signature
 
 Factor = Literal["force", "pace", "time", "touches", "places", "poses", "indenters"]
 
 FACTORS: Mapping[str, Factor] = {
     "unloading": "pace",
-    "hold": "pace",
-    "rate of change": "pace",
+    "loading": "pace",
+    "the hold": "pace",
     "speed": "pace",
-    "rest level": "time",
-    "rest drift": "time",
-    "gain in time": "time",
-    "temperature": "time",
-    "earlier touches": "touches",
-    "large values": "force",
-    "small values": "force",
+    "low speed": "pace",
+    "rest": "time",
+    "begin": "time",
+    "end": "time",
+    "cycle": "touches",
+    "low cycle": "touches",
     "force": "force",
-    "shear": "force",
-    "neighbours": "places",
-    "diagonal": "places",
-    "row and column": "places",
-    "taxel gain": "places",
+    "small force": "force",
     "pose": "poses",
     "indenter": "indenters",
 }
-"""What to vary for each signature."""
+"""What to vary for each part of a session (:mod:`skincal.diagnose.where`)."""
 
 WORDS: Mapping[Factor, str] = {
     "force": "only the force differs",
@@ -57,11 +51,9 @@ PRESSES, _TOUCHES, _LEVELS = 30, 4, 5
 _EITHER: tuple[Factor, ...] = ("force", "pace")
 
 
-def factors_of(signatures: Sequence[Signature], significant: float, rig: Rig, most: int = 2) -> list[Factor]:
-    """What to vary, by the signatures that are clear, strongest first; force and pace where none is."""
-    clear: list[Factor] = [
-        FACTORS[s.name] for s in signatures if s.p_value <= significant and s.name in FACTORS
-    ]
+def factors_of(names: Sequence[str], rig: Rig, most: int = 2) -> list[Factor]:
+    """What to vary, by the parts in which the residual lies, clearest first; force and pace where none is."""
+    clear: list[Factor] = [FACTORS[name] for name in names if name in FACTORS]
     able: list[Factor] = [
         f for f in clear if (f != "poses" or len(rig.poses) > 1) and (f != "indenters" or rig.radii_m)
     ]

@@ -15,7 +15,7 @@ from skincal.collect.travel import PEAK
 from skincal.dataset.model_objects import indenter_of
 from skincal.effects import Samples, Steps, hold_session, met_before
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model import Contacts, Indenter
 from skincal.predict.samples import pose_numbers
 from skincal.robot import HandDescription, Kinematics

@@ -11,7 +11,7 @@ from skincal.collect import FullProtocol, Plan, full_plan
 from skincal.dataset import Dataset
 from skincal.diagnose.plan import Course, played_plan
 from skincal.diagnose.rig import Rig
-from skincal.gap.session import GapSession
+from skincal.inference.session import GapSession
 from skincal.model.arrays import as_floats
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from skincal.dataset.uniform import at_centre, uniform_pressure
 from skincal.diagnose.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.fit.observe import Readout
-from skincal.gap.session import Binning, GapSession, binned, of_holds
+from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
 from skincal.predict.samples import frame_column, last_press, pose_names, pose_numbers

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from skincal.effects.parameter import EffectParameter, Values, checked
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start
 from skincal.errors import InputError, Problem
 from skincal.model import Patch, StressLaw, TaxelLayout
 from skincal.model.arrays import FloatArray
@@ -52,6 +53,9 @@ class Effect(ABC):
         meaning: one sentence.
         parameters: that it has.
         covariates: that it needs whenever it is not neutral; parameters may need more.
+        asks: kinds of presses without which it hardly shows, by their names in :mod:`skincal.diagnose.reasons`.
+        single_taxels: whether it is a fault of some taxels, each for itself.
+        in_places: whether it lives in the measured places of presses, so that images hardly show it.
         has_memory: whether it depends on earlier samples.
         of_rig: whether it is an error of what was measured and no property of the skin: where the true place and force
             are known, as in an environment, it has no place.
@@ -63,6 +67,9 @@ class Effect(ABC):
     meaning: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
     covariates: ClassVar[tuple[str, ...]] = ()
+    asks: ClassVar[tuple[str, ...]] = ()
+    single_taxels: ClassVar[bool] = False
+    in_places: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
     source: ClassVar[str]
@@ -100,6 +107,19 @@ class Effect(ABC):
                 return parameter
         names = ", ".join(p.name for p in self.parameters)
         raise InputError([Problem(f"effect {self.name}", f"one of the parameters {names}", f'"{name}"')])
+
+    def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
+        """How much of the effect could as well be clocks that do not agree [s]; 0 for most effects."""
+        del parameters
+        return 0.0
+
+    @abstractmethod
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """Where the search for the effect begins: sets of its forms, with points whose span holds what it may do.
+
+        Args:
+            scene: the scale of the session.
+        """
 
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2

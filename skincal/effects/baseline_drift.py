@@ -16,6 +16,7 @@ from skincal.effects.gain_drift import REFERENCE_C
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -70,7 +71,16 @@ class BaselineDrift(SignalEffect):
             needs=("temperature",),
         ),
     )
+    asks = ("clock",)
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        ones, eye = np.ones(scene.taxels), np.eye(scene.taxels)
+        rate, tau = 2.0 / max(scene.duration_s, 1.0), float(np.clip(scene.duration_s / 6, 20.0, 5000.0))
+        settles = [{"settling_counts": 2.0 * e, "settling_time_s": tau} for e in (ones, *(0.5 * eye))]
+        slopes = [{"slope_counts_per_s": rate * e} for e in (ones, *(0.5 * eye))]
+        return (start(slopes[0]), start(settles[0]), start(*slopes), start({"temperature_counts_per_k": 0.5}))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at 25 °C."""

@@ -15,6 +15,7 @@ from skincal.effects.base import InputEffect, by_pose
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, each_of, start
 from skincal.model.arrays import FloatArray
 
 
@@ -44,10 +45,21 @@ class ContactOffset(InputEffect):
         _number("along_m_per_n", "m/N", 1e-3, "movement along +y with the force"),
     )
     of_rig = True
+    asks = ("poses",)
+    in_places = True
     source = (
         "First-order kinematic calibration errors: Hollerbach, Khalil, Gautier, Model Identification, "
         "Springer Handbook of Robotics, 2016, chapter 6."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        poses = scene.poses if scene.poses > 1 else 0
+        ways = ("pose_across_m", "pose_along_m")
+        offsets = [point for way in ways for point in each_of(way, 2e-4, poses)]
+        warps = [{"stretch_across": 0.03}, {"stretch_along": 0.03}, {"skew": 0.03}]
+        yields = [{"across_m_per_n": 5e-5}, {"along_m_per_n": 5e-5}]
+        return tuple(start(*own) for own in (offsets, warps, yields) if own)
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""

@@ -16,6 +16,7 @@ from skincal.effects.base import InputEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 
 
 class Cover(InputEffect):
@@ -29,7 +30,13 @@ class Cover(InputEffect):
             "share", "-", 0.9, 0.05, 1.0, "part of the first newton that it carries", role="form"
         ),
     )
+    asks = ("forces",)
     source = "Parallel springs of which one yields: Jenkins, Br. J. Appl. Phys. 13 (1962) 30; here smooth."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"carried_n": 0.2, "share": s}) for s in (0.9, 0.4))
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""

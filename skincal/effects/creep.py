@@ -16,6 +16,7 @@ from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.recursion import relaxed
 from skincal.effects.samples import Samples
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -34,10 +35,17 @@ class Creep(MemoryEffect):
         EffectParameter("breadth", "decades", 0.0, 0.0, 3.0, "b: range of the time constants", role="form"),
     )
     covariates = ("time",)
+    asks = ("frames", "clock")
     source = (
         "Prony series and its recursion: Simo, Hughes, Computational Inelasticity, 1998, 10.3; creep of force "
         "sensing resistors: Paredes-Madrid et al., Materials 10 (2017) 1334."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        forms = ((0.3, 0.0), (1.5, 0.0), (8.0, 0.0), (1.5, 2.0))
+        return tuple(start({"amplitude": 0.1, "time_constant_s": t, "breadth": b}) for t, b in forms)
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

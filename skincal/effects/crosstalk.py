@@ -15,6 +15,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -30,6 +31,11 @@ class Crosstalk(SignalEffect):
         EffectParameter("loss", "-", 0.0, 0.0, 1.0, "l: part of it that the taxel loses", role="form"),
     )
     source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"leak": 0.04, "loss": loss}) for loss in (0.0, 1.0))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""

@@ -16,6 +16,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray, as_floats
 
 _SHARP = 1e-3
@@ -38,6 +39,11 @@ class DeadBand(SignalEffect):
         ),
     )
     source = "Dead zone: Tao, Kokotović, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        wide = (0.04 * scene.top_counts, 0.12 * scene.top_counts)
+        return tuple(start({"width_counts": w, "recovery": k}) for w in wide for k in (0.0, 1.0))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""

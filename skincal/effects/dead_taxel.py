@@ -8,12 +8,15 @@ one that answers weakly. x_j is the whole value, with its level at rest.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.errors import InputError, Problem
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
@@ -50,7 +53,20 @@ class DeadTaxel(SignalEffect):
             role="form",
         ),
     )
+    single_taxels = True
     source = "Stuck-at faults: Isermann, Fault-Diagnosis Systems, 2006."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        found: list[Start] = []
+        for part in (0.0, 0.33, 0.67):
+            for j in range(scene.taxels):
+                answer, begin = np.ones(scene.taxels), np.zeros(scene.taxels)
+                answer[j], begin[j] = 0.0, part * scene.duration_s
+                levels = (np.zeros(scene.taxels), scene.top_counts * np.eye(scene.taxels)[j])
+                points = [{"answer": answer, "from_s": begin, "stuck_counts": v} for v in levels]
+                found.append(replace(start(*points, sigma=(0.5, 0.5)), alone=j))
+        return tuple(found)
 
     def needs(self, values: Values) -> tuple[str, ...]:
         """See :meth:`Effect.needs`: the time, if the fault begins later than the session."""

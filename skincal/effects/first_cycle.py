@@ -15,6 +15,7 @@ from skincal.effects.base import SignalEffect, Stage, known
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -42,7 +43,14 @@ class FirstCycle(SignalEffect):
         EffectParameter("tail", "-", 0.0, 0.0, 1.0, "t: how slowly the last of it fades", role="form"),
     )
     covariates = ("cycle",)
+    asks = ("again",)
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        forms = ({"cycles": 0.3}, {"cycles": 2.0}, {"cycles": 100.0, "fading_per_n": 1.0})
+        return tuple(start({"amplitude": 0.1, **form}) for form in forms)
 
     def needs(self, values: Values) -> tuple[str, ...]:
         """See :meth:`Effect.needs`: what the site has met as well, if the effect fades with it."""

@@ -18,6 +18,7 @@ from skincal.effects.base import InputEffect, by_pose
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, each_of, start
 
 
 class ForceBias(InputEffect):
@@ -43,11 +44,18 @@ class ForceBias(InputEffect):
         ),
     )
     of_rig = True
+    asks = ("poses", "forces")
     source = (
         "Offset and sensitivity errors of transducers: Fraden, Handbook of Modern Sensors, 2016; friction of joints "
         "that builds up with the load: Olsson, Åström, Canudas de Wit, Gäfvert and Lischinsky, Eur. J. Control 4 "
         "(1998) 176."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        offsets = [{"offset_n": 0.1, "onset_n": h} for h in (0.0, 0.2)]
+        scales = each_of("pose_scale", 0.05, scene.poses, 1.0) if scene.poses > 1 else []
+        return (*(start(one) for one in offsets), *([start(*scales)] if scales else []))
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""

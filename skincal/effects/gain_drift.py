@@ -14,6 +14,7 @@ from skincal.effects.base import SignalEffect, Stage, known
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 REFERENCE_C = 25.0
@@ -53,7 +54,18 @@ class GainDrift(SignalEffect):
             needs=("temperature",),
         ),
     )
+    asks = ("clock",)
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        span = max(scene.duration_s, 1.0)
+        tau = float(np.clip(span / 6, 5.0, 5000.0))
+        return (
+            start({"rate_per_s": 0.1 / span}),
+            start({"settling": 0.1, "settling_time_s": tau}),
+            start({"temperature_per_k": 0.01}),
+        )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at the reference."""

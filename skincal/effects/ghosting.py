@@ -14,6 +14,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -44,6 +45,12 @@ class Ghosting(SignalEffect):
         "Parallel paths in resistive arrays: Hidalgo-López et al., J. Sensors 2018, Improving Accuracy in the "
         "Readout of Resistive Sensor Arrays; Wu et al., Sensors 14 (2014) 12816."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        one = ({"row_leak": 0.03}, {"column_leak": 0.03}, {"array_leak": 0.01})
+        return (start(*one), start(*one[:2]))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""

@@ -15,6 +15,7 @@ import numpy as np
 from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray, IntArray
 
 _OPERATORS = 6
@@ -32,10 +33,16 @@ class Hysteresis(MemoryEffect):
             "width", "-", 1.5, 0.05, 8.0, "w: how far the unloading curves reach", role="form", scale="log"
         ),
     )
+    asks = ("unloading",)
     source = (
         "Visintin, Differential Models of Hysteresis, 1994 (generalised play); on tactile sensors: "
         "Sánchez-Durán et al., Sensors 15 (2015) 26170, doi 10.3390/s151026170."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"height": 0.2, "width": w}) for w in (0.5, 1.5, 4.0))
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

@@ -15,6 +15,7 @@ from skincal.effects.base import InputEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.errors import InputError, Problem
 from skincal.model import FlatPunch, Indenter, Sphere
 
@@ -42,7 +43,13 @@ class IndenterRadius(InputEffect):
         ),
     )
     of_rig = True
+    asks = ("indenters",)
     source = "Contact area of a sphere on an elastic foundation, a² = 2 R delta: Johnson, Contact Mechanics, 1985, 4.3."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"scale": 1.15, "coat": w}) for w in (0.0, 1.0))
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`.

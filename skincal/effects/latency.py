@@ -10,12 +10,16 @@ to dF/dt. Before the first sample of a session the load is taken to have been as
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.recursion import Relaxing, relaxed
 from skincal.effects.samples import Samples
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 _NO_LAG_S = 1e-9
@@ -34,7 +38,18 @@ class Latency(MemoryEffect):
         ),
     )
     covariates = ("time",)
+    asks = ("frames", "clock")
     source = "Transport delay, and a process with dead time and one lag: Ljung, System Identification, 1999."
+
+    def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
+        """See :meth:`Effect.shift_of_clocks_s`: what lags as a filter does is not theirs."""
+        delay, part = (float(np.asarray(parameters.get(k, 0.0))) for k in ("delay_s", "filtered"))
+        return delay * (1 - part)
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"delay_s": 0.03, "filtered": part}) for part in (0.0, 1.0))
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

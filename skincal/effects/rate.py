@@ -16,6 +16,7 @@ import numpy as np
 from skincal.effects.base import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import LOAD, UNKNOWN, Samples
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -56,11 +57,19 @@ class Rate(MemoryEffect):
         ),
     )
     covariates = ("speed", "phase", "time")
+    asks = ("speeds", "clock")
     source = (
         "Power law of the strain rate with fading memory: Pipkin, Rogers, J. Mech. Phys. Solids 16 (1968) 59; "
         "Lakes, Viscoelastic Materials, 2009, chapter 2. A power law that ends at low rates: Cross, J. Colloid Sci. 20 "
         "(1965) 417."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        slow = (1e-5, scene.speed_m_per_s)
+        return tuple(
+            start({"exponent": 0.05, "fade_s": t, "slow_m_per_s": v}) for t in (1000.0, 0.3) for v in slow
+        )
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

@@ -14,6 +14,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -27,10 +28,17 @@ class ResponseCurve(SignalEffect):
         EffectParameter("exponent", "-", 1.0, -1.0, 3.0, "g", typical=-0.35),
         EffectParameter("knee_n", "N", 0.2, 0.01, 5.0, "x_0", role="form", scale="log"),
     )
+    asks = ("forces",)
     source = (
         "Box, Cox, J. R. Stat. Soc. B 26 (1964) 211 (shifted power); conductance of piezoresistive taxels: "
         "Paredes-Madrid et al., DYNA 85 (2018), doi 10.15446/dyna.v85n205.66432."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        return tuple(
+            start({"exponent": 0.7, "knee_n": float(np.clip(x * scene.top_n, 0.01, 5.0))}) for x in (0.1, 1.0)
+        )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. Loads below zero stay as they are."""

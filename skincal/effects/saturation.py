@@ -14,6 +14,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
@@ -29,9 +30,15 @@ class Saturation(SignalEffect):
         ),
         EffectParameter("sharpness", "-", 4.0, 1.5, 30.0, "p", role="form", scale="log"),
     )
+    asks = ("forces",)
     source = (
         "Rapp's model of a limiting amplifier: Rapp, 2nd European Conf. on Satellite Communications, 1991."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        k = 0.7 / scene.top_counts
+        return tuple(start({"inverse_ceiling_per_count": k, "sharpness": p}) for p in (1.5, 3.0, 10.0))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""

@@ -20,6 +20,7 @@ from skincal.effects.base import InputEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, start
 
 _LEAST_N = 0.1
 """Below this force a contact holds no worse [N]: a power of it has no end at zero, where Q is noise."""
@@ -63,11 +64,21 @@ class Shear(InputEffect):
         ),
     )
     covariates = ("shear",)
+    asks = ("shear",)
     source = (
         "Tangential compliance of a foundation: Kalker, Three-Dimensional Elastic Bodies, 1990, simplified theory; "
         "of a ball on a half-space: Mindlin, Compliance of elastic bodies in contact, J. Appl. Mech. 16 (1949); rubber "
         "with a limit: Gent, A new constitutive relation for rubber, Rubber Chem. Technol. 69 (1996)."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        forms = (0.0, 1 / 3, 1.0)
+        shifts = [{"shift_m_per_n": 3e-4, "load_exponent": p} for p in forms]
+        return tuple(
+            start(one, {"force_share": 0.1, "load_exponent": p}) for one, p in zip(shifts, forms, strict=True)
+        )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`. A sample without a tangential force counts as having none."""

@@ -17,6 +17,7 @@ from scipy.special import erf, roots_genlaguerre
 
 from skincal.effects.base import SpreadEffect
 from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.starts import Scene, Start, start
 from skincal.errors import InputError, Problem
 from skincal.model import Patch, TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray, as_floats
@@ -41,6 +42,11 @@ class Spread(SpreadEffect):
         "Elastic covers as blurring filters: Phillips, Johnson, J. Neurophysiol. 46 (1981) 1204; "
         "Shimojo, IEEE Trans. Robot. Autom. 13 (1997) 128. The sheet: Kerr, J. Appl. Mech. 31 (1964) 491."
     )
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return tuple(start({"width_m": 0.7e-3, "tail": c}) for c in (0.0, 1.0))
 
     def weights(self, values: Values, patch: Patch) -> FloatArray:
         """See :meth:`SpreadEffect.weights`.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from skincal.effects.base import LawEffect
 from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.starts import Scene, Start, start
 from skincal.model import StressLaw
 
 
@@ -31,7 +32,13 @@ class Stiffening(LawEffect):
             scale="log",
         ),
     )
+    asks = ("forces",)
     source = "Power-law foundation: Johnson, Contact Mechanics, 1985, 4.3; foams: Gibson, Ashby, Cellular Solids, 1997."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        del scene
+        return (start({"exponent": 1.2}),)
 
     def law(self, values: Values) -> StressLaw:
         """See :meth:`LawEffect.law`."""

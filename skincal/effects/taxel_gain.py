@@ -6,6 +6,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, each_of, start
 from skincal.model.arrays import FloatArray
 
 
@@ -19,6 +20,10 @@ class TaxelGain(SignalEffect):
         EffectParameter("gain", "-", 1.0, 0.05, 20.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
     )
     source = "Kasolowsky, Bäuml, IROS 2024, equation 4: the scale S_j may be another for each taxel."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        return (start(*each_of("gain", 0.05, scene.taxels, 1.0)),)
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""

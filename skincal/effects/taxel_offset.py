@@ -6,6 +6,7 @@ from skincal.effects.base import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
+from skincal.effects.starts import Scene, Start, each_of, start
 from skincal.model.arrays import FloatArray
 
 
@@ -21,6 +22,10 @@ class TaxelOffset(SignalEffect):
         ),
     )
     source = "Kasolowsky, Bäuml, IROS 2024, table of randomized parameters: an offset for each taxel."
+
+    def starts(self, scene: Scene) -> tuple[Start, ...]:
+        """See :meth:`Effect.starts`."""
+        return (start(*each_of("offset_counts", 0.02 * scene.top_counts, scene.taxels)),)
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`."""

@@ -3,31 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
+import numpy as np
 
 from skincal.diagnose.next_presses import PLAN_FILE
+from skincal.effects import EFFECTS
 from skincal.report.audit import audit_figure
-from skincal.report.diagnosis_candidates import candidates_figure, critical_score
-from skincal.report.diagnosis_curves import curves_figure
-from skincal.report.diagnosis_gap import gap_figure
-from skincal.report.diagnosis_story import (
-    effect_rows,
-    headline,
-    method_sentences,
-    noise_rows,
-    parameter_rows,
-    percent,
-    tone,
-    verdict_sentences,
-)
-from skincal.report.diagnosis_where import where_figure
+from skincal.report.diagnosis_figures import candidates_figure, curves_figure, gap_figure, where_figure
+from skincal.report.diagnosis_words import headline, tone, verdict_sentences
 from skincal.report.fit_story import provenance_rows
-from skincal.report.page import Picture, picture, rendered
+from skincal.report.page import picture, rendered
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
@@ -35,70 +23,37 @@ if TYPE_CHECKING:
 
 SUMMARY = "diagnosis.json"
 PAGE = "report.html"
-
-
-@dataclass(frozen=True)
-class _Section:
-    """One figure of the report.
-
-    Attributes:
-        stem: of its file.
-        title: above it.
-        caption: how to read it.
-        draw: makes it.
-        place: before the signatures (1), after them (2), or after the table of effects (3).
-    """
-
-    stem: str
-    title: str
-    caption: str
-    draw: Callable[[Diagnosis, Dataset], Figure]
-    place: int = 1
-
-
 SECTIONS = (
-    _Section(
+    (
         "gap",
         "The gap, before and after",
-        "Presses that neither the fit nor the choice of effects has seen. A press may place its contact within what "
-        "its measured place is worth, alike before and after; nothing else is fitted to it. The black bar is what "
-        "noise alone makes. The interval comes from drawing whole presses again.",
+        "Presses that neither the fit nor the choice of effects has seen. A press may "
+        "place its contact within what its "
+        "measured place is worth, alike before and after. The bar is what noise alone makes.",
         gap_figure,
     ),
-    _Section(
+    (
         "signature",
-        "What is left, where it shows best",
-        "Bars hold 95 %, from the scatter from press to press. Filled: presses that were fitted; hollow: presses "
-        "that were kept for the end. Both sides have the same scale. Pose, E, S and places were fitted before "
-        "either: what a curve shows is what they could not take up.",
-        lambda found, _: curves_figure(found),
+        "Counts over time, measured and simulated",
+        "The presses whose base model errs most, each on the taxel that it errs on most.",
+        curves_figure,
     ),
-    _Section(
+    (
         "where",
         "Where simulation and data disagree",
-        "Maps: taxels as they lie on the patch, u to the right, v up. Right: what part of the base model's excess, "
-        "which is its squared residual beyond noise, lies in each phase. All presses.",
-        lambda found, _: where_figure(found),
+        "Maps: taxels as they lie on the patch, u to the right, v up. Right: parts of the session in which more of the "
+        "excess residual lies than their size says.",
+        where_figure,
     ),
-    _Section(
+    (
         "candidates",
         "What was tried",
-        "Effects that were searched, parameters found on the presses that learn, scored on the presses that choose. "
-        "In the grey band nothing can be told from chance, whatever the contact law. An effect is added when it is "
-        "beyond the band and explains more of the excess than any other in a full fit with sensor and places; the "
-        "search begins again with it in the model. Triangles: no better than nothing on presses that choose. Beside "
-        "one effect that does not explain enough every other is fitted in full, and what explains most of the rest is "
-        "added wherever it lies here, for there the scores err.",
-        lambda found, _: candidates_figure(found),
-        place=2,
-    ),
-    _Section(
-        "audit",
-        "What these presses can show at all",
-        "Of an ideal test, before anything is fitted (`skincal audit`). Left: how small each effect may be and still "
-        "be seen. Right: how well one effect imitates another; those framed in red cannot be told apart.",
-        lambda found, _: audit_figure(found.audit),
-        place=3,
+        "Logarithm of the likelihood that each effect gains on presses that its fit has "
+        "not seen, with its standard error. "
+        "Grey: what it reaches in simulated sessions of these presses with nothing hidden, "
+        "under several contact laws, and a "
+        "quarter more. An effect is named beyond it; the search begins again with it in the model.",
+        candidates_figure,
     ),
 )
 
@@ -107,8 +62,6 @@ def write_diagnosis_report(
     found: Diagnosis, dataset: Dataset, folder: Path, told: Mapping[str, Any], *, pages: bool = True
 ) -> None:
     """Writes ``diagnosis.json``, and ``report.html`` with its pictures, beside a calibration.
-
-    The page holds its pictures itself and needs nothing from elsewhere; it can be sent to somebody as one file.
 
     Args:
         found: the diagnosis.
@@ -121,18 +74,16 @@ def write_diagnosis_report(
     if not pages:
         return
     figures = [
-        (
-            section.place,
-            picture(section.draw(found, dataset), section.stem, section.title, section.caption, folder),
-        )
-        for section in SECTIONS
+        picture(draw(found, dataset), stem, title, caption, folder) for stem, title, caption, draw in SECTIONS
     ]
-    (folder / PAGE).write_text(_page(found, dataset, figures), encoding="utf-8")
-
-
-def _page(found: Diagnosis, dataset: Dataset, figures: list[tuple[int, Picture]]) -> str:
-    first, second, third = ([one for place, one in figures if place == k] for k in (1, 2, 3))
-    return rendered(
+    caption = (
+        "Of an ideal test, before anything is fitted (`skincal audit`). Left: how small "
+        "each effect may be and still be "
+        "seen. Right: how alike two effects are; those framed in red cannot be told apart."
+    )
+    last = picture(audit_figure(found.audit), "audit", "What these presses can show at all", caption, folder)
+    noise = found.floor
+    page = rendered(
         "diagnosis.html",
         name=dataset.folder.resolve().name if dataset.folder else "dataset",
         source=dataset.meta.source,
@@ -140,25 +91,87 @@ def _page(found: Diagnosis, dataset: Dataset, figures: list[tuple[int, Picture]]
         headline=headline(found),
         verdict=verdict_sentences(found),
         findings=sorted(found.findings, key=lambda finding: finding.severity != "warning"),
-        parameters=parameter_rows(found),
-        signatures=[
-            {
-                "meaning": s.meaning,
-                "share": percent(s.share),
-                "p": f"{s.p_value:.2g}",
-                "times": f"{s.times_null:.1f}" if s.times_null < 10 else f"{s.times_null:.0f}",
-            }
-            for s in found.signatures
-        ],
-        structure=f"{found.options.structure:g}",
-        effects=effect_rows(found),
-        critical=f"{critical_score(found):.2g}",
+        parameters=_parameters(found),
+        effects=_effects(found),
         next_presses=found.next_presses,
         plan=PLAN_FILE if found.next_plan is not None else "",
-        noise=noise_rows(found),
-        method=method_sentences(found),
+        noise=[
+            ("one frame, before rounding", f"{noise.frame_counts:.3f} counts", noise.frame_from),
+            ("mean of a hold", f"{noise.mean_counts:.3f} counts", noise.mean_from),
+            ("grows with the signal by", f"{100 * noise.grows:.1f} %", noise.frame_from),
+        ],
+        method=_method(found),
         provenance=provenance_rows(found.calibration),
-        first=first,
-        second=second,
-        third=third,
+        figures=figures,
+        last=last,
     )
+    (folder / PAGE).write_text(page, encoding="utf-8")
+
+
+def _parameters(found: Diagnosis) -> list[dict[str, str]]:
+    rows: list[dict[str, str]] = []
+    for e in found.effects:
+        final = next((c.parameters for c in found.calibration.effects if c.name == e.name), {})
+        for name, (low, high) in e.intervals.items():
+            p = EFFECTS[e.name].parameter(name)
+            array = np.asarray(e.parameters[name])
+            several = array.ndim > 0
+            value = f"{array.min():.3g} to {array.max():.3g}" if several else f"{float(array):.4g}"
+            interval = "one each" if several else f"{float(low):.4g} to {float(high):.4g}"
+            last = "" if several or name not in final else f"{float(np.asarray(final[name])):.4g}"
+            rows.append(
+                {
+                    "effect": e.name,
+                    "name": name,
+                    "meaning": p.description,
+                    "value": value,
+                    "interval": interval,
+                    "final": last,
+                    "neutral": f"{p.neutral:g}",
+                }
+            )
+    return rows
+
+
+def _effects(found: Diagnosis) -> list[dict[str, str]]:
+    first = {t.name: t for t in found.found.rounds[0]} if found.found.rounds else {}
+    rows = []
+    for name, effect in EFFECTS.items():
+        smallest, tried = found.audit.effects[name].smallest_strength, first.get(name)
+        rival = next((e.name for e in found.effects if name in e.consistent_with[1:]), "")
+        kind, outcome = "no", "no sign of it"
+        if name in {e.name for e in found.effects}:
+            kind, outcome = "named", "named and added"
+        elif rival:
+            kind, outcome = "rival", f"cannot be told from {rival}"
+        elif name in found.audit.cannot_see:
+            kind, outcome = "blind", f"cannot be seen: {found.audit.reasons.get(name, '')}"
+        elif tried is not None and tried.good:
+            outcome = "gains, but others explain more"
+        seen = "never" if not np.isfinite(smallest) else f"{smallest:.2g}"
+        score = "" if tried is None else f"{tried.gain:.1f} of {tried.limit:.1f}"
+        rows.append(
+            {
+                "name": name,
+                "meaning": effect.meaning,
+                "smallest": seen,
+                "tried": score,
+                "outcome": outcome,
+                "kind": kind,
+            }
+        )
+    return rows
+
+
+def _method(found: Diagnosis) -> list[str]:
+    held, session = found.observed.held, found.observed.session
+    presses = len(np.unique(session.press[session.press >= 0]))
+    laws = list(dict.fromkeys(found.found.null.laws))
+    return [
+        f"{presses} presses: {presses - int(held.sum())} to fit and to choose on, held out "
+        f"in turn, {int(held.sum())} kept for the end.",
+        f"{len(session)} observations were looked at"
+        + (", means over a few frames each." if session.has_frames else ", the means of the holds."),
+        f"{len(found.found.null.laws)} null sessions of these presses, with nothing hidden, under {', '.join(laws)}.",
+        f"Seed {found.seed}.",
+    ]

@@ -1,32 +1,55 @@
-"""A diagnosis in words, for the terminal and the top of the page."""
+"""A diagnosis in words, for the terminal and the page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+
+from skincal.effects import EFFECTS
 
 if TYPE_CHECKING:
     from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
 
+Tone = Literal["good", "found", "attention"]
+
+
+def tone(found: Diagnosis) -> Tone:
+    """How the verdict is coloured: nothing to do, something found, something open."""
+    if found.verdict == "none":
+        return "good"
+    return "found" if found.verdict == "effects" and not found.unexplained else "attention"
+
+
+def headline(found: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    if found.verdict == "none":
+        return "Nothing is missing that these presses could show."
+    if found.verdict == "effects":
+        return "Missing: " + " and ".join(" or ".join(e.consistent_with) for e in found.effects) + "."
+    if found.taken_back and found.gap.refutes:
+        return (
+            f"Something is missing. {_and(found.taken_back)} would explain it, but puts presses "
+            f"that nobody has fitted further off."
+        )
+    if found.taken_back:
+        return (
+            f"Something is missing. {_and(found.taken_back)} explains a part of it, but too "
+            f"much is left to be sure of a name."
+        )
+    return "Something is missing that none of the known effects explains."
+
 
 def verdict_lines(found: Diagnosis) -> list[str]:
     """The verdict first, then what it rests on, a line each."""
-    lines = [_verdict(found)]
-    if found.verdict == "effects":
-        lines += [line for effect in found.effects for line in _effect(effect)]
+    lines = [headline(found)]
+    lines += [line for effect in found.effects for line in _effect(effect)]
     if found.verdict != "none":
         lines.append(found.where)
-    if found.verdict == "unknown" and found.depends_on:
-        lines.append(f"it goes along with {found.depends_on}; these shares overlap")
-    lines += _gap(found)
+    lines.append(gap_sentence(found))
     if found.unexplained and found.verdict == "effects":
-        near = "no known effect explains it"
-        if found.choice.closest is not None:
-            name, part = found.choice.closest
-            near = f"{name} comes closest, and explains {100 * part:.0f} % of that"
-        lines.append(f"{left_words(found)} of the excess residual is left; {near}")
+        lines.append("more than chance is left beside what is named: something else is missing, too")
     if found.audit.cannot_see:
         lines.append("these presses could not show: " + ", ".join(found.audit.cannot_see))
     lines += [f"{finding.severity}: {finding.text}. {finding.advice}".rstrip() for finding in found.findings]
@@ -34,65 +57,75 @@ def verdict_lines(found: Diagnosis) -> list[str]:
     return lines
 
 
-def left_words(found: Diagnosis) -> str:
-    """How much of the excess residual the named effects leave, in words."""
-    share = 100 * (1 - found.choice.explained)
-    return "less than 1 %" if share < 0.5 else f"{share:.0f} %"
-
-
-def _verdict(found: Diagnosis) -> str:
-    if found.verdict == "none":
-        return "Nothing is missing that these presses could show."
-    if found.refuted:
-        names = " and ".join(one.name for one in found.choice.named)
-        return f"Something is missing. {names} would explain it, but puts presses that nobody has fitted further off."
-    if found.wide_open:
-        names = " and ".join(one.name for one in found.choice.named)
-        return f"Something is missing. {names} shows, but with it presses that nobody has fitted stay off."
-    if found.verdict == "unknown":
-        return unexplained(found)
-    names = " and ".join(" or ".join(effect.consistent_with) for effect in found.effects)
-    return f"Missing: {names}."
-
-
-def unexplained(found: Diagnosis) -> str:
-    """What to say where something is missing and has no name."""
-    if found.audit.cannot_see:
-        return (
-            "Something is missing that none of the known effects explains, of those that these presses can show; "
-            f"{len(found.audit.cannot_see)} others they cannot."
+def verdict_sentences(found: Diagnosis) -> list[str]:
+    """What the verdict says and what it rests on, for the page."""
+    lines = [] if found.verdict == "none" else [capital(found.where) + "."]
+    for e in found.effects:
+        text = (
+            f"{capital(e.name)} ({EFFECTS[e.name].meaning}): {e.gain:.0f} nats on presses not "
+            f"fitted to (p = {e.p_value:.2g})."
         )
-    return "Something is missing that none of the known effects explains."
+        if len(e.consistent_with) > 1:
+            text += f" These presses cannot tell it from {_and(e.consistent_with[1:])}; {e.name} is what was added."
+        lines.append(text)
+    if found.verdict == "none" and found.found.rounds and found.found.rounds[0]:
+        best = found.found.rounds[0][0]
+        lines.append(
+            f"The effect that does best, {best.name}, gains {best.gain:.1f} nats; {best.limit:.1f} are asked for."
+        )
+    lines.append(capital(gap_sentence(found)) + ".")
+    if found.unexplained and found.verdict == "effects":
+        lines.append("More than chance is left beside what is named: something else is missing, too.")
+    if found.audit.cannot_see:
+        lines.append(f"These presses could not show {_and(found.audit.cannot_see)}; why not, is said below.")
+    new = (
+        "The new calibration has what was named, fitted once more to all presses. The old one stays as it is."
+    )
+    return [*lines, new if found.effects else "The calibration written is the given one, unchanged."]
+
+
+def gap_sentence(found: Diagnosis) -> str:
+    """The gap on presses that nobody has fitted."""
+    gap = found.gap
+    if not len(gap.errors):
+        return "no press was kept for the end"
+    where = f"on {len(gap.errors)} presses that nobody has fitted"
+    noise = f"(noise {gap.floor:.3g})"
+    if found.verdict != "effects":
+        return f"{where}, simulated and measured values differ by {gap.before:.3g} counts rms a taxel {noise}"
+    if found.only_places:
+        return (
+            f"{where}, the places that fit best lie {1e3 * gap.slack_before_m:.2f} mm rms "
+            f"from the measured ones before, and "
+            f"{1e3 * gap.slack_after_m:.2f} mm after; the error is {gap.before:.3g} counts "
+            f"before and {gap.after:.3g} after {noise}"
+        )
+    text = f"{where}, the error falls from {gap.before:.3g} to {gap.after:.3g} counts rms a taxel {noise}"
+    if not np.isfinite(gap.closed):
+        return text + ": no gap there that what was named could close"
+    low, high = gap.interval
+    return text + f": {100 * gap.closed:.0f} % of the gap is closed ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def capital(text: str) -> str:
+    """A sentence's beginning."""
+    return text[:1].upper() + text[1:]
+
+
+def _and(words: tuple[str, ...]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
 def _effect(effect: NamedEffect) -> Iterator[str]:
-    of = "where presses turn out to be" if effect.by_places else "what was left"
-    yield f"{effect.name} (p = {effect.p_value:.3g}; explains {100 * min(effect.share, 1.0):.0f} % of {of})"
+    yield f"{effect.name} (p = {effect.p_value:.3g}; explains {100 * effect.share:.0f} % of the excess)"
     for name, value in effect.parameters.items():
+        array = np.asarray(value)
+        if name not in effect.intervals:
+            continue
         low, high = effect.intervals[name]
-        if value.ndim == 0 and low < high:
-            yield f"    {name} {float(value):.4g} ({float(low):.4g} to {float(high):.4g})"
-        elif value.ndim and (value != value[0]).any():
-            yield f"    {name} {len(value)} values, {float(np.min(value)):.3g} to {float(np.max(value)):.3g}"
+        if array.ndim == 0 and low < high:
+            yield f"    {name} {float(array):.4g} ({float(low):.4g} to {float(high):.4g})"
+        elif array.ndim and (array != array[0]).any():
+            yield f"    {name} {len(array)} values, {float(np.min(array)):.3g} to {float(np.max(array)):.3g}"
     if effect.at_bound:
         yield f"    {' and '.join(effect.at_bound)} at the bound of what is allowed: the best value may lie beyond"
-
-
-def _gap(found: Diagnosis) -> Iterator[str]:
-    gap = found.gap
-    base = f"held-out error {gap.before:.3f} counts"
-    where = f"(noise {gap.floor:.3f}; {gap.presses} presses nobody fitted)"
-    if found.verdict != "effects":
-        yield f"{base} {where}"
-        return
-    if found.only_places:
-        moved = f"{1e3 * gap.slack_before_m:.2f} mm rms before, {1e3 * gap.slack_after_m:.2f} after"
-        yield f"held-out presses moved by {moved} ({gap.presses} presses nobody fitted)"
-        yield f"{base} before, {gap.after:.3f} after (noise {gap.floor:.3f}): places take it up either way"
-        return
-    if not np.isfinite(gap.closed):
-        yield f"{base} before, {gap.after:.3f} after {where}: no gap there that what was named could close"
-        return
-    low, high = gap.interval
-    yield f"{base} before, {gap.after:.3f} after {where}: {100 * gap.closed:.0f} % of the gap closed "
-    yield f"    ({100 * low:.0f} to {100 * high:.0f} %)"

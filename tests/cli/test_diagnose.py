@@ -32,12 +32,6 @@ def hashes(folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("SKINCAL_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-@pytest.fixture
 def cal(tmp_path: Path) -> Path:
     write_calibration(calibration(), tmp_path / "cal")
     return tmp_path / "cal"
@@ -49,14 +43,8 @@ def looped(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-@pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Null sessions of the fitted law only: other laws take long."""
-    monkeypatch.setattr("skincal.diagnose.base_fit.twins_for", lambda *_: ())
-
-
 @pytest.mark.slow
-def test_named_added_and_used(cal: Path, looped: Path, own_cache: Path, tmp_path: Path):
+def test_named_added_and_used(cal: Path, looped: Path, tmp_path: Path):
     before = hashes(cal)
     command = [sys.executable, "-m", "skincal", "diagnose", looped, cal, "--out", tmp_path / "new", "--json"]
     done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
@@ -80,7 +68,6 @@ def test_named_added_and_used(cal: Path, looped: Path, own_cache: Path, tmp_path
     assert json.loads((tmp_path / "new" / "diagnosis.json").read_text(encoding="utf-8")) == told
     assert {"report.html", "gap.png", "signature.png"} <= {p.name for p in (tmp_path / "new").iterdir()}
     assert hashes(cal) == before, "CAL is untouched"
-    assert any(own_cache.iterdir())
     _is_a_calibration_like_any_other(tmp_path, looped, cal)
 
 
@@ -107,11 +94,9 @@ def _is_a_calibration_like_any_other(folder: Path, data: Path, cal: Path) -> Non
     assert read_calibration(folder / "again").effects[0].name == "hysteresis"
 
 
-def test_nothing_hidden(
-    cal: Path, own_cache: Path, quick: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_nothing_hidden(cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_dataset(session(), tmp_path / "run")
-    assert run("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report", "--no-cache") == 0
+    assert run("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report") == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[0] == "Nothing is missing that these presses could show."
     assert "these presses could not show: shear" in out
@@ -120,12 +105,9 @@ def test_nothing_hidden(
     assert (told["verdict"], told["effects"], told["gap"]["closed"]) == ("none", [], None)
     assert not (tmp_path / "new" / "report.html").exists()
     assert read_calibration(tmp_path / "new").model == read_calibration(cal).model
-    assert not own_cache.exists()
 
 
-def test_static_presses_say_what_they_lack(
-    cal: Path, own_cache: Path, quick: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_static_presses_say_what_they_lack(cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_dataset(without_frames(session()), tmp_path / "run")
     arguments = ("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report", "--json")
     assert run(*arguments) == 0
@@ -168,9 +150,7 @@ def test_other_sensor_and_too_few_presses(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_pressure_chamber_goes_the_whole_way(
-    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,), noisy=(9,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
@@ -196,7 +176,7 @@ def test_a_pressure_chamber_goes_the_whole_way(
 
 
 def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
-    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     """What all taxels do alike is no error of the gauge."""
     chamber = Chamber.plain(memory=0.06, plateaus=16)
@@ -213,7 +193,7 @@ def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
 
 
 def test_a_chamber_without_frames_has_no_more_noise_than_its_plateaus_show(
-    tmp_path: Path, own_cache: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     """No taxel is untouched there, so what presses differ by is not taken for noise."""
     chamber = Chamber.plain(plateaus=16)

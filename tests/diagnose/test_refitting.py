@@ -9,7 +9,7 @@ import pytest
 from report.diagnosis_cases import LOOP, calibration, session, without_frames
 
 from skincal.dataset import HOLD
-from skincal.diagnose.refitting import refitted_effects
+from skincal.diagnose.workflow import refitted_effects
 from skincal.errors import InputError
 
 

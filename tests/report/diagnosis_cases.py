@@ -1,7 +1,4 @@
-"""Small sessions with something hidden, and diagnoses of them, for the tests of the report and of the verb.
-
-Null sessions are of the fitted law only, as twins take long; so nothing is learned here about false alarms.
-"""
+"""Small sessions with something hidden, and diagnoses of them, for the tests of the report and of the verb."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from math import degrees
-from unittest.mock import patch
 
 import numpy as np
 from calibrations import make_calibration
@@ -18,9 +14,7 @@ from diagnose.diagnose_data import moving
 from skincal.calibration import Calibration, Effect, ModelParameters
 from skincal.dataset import HOLD, Dataset, Presses
 from skincal.diagnose.diagnosis import Diagnosis
-from skincal.diagnose.options import DiagnoseOptions
 from skincal.diagnose.workflow import diagnose
-from skincal.gap.choice_options import ChoiceOptions
 from skincal.predict import predict_dataset
 
 TRUTH = ModelParameters(0.0235, degrees(0.05), 4e8, 70.0, beta_deg=degrees(0.2))
@@ -68,6 +62,4 @@ def diagnosed(kind: str) -> tuple[Diagnosis, Dataset]:
     """``hysteresis``: one effect hidden; ``none``: nothing; ``static``: nothing, hold means only."""
     data = session(LOOP if kind == "hysteresis" else None)
     data = without_frames(data) if kind == "static" else data
-    options = DiagnoseOptions(null_draws=40, choice=ChoiceOptions(significant=0.03, contenders=1, searched=3))
-    with patch("skincal.diagnose.base_fit.twins_for", lambda *_: ()):
-        return diagnose(data, calibration(), options, seed=1), data
+    return diagnose(data, calibration(), seed=1), data

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 from benchmarks.blind.truth.body import ContactChange, values
 from benchmarks.blind.truth.effect import Effect, Scene, Stage
 from benchmarks.blind.truth.rig import TOP_COUNTS, Floats
+from benchmarks.blind.truth.spec import Spec
 
 
 def counts(scene: Scene, effects: Sequence[Effect] = ()) -> Floats:
@@ -40,9 +41,9 @@ def _change(effects: Sequence[Effect]) -> ContactChange:
     return whole
 
 
-def shown(x: Floats, noise_counts: float) -> Floats:
+def shown(x: Floats, noise_counts: float, rest_counts: float = 0.0) -> Floats:
     """Mean of what the converter shows of a value under noise: clipping lifts what is near zero."""
-    top = (x - TOP_COUNTS) / noise_counts
+    top = (x - TOP_COUNTS - round(rest_counts)) / noise_counts
     return _rectified(x, noise_counts) - noise_counts * (top * ndtr(top) + _bell(top))
 
 
@@ -55,7 +56,10 @@ def _bell(x: Floats) -> Floats:
     return np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
 
 
-def read(rng: np.random.Generator, x: Floats, noise_counts: float) -> Floats:
-    """What the sensor reads of values (N, J): noisy, whole numbers, clipped."""
-    noisy = x + noise_counts * rng.standard_normal(x.shape)
-    return np.clip(np.rint(noisy), 0, TOP_COUNTS)
+def read(rng: np.random.Generator, x: Floats, noise_counts: float, spec: Spec | None = None) -> Floats:
+    """What the sensor reads of values (N, J): noisy, in whole steps, clipped, above its level at rest."""
+    rest, step, grows = (
+        (0.0, 1, 0.0) if spec is None else (spec.rest_counts, spec.step_counts, spec.noise_grows)
+    )
+    noisy = x + rest + np.hypot(noise_counts, grows * np.maximum(x, 0.0)) * rng.standard_normal(x.shape)
+    return np.clip(step * np.rint(noisy / step), 0, TOP_COUNTS + round(rest))

@@ -38,6 +38,7 @@ class Session:
         order: (K,) whose covariates are written to each press.
         with_frames: whether samples are written, or only means of holds.
         label: what is hidden.
+        rest_counts: level at rest.
     """
 
     scene: Scene
@@ -49,6 +50,7 @@ class Session:
     order: Ints
     with_frames: bool
     label: dict[str, Any]
+    rest_counts: float = 0.0
 
     def of_holds(self, column: Floats) -> Floats:
         """Mean over the hold of every press, of samples (N, ...)."""
@@ -64,7 +66,7 @@ def make_session(spec: Spec) -> Session:
     effects, strengths = _effects(rng, spec, scene)
     clean = disturbed(rng, counts(scene, effects), scene, spec.decoy)
     order = covariate_order(rng, len(scene.plan.presses), spec.decoy)
-    reading = read(rng, clean, body.noise_counts)
+    reading = read(rng, clean, body.noise_counts, spec)
     touching = scene.touching
     session = Session(
         scene,
@@ -78,6 +80,7 @@ def make_session(spec: Spec) -> Session:
         order,
         spec.protocol != "static",
         {},
+        spec.rest_counts,
     )
     return replace(session, label=_label(spec, session, clean, effects, strengths))
 
@@ -174,14 +177,17 @@ def _label(
             {"name": effect.name, "strength_g": g, "parameters": dict(effect.plain())}
             for effect, g in zip(effects, strengths, strict=True)
         ],
-        "noise_floor_rmse_counts": _floor(session, clean),
+        "rest_counts": spec.rest_counts,
+        "step_counts": spec.step_counts,
+        "noise_grows": spec.noise_grows,
+        "noise_floor_rmse_counts": _floor(session, clean, spec.rest_counts),
     }
 
 
-def _floor(session: Session, clean: Floats) -> dict[str, float]:
+def _floor(session: Session, clean: Floats, rest: float) -> dict[str, float]:
     """What the best model leaves: RMS of readings less what they are on average."""
     scene = session.scene
-    left = session.reading - shown(clean, scene.body.noise_counts)
+    left = session.reading - shown(clean + rest, scene.body.noise_counts, rest)
     return {
         "frame_rmse": _rms(left[scene.touching]),
         "all_frames_rmse": _rms(left),

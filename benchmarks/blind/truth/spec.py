@@ -18,6 +18,9 @@ class Spec:
         effects: names of the catalogue with the strength g that is wanted.
         outside: kind and g of an effect that the catalogue does not have.
         decoy: what is there to mislead, without being an effect.
+        rest_counts: level at rest; above a few counts nothing clips there.
+        step_counts: of the converter.
+        noise_grows: part of a value that is added to its noise, in quadrature.
     """
 
     suite: str
@@ -28,6 +31,9 @@ class Spec:
     effects: tuple[tuple[str, float], ...] = field(default=())
     outside: tuple[str, float] | None = None
     decoy: str | None = None
+    rest_counts: float = 0.0
+    step_counts: int = 1
+    noise_grows: float = 0.0
 
     @property
     def name(self) -> str:

@@ -15,7 +15,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from benchmarks.blind.truth.protocol import IDLE, PHASES
-from benchmarks.blind.truth.rig import SPHERES_M, Floats, on_finger, taxel_names
+from benchmarks.blind.truth.rig import SPHERES_M, TOP_COUNTS, Floats, on_finger, taxel_names
 from benchmarks.blind.truth.session import Session
 
 _DATASET = """format = "skincal-dataset/1"
@@ -57,7 +57,8 @@ _POSES = np.array(["A", "B"], dtype=object)
 def write_session(session: Session, folder: Path) -> None:
     """Writes the dataset folder; it must not be there yet."""
     folder.mkdir(parents=True)
-    (folder / "dataset.toml").write_text(_DATASET, encoding="utf-8")
+    text = _DATASET.replace("value_max = 255", f"value_max = {TOP_COUNTS + round(session.rest_counts):g}")
+    (folder / "dataset.toml").write_text(text, encoding="utf-8")
     pyarrow.csv.write_csv(pa.table(press_columns(session)), folder / "presses.csv")
     if session.with_frames:
         pyarrow.parquet.write_table(pa.table(frame_columns(session)), folder / "frames.parquet")

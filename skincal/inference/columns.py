@@ -1,0 +1,299 @@
+"""Slopes by the parameters of effects: those that are in the model, and those that are looked for.
+
+All are differences of the effects' own equations. A parameter that each taxel has for itself changes, where nothing
+mixes taxels afterwards, its own taxel alone; so one run of the chain serves all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.effects import EffectParameter, Stage, effect
+from skincal.effects.starts import Scene, Start
+from skincal.inference.forward import Effects, Forward, Seen
+from skincal.model.arrays import FloatArray
+
+_LOG_STEP, _LINEAR_STEP = 0.03, 0.01
+
+
+@dataclass(frozen=True)
+class Free:
+    """One number of an effect that is fitted.
+
+    Attributes:
+        effect: its name.
+        parameter: which.
+        index: which taxel or pose; None for one number.
+        sigma: standard deviation of what is expected of it beforehand, on its own scale.
+        middle: where that lies, on its own scale.
+    """
+
+    effect: str
+    parameter: EffectParameter
+    index: int | None
+    sigma: float
+    middle: float
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether it is fitted as its logarithm."""
+        return self.parameter.scale == "log"
+
+    def get(self, effects: Effects) -> float:
+        """Its value, on its own scale."""
+        value = float(np.asarray(effects[self.effect][self.parameter.name]).ravel()[self.index or 0])
+        return float(np.log(value)) if self.logarithmic else value
+
+    def bounds(self) -> tuple[float, float]:
+        """On its own scale."""
+        p = self.parameter
+        return (float(np.log(p.low)), float(np.log(p.high))) if self.logarithmic else (p.low, p.high)
+
+    def clipped(self, value: float) -> float:
+        """A value within its bounds."""
+        low, high = self.bounds()
+        return min(max(value, low), high)
+
+
+def with_values(
+    effects: Effects, free: Sequence[Free], values: FloatArray
+) -> dict[str, dict[str, FloatArray]]:
+    """Parameters with some numbers set, on their own scales, within their bounds."""
+    out = {n: {k: np.array(v, dtype=np.float64) for k, v in own.items()} for n, own in effects.items()}
+    for f, value in zip(free, values, strict=True):
+        own = float(np.exp(value)) if f.logarithmic else float(value)
+        own = min(max(own, f.parameter.low), f.parameter.high)
+        array = out[f.effect][f.parameter.name]
+        if array.ndim:
+            array[f.index or 0] = own
+        else:
+            out[f.effect][f.parameter.name] = np.asarray(own)
+    return out
+
+
+def free_of(
+    name: str, values: Mapping[str, FloatArray], first: Start | None, covariates: frozenset[str]
+) -> list[Free]:
+    """What is fitted of an effect: strengths that its start moves, or that differ if it is known, and its forms."""
+    found: list[Free] = []
+    if first is None:
+        away = {
+            p.name: np.asarray(values[p.name])
+            for p in effect(name).parameters
+            if p.role == "strength" and p.name in values
+        }
+        first = Start(
+            tuple({k: v} for k, v in away.items() if (v != effect(name).parameter(k).neutral).any()), ()
+        )
+    moved = {k for p in first.points for k in p}
+    own = effect(name)
+    for p in own.parameters:
+        if p.name not in values or not set(p.needs) <= covariates:
+            continue
+        if p.role == "strength" and p.name not in moved:
+            continue
+        array = np.asarray(values[p.name])
+        if p.role == "form" and array.ndim and first.alone is None:
+            continue
+        sized = [np.abs(np.asarray(pt[p.name]) - p.neutral) for pt in first.points if p.name in pt]
+        scale = max((float(s.max()) for s in sized), default=0.0) or p.typical or 1.0
+        for i in range(array.size) if array.ndim else (None,):
+            if array.ndim and first.alone is not None and i != first.alone:
+                continue
+            if p.role == "form":
+                at = float(array.ravel()[i or 0])
+                middle = float(np.log(at)) if p.scale == "log" else at
+                sigma = 1.0 if p.scale == "log" else (p.high - p.low) / 4
+            else:
+                middle = float(np.log(p.neutral)) if p.scale == "log" else p.neutral
+                sigma = max(float(np.log1p(scale)) if p.scale == "log" else scale, 1e-12) * 3
+            found.append(Free(name, p, i, sigma, middle))
+    return found
+
+
+def mixes(effects: Effects) -> bool:
+    """Whether any effect mixes what taxels read."""
+    return any(effect(n).stage == Stage.CROSSTALK for n in effects)
+
+
+def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[FloatArray]:
+    """Slopes (K, J) by numbers of effects in the model, each on its own scale."""
+    now = seen.state.effects
+    at = np.array([f.get(now) for f in free])
+    out: list[FloatArray] = [np.zeros(0)] * len(free)
+    apart = not mixes(now)
+    groups: dict[object, list[int]] = {}
+    for k, f in enumerate(free):
+        own = apart and f.parameter.shape == "per-taxel" and effect(f.effect).stage >= Stage.TRANSFER
+        groups.setdefault((f.effect, f.parameter.name) if own else k, []).append(k)
+    for members in groups.values():
+        steps = np.array([_step(free[k], at[k]) for k in members])
+        some = [free[k] for k in members]
+        changed = with_values(now, some, at[members] + steps)
+        difference = forward.with_effects(seen, changed) - seen.values
+        for k, step in zip(members, steps, strict=True):
+            column = difference / step
+            if len(members) > 1 or (
+                isinstance(free[k].index, int) and apart and free[k].parameter.shape == "per-taxel"
+            ):
+                only = np.zeros_like(column)
+                only[:, free[k].index or 0] = column[:, free[k].index or 0]
+                column = only
+            out[k] = column
+    return out
+
+
+def _step(f: Free, at: float) -> float:
+    _, high = f.bounds()
+    p = f.parameter
+    step = _LOG_STEP if f.logarithmic else _LINEAR_STEP * (p.typical or (p.high - p.low) / 4)
+    step = abs(step) if not p.shape.startswith("per") else max(abs(step), 1e-9)
+    return -step if at + step > high else step
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect from one start, with what its points do.
+
+    Attributes:
+        name: of the effect.
+        start: where it begins.
+        columns: (N, J, n) mean change of level of observations for each point.
+    """
+
+    name: str
+    start: Start
+    columns: FloatArray
+
+    @property
+    def key(self) -> tuple[str, int | None]:
+        """Equal for starts of the same thing."""
+        return self.name, self.start.alone
+
+
+def candidates(
+    forward: Forward,
+    seen: Seen,
+    scene: Scene,
+    slope: FloatArray,
+    names: Sequence[str],
+    had: set[tuple[str, int | None]],
+) -> Iterator[Candidate]:
+    """All starts of effects whose covariates are there, with their columns.
+
+    Args:
+        forward: the model.
+        seen: the present state.
+        scene: its scale.
+        slope: (K, J) of the converter.
+        names: effects that may be looked for.
+        had: effects, or single taxels of them, that the state has already.
+    """
+    skip = {n for n, alone in had if alone is None}
+    wanted = [(n, s) for n in names if n not in skip for s in starts_of(n, scene) if (n, s.alone) not in had]
+    apart = not mixes(seen.state.effects)
+    lumps: dict[object, list[tuple[int, int, int]]] = {}
+    points: list[list[Mapping[str, FloatArray]]] = []
+    for w, (name, s) in enumerate(wanted):
+        points.append(list(s.points))
+        for q, point in enumerate(s.points):
+            j = (
+                _taxel_of(name, point)
+                if apart and effect(name).stage >= Stage.TRANSFER and not effect(name).has_memory
+                else None
+            )
+            key: object = (w, q)
+            if j is not None:
+                scalars = tuple((k, float(v)) for k, v in point.items() if not v.ndim)
+                times = sum(
+                    1 for own in lumps.values() for ww, _, jj in own if wanted[ww][0] == name and jj == j
+                )
+                key = (name, scalars, times)
+            lumps.setdefault(key, []).append((w, q, -1 if j is None else j))
+    found = [np.zeros((len(forward.session), seen.values.shape[1], len(s.points))) for _, s in wanted]
+    have = {n: dict(own) for n, own in seen.state.effects.items()}
+    for members in lumps.values():
+        name = wanted[members[0][0]][0]
+        point = dict(points[members[0][0]][members[0][1]])
+        if len(members) > 1:
+            for k, v in point.items():
+                if v.ndim:
+                    point[k] = v.copy()
+                    for w, q, j in members:
+                        point[k][j] = points[w][q][k][j]
+        change = (
+            forward.with_effects(seen, {**have, name: _joined(name, have.get(name), point)}) - seen.values
+        )
+        mean = forward.mean @ (change * slope)
+        for w, q, j in members:
+            if j < 0:
+                found[w][..., q] = mean
+            else:
+                found[w][:, j, q] = mean[:, j]
+    for (name, s), columns in zip(wanted, found, strict=True):
+        if np.isfinite(columns).all() and (np.abs(columns).max(axis=(0, 1), initial=0.0) > 0).any():
+            yield Candidate(name, s, columns)
+
+
+def starts_of(name: str, scene: Scene) -> tuple[Start, ...]:
+    """Starts of an effect, within the bounds of its parameters."""
+    own = effect(name)
+
+    def inside(point: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        return {k: np.clip(v, own.parameter(k).low, own.parameter(k).high) for k, v in point.items()}
+
+    return tuple(replace(s, points=tuple(inside(p) for p in s.points)) for s in own.starts(scene))
+
+
+def _taxel_of(name: str, point: Mapping[str, FloatArray]) -> int | None:
+    """The taxel that alone differs from neutral, if one alone does."""
+    own: set[int] = set()
+    for k, v in point.items():
+        if v.ndim:
+            own |= set(np.flatnonzero(v != effect(name).parameter(k).neutral).tolist())
+    return own.pop() if len(own) == 1 else None
+
+
+def _joined(
+    name: str, before: Mapping[str, FloatArray] | None, point: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """A point beside what the state has of the same effect: taxel by taxel."""
+    if before is None:
+        return dict(point)
+    out = {k: np.array(v) for k, v in before.items()}
+    strengths = [
+        p for p in effect(name).parameters if p.role == "strength" and p.name in point and point[p.name].ndim
+    ]
+    for k, v in point.items():
+        if v.ndim and k in out:
+            for p in strengths:
+                changed = point[p.name] != p.neutral
+                out[k][changed] = v[changed]
+        else:
+            out.setdefault(k, v)
+    return out
+
+
+def begun(
+    name: str, s: Start, coefficients: FloatArray, before: Mapping[str, FloatArray] | None
+) -> dict[str, FloatArray]:
+    """Parameters of an effect that multiples of a start's points stand for, within bounds."""
+    own = effect(name)
+    out: dict[str, FloatArray] = {}
+    for p in own.parameters:
+        given = [pt[p.name] for pt in s.points if p.name in pt]
+        if p.role == "form" or not given:
+            if given:
+                out[p.name] = np.array(given[0])
+            elif p.role == "form" and p.shape == "scalar":
+                out[p.name] = np.asarray(p.neutral)
+            continue
+        value = np.full(np.shape(given[0]), p.neutral, dtype=np.float64)
+        for c, pt in zip(coefficients, s.points, strict=True):
+            if p.name in pt:
+                value = value + c * (pt[p.name] - p.neutral)
+        out[p.name] = np.clip(value, p.low, p.high)
+    return _joined(name, before, out) if before is not None else out

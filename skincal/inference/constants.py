@@ -1,0 +1,45 @@
+"""Every number that the diagnosis does not find in the data: what it is, and why it is what it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Constants:
+    """One table. P: a prior; T: a tolerance; M: measured (docs/diagnose.md says how)."""
+
+    image: float = 0.01  # P  relative error of a press's image, taxel by taxel: mounting, contact law, cells
+    force: float = 0.02  # P  relative error of a press's force
+    equation: float = 0.2  # P  relative error of an effect's equation in each phase of a press
+    law_power: float = 0.15  # M  how far the exponent of the stress lies from 1 that fits elastic layers
+    law_blur: float = 0.2  # M  the same of a spreading, in steps of a quarter of a millimetre, squared
+    law_radius: float = 0.05  # M  the same of the indenter's radius, relative
+    rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises
+    huber: float = 8.0  # T  residuals beyond so many noises count in proportion
+    settled: float = 0.5  # T  a step that gains less ends a fit [twice nats]
+    folds: int = 6  # T  parts of the presses that are held out in turn
+    clip: float = 3.0  # T  no press counts for more in the standard error of a gain
+    sure: float = 2.7  # T  standard errors by which a gain must be there
+    null_sessions: int = 96  # T  simulated sessions with nothing hidden
+    null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
+    slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
+    twin_steps: int = 3  # T  of the base model's fit to another contact law
+    left: float = 0.02  # M  of the squares that may always be left: the noise is known so well
+    joint_steps: int = 4  # T  of a joint fit
+    contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
+    contenders: int = 4  # T  that are fitted in full in a round
+    least_gain: float = 8.0  # T  nats; less is never named, whatever the null
+    sure_names: int = 2  # T  names that may be sure while more than chance is left
+    stays_open: float = 0.3  # T  part of what there was that may be left beside sure names
+    part: float = 0.005  # P  of what is explained already: less than that is a matter of the equations
+    alike: float = 2.0  # T  standard errors within which two effects are not told apart
+    most: int = 4  # T  effects that are named at most
+    rounding: float = 0.01  # T  part of the variance from which on rounding does not average out
+    least_slope: float = 1e-3  # T  of the converter, where it clips
+    least_variance: float = 0.05  # T  of the usual one, where it clips
+    least_noise: float = 1e-4  # T  of the largest signal, where there is no noise
+
+
+CONSTANTS: Final = Constants()

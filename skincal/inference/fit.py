@@ -1,0 +1,295 @@
+"""The joint fit: pose, E, S, rest, contact law and effects, with every press's own numbers integrated out.
+
+Gauss-Newton on the whitened, robust residual; after each step the presses' own numbers follow (they are linear given
+the rest), so that the next linearisation is about where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.inference.blocks import Blocks, Whitened, blocks
+from skincal.inference.columns import Free, free_columns, with_values
+from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
+from skincal.model.arrays import BoolArray, FloatArray
+
+NB = len(BASE) + len(LAW)
+_FORM, _STRENGTH = 0.5, 0.4
+"""A step of an effect's number is no longer than this part of what is expected of it beforehand."""
+_MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
+"""A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beforehand:
+    """What is known before the fit.
+
+    Attributes:
+        base: (6,) precision of the base's numbers about their start (place, angle, logarithms, rest).
+        start: the state that the precisions are about.
+        move: (3,) precision of a press's shift across and along [1/m²] and of the logarithm of its force.
+        slack_m: most that a contact may be off.
+        weights: (N, J) roots of robust weights, found once with the base model; 1 where nothing is wild.
+    """
+
+    base: FloatArray
+    start: State
+    move: FloatArray
+    slack_m: float
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A state with its linearisation.
+
+    Attributes:
+        seen: the state and what it reads.
+        free: numbers of effects that are fitted.
+        blocks: of base, law and free columns.
+        prior: (n,) precisions of the columns.
+        pull: (n,) slope of the prior at the state: precision times how far it is from its middle.
+    """
+
+    seen: Seen
+    free: tuple[Free, ...]
+    blocks: Blocks
+    prior: FloatArray
+    pull: FloatArray
+
+    @property
+    def state(self) -> State:
+        """Where it stands."""
+        return self.seen.state
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, n) of base, law and effects, everything else integrated out."""
+        return np.linalg.inv(self.blocks.h.sum(axis=0) + np.diag(self.prior))
+
+    def loss(self) -> float:
+        """Minus twice the logarithm of the posterior, but for a constant."""
+        return float(self.blocks.loss.sum() + (self.pull**2 / np.maximum(self.prior, 1e-300)).sum())
+
+
+class Fitter:
+    """Fits one session."""
+
+    def __init__(self, forward: Forward, counts: FloatArray, before: Beforehand) -> None:
+        """Take the model, what was observed (N, J), and what is known beforehand."""
+        self.forward, self.counts, self.before = forward, counts, before
+        self.foundation = False
+        """Whether the contact law is held at the foundation's, as at the beginning of a search."""
+        s = forward.session
+        self.press, self.phase, self.frames = s.press, s.phase, s.frames
+        force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
+        self._force = np.maximum(force, 0.0)
+
+    def whitened(
+        self, seen: Seen, columns: FloatArray, own: FloatArray, only: BoolArray | None = None
+    ) -> Whitened:
+        """Over the noise.
+
+        Args:
+            seen: the state.
+            columns: (K, J, n) slopes by what is fitted.
+            own: (K, J, k) contributions of effects that are in the model.
+            only: (N,) observations that count.
+        """
+        f, noise = self.forward, self.forward.noise
+        level = seen.values + seen.state.rest
+        mean, slope = noise.written(level)
+        expected = f.mean @ mean
+        at = f.mean @ level
+        moves = f.press_columns(seen)
+        variance = noise.variance(at, seen.state.rest, self.frames)
+        if noise.force_n:
+            by_force = f.mean @ (slope * moves[..., 2])
+            per_n = by_force / np.maximum(self._force, 5 * noise.force_n)[:, None]
+            variance = variance + (per_n * noise.force_n) ** 2 / self.frames[:, None]
+        sd = np.sqrt(variance)
+        ok = np.isfinite(self.counts)
+        if only is not None:
+            ok = ok & only[:, None]
+        weight = np.where(ok, self.before.weights, 0.0) / sd
+
+        def thin(x: FloatArray) -> FloatArray:
+            """Means over observations, through the converter, over the noise."""
+            if not x.shape[2]:
+                return np.zeros((*sd.shape, 0))
+            parts = [f.mean @ (slope * x[..., k]) for k in range(x.shape[2])]
+            return np.stack(parts, axis=-1) * weight[..., None]
+
+        residual = np.where(ok, self.counts - expected, 0.0) * weight
+        signal = (f.mean @ (slope * seen.values)) * weight
+        return Whitened(residual, thin(columns), thin(moves), signal, thin(own), ok, np.log(sd))
+
+    def columns(self, seen: Seen, free: tuple[Free, ...]) -> FloatArray:
+        """(K, J, n) slopes of base, law and effects."""
+        f = self.forward
+        base = f.base_columns(seen)
+        rows = free_columns(f, seen, free)
+        return np.concatenate([base, *(x[..., None] for x in rows)], axis=2) if rows else base
+
+    def contributions(self, seen: Seen) -> FloatArray:
+        """(K, J, k) what each effect of the state adds to values."""
+        parts = []
+        for name in seen.state.effects:
+            without = {n: v for n, v in seen.state.effects.items() if n != name}
+            parts.append(seen.values - self.forward.with_effects(seen, without))
+        return np.stack(parts, axis=-1) if parts else np.zeros((*seen.values.shape, 0))
+
+    def linear(
+        self, state: State, free: tuple[Free, ...], only: BoolArray | None = None, seen: Seen | None = None
+    ) -> Fitted:
+        """A state with its linearisation."""
+        seen = self.forward.see(state) if seen is None else seen
+        w = self.whitened(seen, self.columns(seen, free), self.contributions(seen), only)
+        return self.built(seen, free, w)
+
+    def built(self, seen: Seen, free: tuple[Free, ...], w: Whitened, **more: object) -> Fitted:
+        """A linearisation of whitened columns; columns beyond the base and the free ones have no prior."""
+        state = seen.state
+        found = blocks(w, self.press, self.phase, state.move, self.before.move, **more)  # type: ignore[arg-type]
+        prior, pull = self.prior(state, free)
+        return Fitted(seen, free, found, prior, pull)
+
+    def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
+        """(n,) precisions beforehand, and their slope at a state."""
+        law = np.array([C.law_power, C.law_blur, C.law_radius]) * (1e-3 if self.foundation else 1.0)
+        prior = np.concatenate([self.before.base, 1 / law**2, [1 / f.sigma**2 for f in free]])
+        off = np.concatenate([self._off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
+        return prior, prior * off
+
+    def _off(self, state: State) -> FloatArray:
+        a, b = state.pose, self.before.start.pose
+        turn = (a.beta_rad - b.beta_rad) * self.turning_radius(state) + a.x_m - b.x_m
+        s = np.mean(state.log_s) - np.mean(self.before.start.log_s)
+        return np.array(
+            [
+                a.y_m - b.y_m,
+                turn,
+                a.alpha_rad - b.alpha_rad,
+                state.log_e - self.before.start.log_e,
+                s,
+                state.rest - self.before.start.rest,
+            ]
+        )
+
+    def turning_radius(self, state: State) -> float:
+        """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
+        from skincal.model import Plane
+
+        if isinstance(self.forward.surface, Plane):
+            return 0.0
+        here = self.forward.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
+        return float(np.hypot(here[0], here[2]))
+
+    def step(self, at: Fitted, *, most: float = 1.0) -> State:
+        """Where a Gauss-Newton step leads, presses with it."""
+        b, s = at.blocks, at.state
+        n = len(at.prior)
+        h, g = b.h.sum(axis=0)[:n, :n] + np.diag(at.prior), b.b.sum(axis=0)[:n] - at.pull
+        size = 1 / np.sqrt(np.diag(h))
+        d = np.linalg.solve(h * np.outer(size, size), g * size) * size
+        if at.free:
+            # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
+            now = np.array([f.get(s.effects) for f in at.free])
+            reach = np.array(
+                [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
+            )
+            ends = np.array([f.bounds() for f in at.free])
+            own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
+            if np.any(own != d[NB:]):
+                rest = h[:NB, :NB] * np.outer(size[:NB], size[:NB])
+                d = np.concatenate(
+                    [np.linalg.solve(rest, (g[:NB] - h[:NB, NB:] @ own) * size[:NB]) * size[:NB], own]
+                )
+        limit = most * _MOST.copy()
+        limit[5] *= self.forward.noise.frame
+        d[:6] = np.clip(d[:6], -limit, limit)
+        pose = moved_pose(self.forward.surface, s.pose, "y", d[0])
+        pose = moved_pose(self.forward.surface, pose, "turn", d[1])
+        pose = moved_pose(self.forward.surface, pose, "alpha", d[2])
+        law = np.clip(s.law + d[6:NB], *(np.array([[-6.0], [6.0]]) * [C.law_power, C.law_blur, C.law_radius]))
+        effects = (
+            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + d[NB:])
+            if at.free
+            else s.effects
+        )
+        constant, by = b.moves
+        move = constant - by[:, :, :n] @ d
+        move = np.clip(move, [-8e-4, -8e-4, -0.05], [8e-4, 8e-4, 0.05]) + s.move
+        move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
+        return replace(
+            s,
+            pose=pose,
+            log_e=s.log_e + d[3],
+            log_s=s.log_s + d[4],
+            rest=s.rest + d[5],
+            law=law,
+            move=move,
+            effects=effects,
+        )
+
+    def solve(
+        self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
+    ) -> Fitted:
+        """Fits, from a state; a step that makes it worse is halved."""
+        at = self.linear(state, free, only)
+        for _ in range(steps):
+            new, seen, total = self._careful(at, self.step(at), only)
+            for part in (0.3, 0.1):
+                if total > at.loss() + 0.1:
+                    new, seen, total = self._careful(at, between(at.state, new, part), only)
+            if total > at.loss() + 0.1:
+                break
+            gained = at.loss() - total
+            at = self.linear(new, free, only, seen)
+            if gained < C.settled:
+                break
+        return at
+
+    def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
+        """A state whose presses have gone back part of their way where that was too far, and its loss."""
+        before = dict(zip(at.blocks.press.tolist(), at.blocks.loss.tolist(), strict=True))
+        for last in (False, False, True):
+            seen = self.forward.see(state)
+            none = np.zeros((*seen.values.shape, 0))
+            w = self.whitened(seen, none, self.contributions(seen), only)
+            found = blocks(w, self.press, self.phase, state.move, self.before.move)
+            far = [
+                p
+                for p, own in zip(found.press.tolist(), found.loss.tolist(), strict=True)
+                if p >= 0 and own > before[p] + 1.0
+            ]
+            if last or not far:
+                break
+            move = state.move.copy()
+            move[far] = at.state.move[far] + 0.3 * (move[far] - at.state.move[far])
+            state = replace(state, move=move)
+        prior, pull = self.prior(state, at.free)
+        return state, seen, float(found.loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
+
+
+def between(a: State, b: State, part: float) -> State:
+    """A state on the way from one to another."""
+    mix = lambda x, y: x + part * (y - x)  # noqa: E731
+    pose = replace(
+        a.pose,
+        y_m=mix(a.pose.y_m, b.pose.y_m),
+        x_m=mix(a.pose.x_m, b.pose.x_m),
+        beta_rad=mix(a.pose.beta_rad, b.pose.beta_rad),
+        alpha_rad=mix(a.pose.alpha_rad, b.pose.alpha_rad),
+    )
+    effects = {
+        n: {k: mix(np.asarray(v), np.asarray(b.effects[n][k])) for k, v in own.items()}
+        for n, own in a.effects.items()
+    }
+    return replace(
+        a, pose=pose, log_e=mix(a.log_e, b.log_e), log_s=mix(a.log_s, b.log_s), rest=mix(a.rest, b.rest),
+        law=mix(a.law, b.law), move=mix(a.move, b.move), effects=effects,
+    )  # fmt: skip

@@ -1,0 +1,450 @@
+"""What a session reads under a state of the sensor: y = c(g(theta, law, effects, press) + rest), and its slopes.
+
+A state is the pose, E, S, the level at rest, three numbers of the contact law, the parameters of effects, and for every
+press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.tables`);
+everything after
+the contact is the chain of effects itself, so each slope by a parameter is a difference of that chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect, effect
+from skincal.effects.applied import at_work
+from skincal.effects.base import Stage
+from skincal.inference.noise import Noise
+from skincal.inference.session import GapSession
+from skincal.inference.tables import STEP_M, Presses, PressTable, press_table
+from skincal.model import (
+    Converter,
+    Cylinder,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    SkinParameters,
+    Sphere,
+    StressLaw,
+    Surface,
+    TaxelLayout,
+)
+from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.patch import Rule
+
+Effects = Mapping[str, Mapping[str, FloatArray]]
+"""Parameters by effect; what is left out is neutral."""
+
+BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
+LAW = ("power", "blur", "radius")
+_STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 5e-3}
+_SOFT = 0.02
+_POWER, _RADIUS = 0.1, 0.03
+_ALIKE = 0.15
+"""A table holds for logarithms of E as near as this."""
+_FAR_M = 1.2e-4
+"""A table is made anew when a contact is farther from it than this; its second order is right so far [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The sensor, and how each press differs from what was measured of it.
+
+    Attributes:
+        pose: of the patch.
+        log_e: logarithm of E [Pa/m].
+        log_s: logarithm of S [1/N]; (J,) where taxels have their own.
+        rest: level that all taxels share [counts].
+        law: (3,) power of the stress less 1, blur, relative radius: what the contact law lacks, to first order.
+        move: (P, 3) shift of each press across and along [m], and logarithm of its force.
+        effects: beyond the base model.
+    """
+
+    pose: SensorPose
+    log_e: float
+    log_s: FloatArray
+    rest: float
+    law: FloatArray
+    move: FloatArray
+    effects: Effects = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A state's loads, and what is read of them.
+
+    Attributes:
+        state: of which.
+        felt: samples after effects on place and force.
+        loads: (K, J) [N].
+        values: (K, J) levels less rest [counts].
+        table: of the presses.
+        at: (K, 2) move of each sample from the table's place [m].
+    """
+
+    state: State
+    felt: Samples
+    loads: FloatArray
+    values: FloatArray
+    table: PressTable
+    at: FloatArray
+
+
+class Forward:
+    """The model of one session. Tables that are still right are kept from one state to the next."""
+
+    def __init__(
+        self,
+        session: GapSession,
+        surface: Surface,
+        layout: TaxelLayout,
+        noise: Noise,
+        *,
+        clipped: bool,
+        resolution_m: float = 3.5e-4,
+        margin_m: float = 6e-3,
+        rule: Rule = "gauss",
+    ) -> None:
+        """Take what stays the same.
+
+        Args:
+            session: samples and what was observed of them.
+            surface: that carries the sensor.
+            layout: its taxels.
+            noise: of a frame, and the converter.
+            clipped: whether an untouched taxel rests at the converter's lower bound, so that none reads less.
+            resolution_m: of the patch.
+            margin_m: how far it goes on.
+            rule: where a tactile point lies in its cell.
+        """
+        self.session, self.surface, self.layout, self.noise = session, surface, layout, noise
+        self.samples = session.remembered
+        self._patch = (resolution_m, margin_m, rule)
+        self._converter = Converter(0.0 if clipped else None, None, integer=False)
+        s = session
+        own = np.flatnonzero(s.observation >= 0)
+        count = np.bincount(s.observation[own], minlength=len(s)).astype(float)
+        part = 1.0 / count[s.observation[own]]
+        self.mean = csr_array((part, (s.observation[own], own)), shape=(len(s), len(s.samples)))
+        self.row = np.asarray(s.row, dtype=np.int64)
+        self.presses = s.presses
+        self._measured = self._presses()
+        self._axes = self._measured.axes(surface)
+        self._within = self._moves_within()
+        self._patches: dict[SensorPose, Patch] = {}
+        self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
+        self._laws: tuple[State, PressTable, PressTable, PressTable] | None = None
+
+    @property
+    def rests_clipped(self) -> bool:
+        """Whether an untouched taxel rests at the converter's lower bound."""
+        return self._converter.value_min is not None
+
+    def of_holds(self) -> Forward:
+        """The same of holds alone, on coarser points: where the search for the sensor begins."""
+        part = self.session.of_holds_alone()
+        _, margin, rule = self._patch
+        return Forward(
+            part,
+            self.surface,
+            self.layout,
+            self.noise,
+            clipped=self.rests_clipped,
+            resolution_m=6e-4,
+            margin_m=margin,
+            rule=rule,
+        )
+
+    # ------------------------------------------------------------------ what was measured
+
+    def _presses(self) -> Presses:
+        c, count = self.samples.contacts, self.presses
+        points, normals = np.full((count, 3), np.nan), np.tile([0.0, 0.0, 1.0], (count, 1))
+        indenter, most = np.zeros(count, dtype=np.int64), np.zeros(count)
+        ok = (
+            (self.row >= 0)
+            & self.samples.touching
+            & np.isfinite(c.points_m).all(axis=1)
+            & np.isfinite(c.force_n)
+        )
+        for p in np.unique(self.row[ok]):
+            mine = np.flatnonzero(ok & (self.row == p))
+            force = np.maximum(c.force_n[mine], 0.0)
+            w = np.where(force > 0.8 * force.max(), force, 0.0) + 1e-12
+            points[p] = (w[:, None] * c.points_m[mine]).sum(axis=0) / w.sum()
+            n = (w[:, None] * c.normals[mine]).sum(axis=0)
+            normals[p] = n / np.linalg.norm(n)
+            indenter[p] = self.samples.indenter[mine[0]]
+            most[p] = 1.25 * force.max() + 0.15 * np.median(force) + 1e-9
+        known = np.isfinite(points).all(axis=1)
+        points[known] = self.surface.project(points[known])
+        return Presses(points, normals, indenter, most)
+
+    def _moves_within(self) -> FloatArray:
+        """(K, 2) how far each sample lies from its press's place [m]: contacts that slide or roll."""
+        return self._off(self.samples)
+
+    def _off(self, samples: Samples) -> FloatArray:
+        row = np.maximum(self.row, 0)
+        step = samples.contacts.points_m - self._measured.points_m[row]
+        found = np.einsum("kdx,kx->kd", self._axes[row], step)
+        return np.where(((self.row >= 0) & samples.touching)[:, None], np.nan_to_num(found), 0.0)
+
+    # ------------------------------------------------------------------ a state
+
+    def skin(self, state: State, effects: Effects | None = None) -> EffectSkin:
+        """The skin of a state."""
+        if state.pose not in self._patches:
+            if len(self._patches) > 8:
+                self._patches.clear()
+            resolution, margin, rule = self._patch
+            self._patches[state.pose] = Patch.build(
+                self.surface, self.layout, state.pose, resolution, margin, rule
+            )
+        return self._with(self._patches[state.pose], state, effects)
+
+    def _with(self, patch: Patch, state: State, effects: Effects | None = None) -> EffectSkin:
+        scale = np.exp(state.log_s)
+        skin = Skin(
+            patch,
+            SkinParameters(float(np.exp(state.log_e)), scale if scale.ndim else float(scale)),
+            self._converter,
+        )
+        given = state.effects if effects is None else effects
+        return EffectSkin.of(skin, self.surface, given, missing="abstain")
+
+    def see(self, state: State) -> Seen:
+        """What a state reads."""
+        skin = self.skin(state)
+        felt, off = self._felt(skin)
+        middle = self._middle(off) + state.move[:, :2]
+        table, places = self._table(skin, felt, state, middle)
+        row = np.maximum(self.row, 0)
+        at = off + state.move[row, :2] - places[row]
+        at[self.row < 0] = 0.0
+        loads = self._loads(table, felt, state, at)
+        return Seen(state, felt, loads, self._after(skin, loads, felt), table, at)
+
+    def _felt(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
+        """Samples as the skin feels them, and how far (K, 2) they are from the measured place of their press."""
+        felt = self.samples
+        for _, one, values in at_work(skin.effects, felt, InputEffect, "abstain"):
+            felt = one.apply(felt, values, skin.setting)
+        off = self._within if felt.contacts.points_m is self.samples.contacts.points_m else self._off(felt)
+        return felt, off
+
+    def _middle(self, off: FloatArray) -> FloatArray:
+        """(P, 2) mean of moves over each press, weighted by force."""
+        w = np.where(self.row >= 0, np.maximum(np.nan_to_num(self.samples.contacts.force_n), 0.0), 0.0)
+        r = np.maximum(self.row, 0)
+        total = np.bincount(r, w, self.presses)
+        return (
+            np.stack([np.bincount(r, w * off[:, k], self.presses) for k in (0, 1)], axis=1)
+            / np.maximum(total, 1e-12)[:, None]
+        )
+
+    def _table(
+        self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
+    ) -> tuple[PressTable, FloatArray]:
+        laws = [
+            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
+        ]
+        spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
+        law = (laws[-1].exponent, laws[-1].reference_m) if laws else None
+        radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
+        key = (law, spread[0].key if spread else None, radii, state.pose)
+        if key in self._tables:
+            before, places, table = self._tables[key]
+            if abs(before.log_e - state.log_e) < _ALIKE:
+                far = np.flatnonzero(np.nan_to_num(np.abs(middle - places)).max(axis=1) >= _FAR_M)
+                if not len(far):
+                    return table, places
+                if len(far) < len(places) / 2:
+                    places, terms = places.copy(), table.terms.copy()
+                    places[far] = middle[far]
+                    terms[:, far] = self._make(skin, felt, before, places, rows=far).terms
+                    self._tables[key] = (before, places, PressTable(terms, table.most_m3))
+                    return self._tables[key][2], places
+        moved = middle.copy()
+        table = self._make(skin, felt, state, moved)
+        if len(self._tables) > 40:
+            self._tables.clear()
+        self._tables[key] = (state, moved, table)
+        return table, moved
+
+    def _make(
+        self,
+        skin: EffectSkin,
+        felt: Samples,
+        state: State,
+        places: FloatArray,
+        rows: IntArray | None = None,
+        *,
+        lattice: bool = True,
+    ) -> PressTable:
+        laws = [
+            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
+        ]
+        weights = None
+        for a in skin.effects:
+            if isinstance(a.effect, SpreadEffect) and not a.neutral:
+                weights = a.effect.weights(a.values, skin.skin.patch)
+        rows = np.arange(self.presses) if rows is None else rows
+        moved = self._measured.of(rows).moved(self.surface, places[rows])
+        e, law = float(np.exp(state.log_e)), laws[-1] if laws else None
+        return press_table(
+            skin.skin.patch, self.surface, felt.indenters, moved, e, law, weights, lattice=lattice
+        )
+
+    def _force(self, felt: Samples, state: State) -> FloatArray:
+        row = np.maximum(self.row, 0)
+        force = np.where(felt.touching & (self.row >= 0), np.nan_to_num(felt.contacts.force_n), 0.0)
+        return np.maximum(force * np.exp(state.move[row, 2]), 0.0)
+
+    def _loads(self, table: PressTable, felt: Samples, state: State, at: FloatArray) -> FloatArray:
+        e = float(np.exp(state.log_e))
+        loads = e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
+        if state.law.any():
+            loads = loads + self._law(state, felt) @ state.law
+        return loads
+
+    def _law(self, state: State, felt: Samples) -> FloatArray:
+        """(K, J, 3) what the law's three numbers do to loads."""
+        e, moves = float(np.exp(state.log_e)), state.move[:, :2]
+        near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
+        if near and self._laws is not None:
+            before = self._laws[0]
+            near = (
+                self._near(before.pose, state.pose)
+                and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
+            )
+        if not near:
+            plain = self.skin(state, {})
+            moved = self._measured.moved(self.surface, moves)
+            things = self.samples.indenters
+            wider = tuple(type(i)(i.radius_m * (1 + _RADIUS)) if isinstance(i, Sphere) else i for i in things)
+            self._laws = (
+                state,
+                self._make(plain, self.samples, state, moves),
+                press_table(
+                    plain.skin.patch,
+                    self.surface,
+                    things,
+                    moved,
+                    e,
+                    StressLaw(1 + _POWER, 5e-4),
+                    lattice=False,
+                ),
+                press_table(plain.skin.patch, self.surface, wider, moved, e, lattice=False),
+            )
+        assert self._laws is not None
+        _, base, bent, wide = self._laws
+        x = self._force(felt, state) / e
+        own = base.at(self.row, x)
+        curved = PressTable((base.terms[3] + base.terms[4])[None] * STEP_M**2 / 2, base.most_m3)
+        parts = [
+            (bent.at(self.row, x) - own) * (e / _POWER),
+            curved.at(self.row, x) * e,
+            (wide.at(self.row, x) - own) * (e / _RADIUS),
+        ]
+        return np.stack(parts, axis=-1)
+
+    @staticmethod
+    def _near(a: SensorPose, b: SensorPose) -> bool:
+        far = max(
+            abs(a.y_m - b.y_m),
+            abs(a.x_m - b.x_m),
+            0.02 * abs(a.beta_rad - b.beta_rad),
+            5e-3 * abs(a.alpha_rad - b.alpha_rad),
+        )
+        return far < 2 * _FAR_M
+
+    @staticmethod
+    def _after(skin: EffectSkin, loads: FloatArray, felt: Samples) -> FloatArray:
+        return skin.after(loads, felt, {})
+
+    # ------------------------------------------------------------------ slopes
+
+    def with_loads(self, seen: Seen, change: FloatArray) -> FloatArray:
+        """(K, J) what a small change of loads does to values."""
+        skin = self.skin(seen.state)
+        if not any(a.effect.stage >= Stage.MEMORY and not a.neutral for a in skin.effects):
+            return change * skin.skin.parameters.scale_per_n
+        return self._after(skin, seen.loads + change, seen.felt) - seen.values
+
+    def with_effects(self, seen: Seen, effects: Effects) -> FloatArray:
+        """(K, J) values with other effects, by the shortest way: from the contact only if that changes."""
+        skin = self.skin(seen.state, effects)
+        if _early_part(effects) == _early_part(seen.state.effects):
+            return self._after(skin, seen.loads, seen.felt)
+        state = replace(seen.state, effects=effects)
+        return self.see(state).values
+
+    def base_columns(self, seen: Seen) -> FloatArray:
+        """(K, J, 6 + 3) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``."""
+        s = seen.state
+        skin = self.skin(s)
+        e, x = float(np.exp(s.log_e)), self._force(seen.felt, s)
+        at = seen.at if seen.at.any() else None
+        _, places = self._table(skin, seen.felt, s, self._middle(self._felt(skin)[1]) + s.move[:, :2])
+        own = seen.table.at(self.row, x / e)
+        out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
+        alike = isinstance(self.surface, Cylinder | Plane)
+        if alike:
+            # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
+            # difference would seem to tell the one from the other.
+            moves = seen.table.slopes(self.row, x / e, at) * e
+            out[..., 0] = self.with_loads(seen, -2e-5 * moves[1]) / 2e-5
+            out[..., 1] = self.with_loads(seen, -2e-5 * moves[0]) / 2e-5
+        for k, name in enumerate(("y", "turn", "alpha")):
+            if alike and name != "alpha":
+                continue
+            step = _STEP[name]
+            other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, step)))
+            table = self._make(other, seen.felt, s, places, lattice=False)
+            out[..., k] = self.with_loads(seen, e * (table.at(self.row, x / e) - own)) / step
+        harder = float(np.exp(s.log_e + _SOFT))
+        change = harder * seen.table.at(self.row, x / harder, at) - e * seen.table.at(self.row, x / e, at)
+        out[..., 3] = self.with_loads(seen, change) / _SOFT
+        more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
+        out[..., 4] = (more - seen.values) / _SOFT
+        out[..., 5] = 1.0
+        law = self._law(s, seen.felt)
+        for k in range(3):
+            out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
+        return out
+
+    def press_columns(self, seen: Seen) -> FloatArray:
+        """(K, J, 3) slopes by the shift of a press across and along [1/m] and by the logarithm of its force."""
+        e = float(np.exp(seen.state.log_e))
+        force = self._force(seen.felt, seen.state)
+        moves = seen.table.slopes(self.row, force / e, seen.at if seen.at.any() else None) * e
+        h = 0.01
+        more = e * (seen.table.at(self.row, force * (1 + h) / e) - seen.table.at(self.row, force / e)) / h
+        parts = [
+            self.with_loads(seen, step * x) / step
+            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))
+        ]
+        return np.stack(parts, axis=-1)
+
+
+def _early_part(effects: Effects) -> list[tuple[str, str, bytes]]:
+    """What of effects acts before the loads are known."""
+    early = [n for n in effects if effect(n).stage <= Stage.SPREAD]
+    return [(n, k, np.asarray(v).tobytes()) for n in early for k, v in effects[n].items()]
+
+
+def moved_pose(surface: Surface, pose: SensorPose, name: str, step: float) -> SensorPose:
+    """A pose moved along y, around the finger (both in metres) or turned about its normal [rad]."""
+    if name == "alpha":
+        return replace(pose, alpha_rad=pose.alpha_rad + step)
+    if name == "y":
+        return replace(pose, y_m=pose.y_m + step)
+    if isinstance(surface, Plane):
+        return replace(pose, x_m=pose.x_m + step)
+    here = surface.wrap(replace(pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
+    return replace(pose, beta_rad=pose.beta_rad + step / max(float(np.hypot(here[0], here[2])), 1e-4))

@@ -1,0 +1,77 @@
+"""The one null: what every candidate gains in sessions with nothing hidden.
+
+A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, the own
+numbers of presses by their priors, and what a contact law other than the model's leaves after the base model has been
+fitted to it (twins). With the columns of this session the gain of a candidate is then the same linear algebra
+as for the
+data, so that a null session costs milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.start import raw_residual
+from skincal.inference.twins import twin_values
+from skincal.model.arrays import FloatArray
+
+FOUNDATION = "fitted law"
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """Gains of candidates in sessions with nothing hidden.
+
+    Attributes:
+        laws: name of the contact law of each of S sessions.
+        gains: by effect, (S,) the greatest gain of any of its starts [nats].
+        left: (S, 3) what a check of the base model says of each (:func:`skincal.inference.check.left`).
+    """
+
+    laws: tuple[str, ...]
+    gains: dict[str, FloatArray]
+    left: FloatArray
+
+    def limit(self, name: str) -> float:
+        """The gain that an effect must have to be named [nats]."""
+        own = self.gains.get(name)
+        most = 0.0 if own is None else float(np.quantile(own, C.null_quantile))
+        return max(C.least_gain, C.slack * most)
+
+
+def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
+    """(N, J) whitened residual that each contact law leaves after the base model's fit; zero for the fitted one."""
+    f, found = fitter.forward, {FOUNDATION: np.zeros(fitter.counts.shape)}
+    for name, values in twin_values(f, base.state).items():
+        mean, _ = f.noise.written(values + base.state.rest)
+        counts = np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan)
+        other = Fitter(f, counts, replace(fitter.before, weights=np.ones(counts.shape)))
+        fit = other.solve(replace(base.state, law=np.zeros(3), effects={}), steps=C.twin_steps)
+        found[name] = np.nan_to_num(raw_residual(other, fit.state))
+    return found
+
+
+def drawn_residuals(
+    laws: dict[str, FloatArray],
+    weights: FloatArray,
+    seen: FloatArray,
+    rng: np.random.Generator,
+    sessions: int,
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of laws (S,), and residuals (N, J, S) of noise and law; nuisances are added where they go."""
+    names = tuple(list(laws)[k % len(laws)] for k in range(sessions))
+    noise = rng.standard_normal((*weights.shape, sessions), dtype=np.float32).astype(np.float64)
+    for k, name in enumerate(names):
+        noise[..., k] += laws[name]
+    # Without robust weights: noise that is Gaussian has none.
+    return names, noise * (seen * weights)[..., None]
+
+
+def mean_by(names: Sequence[str], values: FloatArray) -> dict[str, float]:
+    """Mean of values (S,) by law."""
+    return {n: float(values[[k for k, m in enumerate(names) if m == n]].mean()) for n in dict.fromkeys(names)}

@@ -1,0 +1,352 @@
+"""The one search: which effects a session shows.
+
+::
+
+    fit the base model; draw null sessions about it
+    repeat
+        columns of every effect that is not in the model, from each of its starts
+        gain of each on presses that its fit has not seen
+        of those beyond their null limit and sure: fit the best few jointly with the base, from two starts of the base
+        take the one whose fit predicts best; those that predict as well are its set
+        drop what the new one has made needless
+    until none is left, or none gains
+
+All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inference.null`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skincal.effects.starts import Scene
+from skincal.inference.blocks import Whitened
+from skincal.inference.check import beyond, left
+from skincal.inference.columns import Candidate, begun, candidates, free_of, starts_of
+from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.null import Null, drawn_residuals, law_residuals
+from skincal.inference.score import Score, folds_of, held_out
+from skincal.model.arrays import FloatArray, IntArray
+
+_SCALES = (1.0, 0.5, 0.75, 1.5, 2.0, 3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A candidate in a round.
+
+    Attributes:
+        name: of the effect.
+        gain: of its best start [nats].
+        error: its standard error.
+        sure: standard errors by which it is there.
+        limit: of the null.
+        candidate: the best start.
+        coefficients: multiples of its points.
+    """
+
+    name: str
+    gain: float
+    error: float
+    sure: float
+    limit: float
+    candidate: Candidate
+    coefficients: FloatArray
+    shared: float
+
+    @property
+    def good(self) -> bool:
+        """Whether it may be named."""
+        return self.gain > self.limit and self.sure > C.sure
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that was taken.
+
+    Attributes:
+        name: of it.
+        alike: effects whose fit predicts as well, itself first.
+        gain: that its fit adds [nats].
+        limit: of the null.
+        p_value: part of null sessions that reach its gain.
+        rivals: fits of those alike, in its place.
+    """
+
+    name: str
+    alike: tuple[str, ...]
+    gain: float
+    limit: float
+    p_value: float
+    rivals: tuple[tuple[str, Fitted], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the search ends with.
+
+    Attributes:
+        base: the fit without effects.
+        fitted: with what was named.
+        named: in the order in which they were taken.
+        rounds: what was tried in each round, best first.
+        null: of the base.
+        left: (3,) what the final model leaves, as :func:`skincal.inference.check.left`.
+        open: whether that is more than chance.
+        begun_with: (3,) the same of the base model.
+    """
+
+    base: Fitted
+    fitted: Fitted
+    named: tuple[Named, ...]
+    rounds: tuple[tuple[Tried, ...], ...]
+    null: Null
+    left: FloatArray
+    open: bool
+    begun_with: FloatArray
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether what is named leaves more than chance and too much of what there was: it is not what is missing."""
+        if not self.open:
+            return False
+        before, after = np.maximum(self.begun_with - 1, 1e-9), np.maximum(self.left - 1, 0.0)
+        return len(self.named) > C.sure_names or bool(
+            (after / before)[self.begun_with > 1 + C.left].max(initial=0.0) > C.stays_open
+        )
+
+
+@dataclass(eq=False)
+class Search:
+    """A search at work."""
+
+    fitter: Fitter
+    base: Fitted
+    names: Sequence[str]
+    covariates: frozenset[str]
+    rng: np.random.Generator
+    heard: Callable[[str], None] = lambda _: None
+    null_sessions: int = C.null_sessions
+    _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def run(self) -> Found:
+        """From the base model to what is missing."""
+        self._folds = folds_of(self.base.blocks, self.rng)
+        known = dict(self.base.state.effects)
+        fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
+        starts: dict[str, Candidate] = {}
+        dropped: set[str] = set()
+        null: Null | None = None
+        gained = 0.0
+        while True:
+            found, now = self._columns(fit, null is None)
+            if null is None:
+                null = now
+            assert null is not None
+            tried = self._tried(fit, found, null)
+            rounds.append(tuple(tried))
+            good = [t for t in tried if t.good and t.gain > C.part * gained and t.name not in dropped]
+            if not good or len(named) >= C.most:
+                break
+            best = self._best(fit, good)
+            if best is None:
+                break
+            one, new, alike, rivals = best
+            gain = Score(self.score(new) - self.score(fit))
+            if gain.total < null.limit(one.name) or gain.total < C.part * gained:
+                dropped.add(one.name)
+                continue
+            gained += gain.total
+            fit = new
+            starts[one.name] = one.candidate
+            if one.name not in [n.name for n in named]:
+                p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (
+                    1 + len(null.laws)
+                )
+                named.append(Named(one.name, alike, gain.total, null.limit(one.name), p, rivals))
+            # What the new one has made needless goes.
+            for old in list(named[:-1]):
+                less = self._without(fit, old.name, known)
+                if Score(self.score(fit) - self.score(less)).total < null.limit(old.name):
+                    fit, named = less, [n for n in named if n is not old]
+                    dropped.add(old.name)
+        b = fit.blocks
+        own = left(b.chi[:, None], b.count, b.press)[0]
+        first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
+        return Found(
+            self.base, fit, tuple(named), tuple(rounds), null, own, bool(beyond(own, null.left).any()), first
+        )
+
+    # ------------------------------------------------------------------ a round
+
+    def _columns(self, fit: Fitted, first: bool) -> tuple[tuple[list[Candidate], Fitted], Null | None]:
+        """Candidates, the linearisation with their columns behind the model's, and null sessions of it if asked for."""
+        fitter, seen = self.fitter, fit.seen
+        f = fitter.forward
+        _, slope = f.noise.written(seen.values + seen.state.rest)
+        had = {
+            (n, None)
+            for n in seen.state.effects
+            if not any(x.index is not None and x.effect == n for x in fit.free)
+        }
+        had |= {(x.effect, x.index) for x in fit.free if x.index is not None}
+        had |= {
+            (n, None)
+            for n in seen.state.effects
+            if not any(s.alone is not None for s in starts_of(n, self.scene))
+        }
+        found = list(candidates(f, seen, self.scene, slope, self.names, had))
+        w = fitter.whitened(seen, fitter.columns(seen, fit.free), fitter.contributions(seen))
+        sd = np.exp(w.log_sd)
+        weight = np.where(w.seen, fitter.before.weights, 0.0) / sd
+        more = [c.columns * weight[..., None] for c in found]
+        wide = Whitened(
+            w.residual, np.concatenate([w.columns, *more], axis=2), w.press, w.signal, w.own, w.seen, w.log_sd
+        )
+        draws, laws = None, ()
+        if first:
+            self.heard("null sessions")
+            residuals = law_residuals(fitter, fit)
+            laws, draws = drawn_residuals(
+                residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions
+            )
+        linear = fitter.built(seen, fit.free, wide, draws=draws, rng=self.rng)
+        null = None
+        if first:
+            b = linear.blocks
+            gains: dict[str, FloatArray] = {}
+            for c, (_, each) in zip(
+                found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True
+            ):
+                own = each.sum(axis=0)
+                gains[c.name] = np.maximum(gains.get(c.name, own), own)
+            # What the base model's own fit takes up is taken up there, too.
+            n = len(linear.prior)
+            h = b.h[:, :n, :n]
+            c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
+            chi = (
+                b.drawn_chi
+                - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c)
+                + np.einsum("ns,pns->ps", c, h @ c)
+            )
+            null = Null(laws, gains, left(chi, b.count, b.press))
+        return (found, linear), null
+
+    def _gains(
+        self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
+    ) -> list[tuple[FloatArray, FloatArray]]:
+        """For each candidate its multiples (n, S), and what blocks gain (B, S)."""
+        n, h = len(linear.prior), linear.blocks.h
+        none = held_out(h[:, :n, :n], b[:, :n], linear.prior, pull, self._folds)
+        out, at = [], n
+        for c in found:
+            own = np.concatenate([np.arange(n), np.arange(at, at + c.columns.shape[2])])
+            at += c.columns.shape[2]
+            prior = np.concatenate([linear.prior, 1 / np.array(c.start.sigma) ** 2])
+            slope = np.concatenate([pull, np.zeros(len(own) - n)])
+            hh, bb = h[:, own][:, :, own], b[:, own]
+            with_it = held_out(hh, bb, prior, slope, self._folds)
+            best = np.linalg.solve(hh.sum(axis=0) + np.diag(prior), bb.sum(axis=0) - slope[:, None])
+            out.append((best[n:], with_it - none))
+        return out
+
+    def _tried(self, fit: Fitted, columns: tuple[list[Candidate], Fitted], null: Null) -> list[Tried]:
+        found, linear = columns
+        b = linear.blocks.b[:, :, None]
+        out: dict[str, Tried] = {}
+        del fit
+        for c, (best, each) in zip(found, self._gains(linear, found, b, linear.pull), strict=True):
+            s = Score(each[:, 0])
+            t = Tried(c.name, s.total, s.error, s.sure, null.limit(c.name), c, best[:, 0], s.shared)
+            if c.name not in out or t.gain > out[c.name].gain:
+                out[c.name] = t
+        return sorted(out.values(), key=lambda t: -t.gain)
+
+    def _best(
+        self, fit: Fitted, good: Sequence[Tried]
+    ) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
+        """Of the best few the one whose joint fit predicts best, and those that predict as well."""
+        order = sorted(good, key=lambda t: -t.shared)
+        few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
+        fits = [(t, self.with_one(fit, t)) for t in few]
+        scores = [self.score(x) for _, x in fits]
+        k = int(np.argmax([s.sum() for s in scores]))
+        first = fits[k][0]
+        alike = []
+        for (t, fit_), own in zip(fits, scores, strict=True):
+            behind = Score(scores[k] - own)
+            if t.name != first.name and behind.total < C.alike * max(behind.error, 1.0):
+                alike.append((t.name, fit_))
+        return first, fits[k][1], (first.name, *(n for n, _ in alike)), tuple(alike)
+
+    # ------------------------------------------------------------------ fits
+
+    def score(self, fit: Fitted) -> FloatArray:
+        """(B,) logarithm of the likelihood of each block by the fit of the others."""
+        b, n = fit.blocks, len(fit.prior)
+        return (
+            -0.5 * b.loss + held_out(b.h[:, :n, :n], b.b[:, :n, None], fit.prior, fit.pull, self._folds)[:, 0]
+        )
+
+    def with_one(self, fit: Fitted, tried: Tried) -> Fitted:
+        """The joint fit with one more."""
+        before = fit.state.effects.get(tried.name)
+        values = self._scaled(fit, tried, before)
+        effects = {**fit.state.effects, tried.name: values}
+        more = free_of(tried.name, values, tried.candidate.start, self.covariates)
+        had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
+        free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
+        at = replace(fit.state, effects=effects)
+        return self.fitter.solve(at, free, steps=C.joint_steps)
+
+    def _scaled(
+        self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None
+    ) -> dict[str, FloatArray]:
+        """Parameters that do what the multiples of a start's points do to first order: few equations are lines."""
+        f, c = self.fitter.forward, tried.candidate
+        wanted = c.columns @ tried.coefficients
+        _, slope = f.noise.written(fit.seen.values + fit.state.rest)
+        best: tuple[float, dict[str, FloatArray]] | None = None
+        for scale in _SCALES:
+            values = begun(tried.name, c.start, scale * tried.coefficients, before)
+            does = f.mean @ (
+                (f.with_effects(fit.seen, {**fit.state.effects, tried.name: values}) - fit.seen.values)
+                * slope
+            )
+            off = float(((does - wanted) ** 2).sum())
+            if best is None or off < best[0]:
+                best = off, values
+        assert best is not None
+        return best[1]
+
+    def _without(self, fit: Fitted, name: str, known: dict) -> Fitted:  # type: ignore[type-arg]
+        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in known}
+        free = tuple(f for f in fit.free if f.effect != name)
+        return self.fitter.solve(replace(fit.state, effects=effects), free, steps=C.joint_steps)
+
+    @property
+    def scene(self) -> Scene:
+        """The scale of the session."""
+        return scene_of(self.fitter, self.base)
+
+
+def scene_of(fitter: Fitter, base: Fitted) -> Scene:
+    """The scale of a session, by the base model's fit."""
+    s, seen = fitter.forward.samples, base.seen
+    on = s.touching
+    top = float(np.quantile(seen.values[on].max(axis=1), 0.95)) if on.any() else 1.0
+    load = float(np.quantile(seen.loads[on].max(axis=1), 0.95)) if on.any() else 1.0
+    span = float(s.elapsed_s.max(initial=0.0))
+    speed = s.speed_m_per_s
+    return Scene(
+        taxels=seen.values.shape[1],
+        poses=1 if s.pose is None else int(s.pose.max(initial=0)) + 1,
+        top_counts=max(top, 1e-9),
+        top_n=max(load, 1e-9),
+        force_n=float(np.median(s.contacts.force_n[on])) if on.any() else 1.0,
+        duration_s=max(span, 1.0),
+        speed_m_per_s=1e-3 if speed is None or not np.isfinite(speed).any() else float(np.nanmedian(speed)),
+    )

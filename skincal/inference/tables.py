@@ -1,0 +1,323 @@
+"""Loads of every press over its force, made once for a pose and looked up for every frame.
+
+Under a law of stress the loads of a press are functions of F / E alone, and smooth ones. So for each press the loads of
+all taxels are worked out at some values of F / E, and again with the contact moved a little on a lattice of six
+places: that gives the value and its slopes up to the second order in the move. A frame is then a look-up, and so are
+its slopes by force, by E and by the place.
+
+For spheres the loads are summed by a compiled loop (points sorted by the depth at which they are met, running sums of
+area and moment); other indenters take :class:`skincal.model.Skin`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from skincal.model import (
+    Contacts,
+    Indenter,
+    Patch,
+    Skin,
+    SkinParameters,
+    Sphere,
+    StressLaw,
+    Surface,
+    contact_rotations,
+)
+from skincal.model.arrays import FloatArray, IntArray
+
+NODES = 22
+"""Values of F / E in a table, even in the square root."""
+STEP_M = 2.5e-4
+"""How far the places of the lattice lie apart [m]."""
+_LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class PressTable:
+    """Loads over E [m³] of P presses.
+
+    Attributes:
+        terms: (6, P, K, J): value, slopes by the move across and along, second slopes (across², along², both).
+        most_m3: (P,) largest F / E of each press.
+    """
+
+    terms: FloatArray
+    most_m3: FloatArray
+
+    def at(self, row: IntArray, load_m3: FloatArray, move_m: FloatArray | None = None) -> FloatArray:
+        """Loads over E (M, J) of frames.
+
+        Args:
+            row: (M,) press of each frame.
+            load_m3: (M,) F / E.
+            move_m: (M, 2) how far the contact is from the table's place; None: not at all.
+        """
+        terms = self.terms if move_m is not None else self.terms[:1]
+        move = np.zeros((len(row), 2)) if move_m is None else move_m
+        return _look_up(terms, row, load_m3, self.most_m3, move)
+
+    def slopes(self, row: IntArray, load_m3: FloatArray, move_m: FloatArray | None) -> FloatArray:
+        """Slopes (2, M, J) of loads over E by the move across and along [m²]."""
+        move = np.zeros((len(row), 2)) if move_m is None else move_m
+        none = np.zeros_like(self.terms[0])
+        t = self.terms
+        across = np.stack([t[1], 2 * t[3], t[5], none, none, none])
+        along = np.stack([t[2], t[5], 2 * t[4], none, none, none])
+        return np.stack([_look_up(own, row, load_m3, self.most_m3, move) for own in (across, along)])
+
+
+@dataclass(frozen=True, eq=False)
+class Presses:
+    """P presses as they were measured: where, along which normal, with which indenter.
+
+    Attributes:
+        points_m: (P, 3).
+        normals: (P, 3).
+        indenter: (P,) which of the indenters.
+        most_n: (P,) largest force that a table must hold.
+    """
+
+    points_m: FloatArray
+    normals: FloatArray
+    indenter: IntArray
+    most_n: FloatArray
+
+    def of(self, rows: IntArray) -> Presses:
+        """Some of them."""
+        return Presses(self.points_m[rows], self.normals[rows], self.indenter[rows], self.most_n[rows])
+
+    def moved(self, surface: Surface, move_m: FloatArray) -> Presses:
+        """Presses whose contacts are moved over the surface (P, 2) across and along; normals turn with its own."""
+        old = surface.project(self.points_m)
+        new = surface.offset(old, move_m[:, 0], move_m[:, 1])
+        turned = self.normals + surface.normal_at(new) - surface.normal_at(old)
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        return replace(self, points_m=self.points_m + new - old, normals=turned)
+
+    def axes(self, surface: Surface) -> FloatArray:
+        """(P, 2, 3) unit vectors across and along at each contact."""
+        return np.swapaxes(contact_rotations(surface.normal_at(surface.project(self.points_m))), 1, 2)[:, :2]
+
+
+def press_table(
+    patch: Patch,
+    surface: Surface,
+    indenters: tuple[Indenter, ...],
+    presses: Presses,
+    elasticity_pa_per_m: float,
+    law: StressLaw | None = None,
+    weights: FloatArray | None = None,
+    *,
+    lattice: bool = True,
+) -> PressTable:
+    """Works out a table.
+
+    Args:
+        patch: tactile points.
+        surface: that carries them.
+        indenters: the things that press.
+        presses: where.
+        elasticity_pa_per_m: E, for the largest F / E.
+        law: how stress grows with penetration; None: in proportion.
+        weights: (N, J) how much of each point's load a taxel feels; None: what lies on it.
+        lattice: whether slopes by the place are wanted.
+    """
+    most = presses.most_n / elasticity_pa_per_m
+    places = _LATTICE if lattice else _LATTICE[:1]
+    stack = [
+        presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1)))
+        for p in places
+    ]
+    found = np.stack([_loads(patch, indenters, p, most, law, weights) for p in stack])
+    if not lattice:
+        return PressTable(found, most)
+    c, e, w, n, s, ne = found
+    h = STEP_M
+    terms = [
+        c,
+        (e - w) / (2 * h),
+        (n - s) / (2 * h),
+        (e + w - 2 * c) / (2 * h * h),
+        (n + s - 2 * c) / (2 * h * h),
+    ]
+    return PressTable(np.stack([*terms, (ne - e - n + c) / (h * h)]), most)
+
+
+def _loads(
+    patch: Patch,
+    indenters: tuple[Indenter, ...],
+    presses: Presses,
+    most: FloatArray,
+    law: StressLaw | None,
+    weights: FloatArray | None,
+) -> FloatArray:
+    share = (np.arange(NODES) / (NODES - 1)) ** 2
+    out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
+    power, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
+    own = np.zeros((0, 1)) if weights is None else np.ascontiguousarray(weights)
+    for number, indenter in enumerate(indenters):
+        rows = np.flatnonzero(presses.indenter == number)
+        if isinstance(indenter, Sphere):
+            centre = presses.points_m[rows] + indenter.radius_m * presses.normals[rows]
+            out[rows] = _balls(
+                patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own, centre, presses.normals[rows],
+                indenter.radius_m, most[rows], share, out.shape[2], power, reference,
+            )  # fmt: skip
+        elif len(rows):
+            k = np.repeat(rows, NODES)
+            force = (most[rows][:, None] * share).ravel()
+            contacts = Contacts(presses.points_m[k], presses.normals[k], force)
+            skin = Skin(patch, SkinParameters(1.0, 1.0), law=law)
+            found = (
+                skin.loads(indenter, contacts)
+                if weights is None
+                else skin.pressures(indenter, contacts).loads(weights)
+            )
+            out[rows] = found.reshape(len(rows), NODES, -1)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _balls(
+    points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference
+):
+    count, nodes = len(centres), len(share)
+    spread = weights.shape[0] > 0
+    out = np.zeros((count, nodes, taxels))
+    n = len(points)
+    gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
+    for c in range(count):
+        ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
+        if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
+            continue
+        # Points that a press as deep as this could meet: beyond, the gap is larger than any depth.
+        wide = (radius + 1e-4) ** 2 + 4 * radius * np.sqrt(most[c] / (np.pi * radius))
+        m, first = 0, np.inf
+        for i in range(n):
+            x, y, z = points[i, 0] - centres[c, 0], points[i, 1] - centres[c, 1], points[i, 2] - centres[c, 2]
+            away = x * x + y * y + z * z
+            if away > wide:
+                continue
+            along = x * ux + y * uy + z * uz
+            half = along * along - away + radius * radius
+            if half <= 0:
+                continue
+            w = areas[i] * (normals[i, 0] * ux + normals[i, 1] * uy + normals[i, 2] * uz)
+            if w <= 0:
+                continue
+            root = np.sqrt(half)
+            gap[m], area[m], face[m], which[m] = -along - root, w, root / radius, i
+            first = min(first, gap[m])
+            m += 1
+        if m == 0:
+            continue
+        reach = 2.0 * np.sqrt(most[c] / (np.pi * radius))
+        while True:
+            carried = 0.0
+            for i in range(m):
+                e = first + reach - gap[i]
+                if e > 0:
+                    carried += area[i] * (e if power == 1.0 else reference * (e / reference) ** power)
+            if carried >= most[c] or reach > 0.02:
+                break
+            reach *= 1.5
+        near = np.flatnonzero(gap[:m] < first + reach)
+        order = near[np.argsort(gap[:m][near])]
+        if power == 1.0:
+            heavy, moment = np.zeros(taxels), np.zeros(taxels)
+            total, lever, at = 0.0, 0.0, 0
+            for k in range(1, nodes):
+                load = most[c] * share[k]
+                while at < len(order) and (total == 0.0 or gap[order[at]] * total - lever < load):
+                    i = order[at]
+                    total += area[i]
+                    lever += area[i] * gap[i]
+                    f = area[i] * face[i]
+                    if spread:
+                        for j in range(taxels):
+                            heavy[j] += f * weights[which[i], j]
+                            moment[j] += f * gap[i] * weights[which[i], j]
+                    elif taxel[which[i]] >= 0:
+                        heavy[taxel[which[i]]] += f
+                        moment[taxel[which[i]]] += f * gap[i]
+                    at += 1
+                level = (load + lever) / total
+                for j in range(taxels):
+                    out[c, k, j] = max(level * heavy[j] - moment[j], 0.0)
+            continue
+        # Another law: loads at even depths, then brought to the nodes of F / E.
+        steps = 2 * nodes
+        carry, own = np.zeros(steps), np.zeros((steps, taxels))
+        for s in range(1, steps):
+            level = first + reach * s / (steps - 1)
+            for i in order:
+                e = level - gap[i]
+                if e <= 0:
+                    break
+                f = reference * (e / reference) ** power * area[i]
+                carry[s] += f
+                f *= face[i]
+                if spread:
+                    for j in range(taxels):
+                        own[s, j] += f * weights[which[i], j]
+                elif taxel[which[i]] >= 0:
+                    own[s, taxel[which[i]]] += f
+        root = np.sqrt(carry)
+        for k in range(1, nodes):
+            wanted = np.sqrt(most[c] * share[k])
+            s = min(max(np.searchsorted(root, wanted), 1), steps - 1)
+            t = (wanted - root[s - 1]) / max(root[s] - root[s - 1], 1e-300)
+            for j in range(taxels):
+                # The square root of a load is nearly a line over that of the force; below the first step a power.
+                low, high = np.sqrt(own[s - 1, j]), np.sqrt(own[s, j])
+                out[c, k, j] = (low + t * (high - low)) ** 2
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _look_up(terms, row, load, most, move):
+    """Cubic through four nodes of the square root; beyond the last a line."""
+    orders, nodes, taxels = terms.shape[0], terms.shape[2], terms.shape[3]
+    out = np.zeros((len(row), taxels))
+    w = np.empty(4)
+    for f in range(len(row)):
+        p = row[f]
+        if p < 0 or not load[f] > 0 or most[p] <= 0:
+            continue
+        u = np.sqrt(load[f] / most[p]) * (nodes - 1)
+        k = min(max(int(u) - 1, 0), nodes - 4)
+        t = u - k
+        if u > nodes - 1:
+            a = u - (nodes - 1)
+            w[0], w[1], w[2], w[3] = 0.0, 0.0, -a, 1.0 + a
+        else:
+            w[0] = -(t - 1) * (t - 2) * (t - 3) / 6
+            w[1] = t * (t - 2) * (t - 3) / 2
+            w[2] = -t * (t - 1) * (t - 3) / 2
+            w[3] = t * (t - 1) * (t - 2) / 6
+        a, b = move[f, 0], move[f, 1]
+        for o in range(orders):
+            g = (
+                1.0
+                if o == 0
+                else a
+                if o == 1
+                else b
+                if o == 2
+                else a * a
+                if o == 3
+                else b * b
+                if o == 4
+                else a * b
+            )
+            if g == 0.0:
+                continue
+            for q in range(4):
+                x = g * w[q]
+                for j in range(taxels):
+                    out[f, j] += x * terms[o, p, k + q, j]
+    return out

@@ -1,0 +1,132 @@
+"""Twins: this session under other contact laws, with nothing hidden, for the null.
+
+Where balls press a cylinder or a plane, the twins are elastic layers of three thicknesses
+(:mod:`skincal.inference.elastic_layer`), as stiff as the fitted foundation under even pressure; the thickest is nearly
+a half-space. For other shapes they are foundations whose stress grows as another power of the penetration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
+from skincal.inference.forward import Forward, State
+from skincal.inference.tables import NODES, Presses, PressTable, press_table
+from skincal.model import Cylinder, Patch, Plane, Sphere, StressLaw, Surface
+from skincal.model.arrays import FloatArray
+
+THICKNESSES_M = (1e-3, 3e-3, 10e-3)
+POWERS = (0.85, 1.2)
+_POISSON, _SPACING_M, _HALF_WIDTH_M, _FORCES, _TRIES, _ALIKE = 0.4, 0.25e-3, 6e-3, 12, 7, 0.02
+
+
+def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
+    """Levels (K, J) above rest of the session under each other law, by its name; what cannot be solved is left out."""
+    f, e = forward, float(np.exp(state.log_e))
+    plain = replace(state, effects={}, law=np.zeros(3))
+    skin = f.skin(plain)
+    presses = f._measured.moved(f.surface, state.move[:, :2])
+    things = f.samples.indenters
+    tables: dict[str, PressTable] = {}
+    if isinstance(f.surface, Cylinder | Plane) and all(isinstance(i, Sphere) for i in things):
+        for thick in THICKNESSES_M:
+            table = _layer_table(f, skin.skin.patch, f.surface, presses, e, thick)
+            if table is not None:
+                tables[f"layer {1e3 * thick:g} mm"] = table
+    if not tables:
+        for n in POWERS:
+            tables[f"power {n:g}"] = press_table(
+                skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), lattice=False
+            )
+    force = f._force(f.samples, plain)
+    return {name: skin.after(e * t.at(f.row, force / e), f.samples, {}) for name, t in tables.items()}
+
+
+def _layer_table(
+    forward: Forward, patch: Patch, surface: Surface, presses: Presses, e: float, thick: float
+) -> PressTable | None:
+    felt = np.flatnonzero(patch.taxel >= 0)
+    points, areas, taxel = patch.points_m[felt], patch.areas_m2[felt], patch.taxel[felt]
+    arc, along = _unrolled(points, surface)
+    owner = np.zeros((len(felt), patch.layout.taxels))
+    owner[np.arange(len(felt)), taxel] = areas
+    most = presses.most_n / e
+    out = np.zeros((1, len(most), NODES, patch.layout.taxels))
+    share = np.linspace(0.0, 1.0, NODES)
+    radius = surface.radius_m if isinstance(surface, Cylinder) else float("inf")
+    factor = 0.0
+    for number, ball in enumerate(forward.samples.indenters):
+        rows = np.flatnonzero((presses.indenter == number) & np.isfinite(presses.points_m).all(axis=1))
+        if not len(rows):
+            continue
+        assert isinstance(ball, Sphere)
+        press = Press(radius, ball.radius_m, _SPACING_M, min(_HALF_WIDTH_M, 0.98 * ball.radius_m))
+        top = float(presses.most_n[rows].max())
+        stiff = e * (factor or _alike(press, e, 0.4 * top, thick))
+        factor = factor or stiff / e
+        solved = _solved(
+            press, Layer.of_stiffness(stiff, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES)
+        )
+        if solved is None:
+            return None
+        forces, fields = solved
+        at_arc, at_along = _unrolled(surface.project(presses.points_m[rows]), surface)
+        loads = np.zeros((len(rows), len(forces) + 1, owner.shape[1]))
+        for k, field in enumerate(fields):
+            spot = field.felt_at(arc[None] - at_arc[:, None], along[None] - at_along[:, None])
+            loads[:, k + 1] = spot @ owner
+        curve = PchipInterpolator(np.sqrt(np.append(0.0, forces)), loads, axis=1)
+        for i, p in enumerate(rows.tolist()):
+            own = PchipInterpolator(curve.x, loads[i], axis=0) if len(rows) > 1 else curve
+            asked = np.minimum(share * np.sqrt(presses.most_n[p]), curve.x[-1])
+            out[0, p] = (own(asked) if len(rows) > 1 else own(asked)[0]) / e
+    return PressTable(out, most)
+
+
+def _alike(press: Press, e: float, force_n: float, thick: float) -> float:
+    """How many times as stiff as the foundation a layer is whose press spreads as far."""
+
+    def width(felt: FloatArray) -> float:
+        square = press.axis_m**2
+        return float(np.sqrt((felt.sum(axis=1) @ square + felt.sum(axis=0) @ square) / felt.sum()))
+
+    wanted = width(press.foundation_pa(e, force_n))
+    low, high, factor = 0.05, 20.0, 1.0
+    for _ in range(_TRIES):
+        try:
+            wide = width(
+                press.fields(Layer.of_stiffness(factor * e, thick, _POISSON), np.array([force_n]))[0].felt_pa
+            )
+        except SmallContactError:
+            wide = 0.0
+        except ContactError:
+            wide = np.inf
+        low, high = (factor, high) if wide > wanted else (low, factor)
+        if abs(wide / wanted - 1) < _ALIKE:
+            break
+        factor = float(np.sqrt(low * high))
+    return factor
+
+
+def _solved(press: Press, layer: Layer, forces: FloatArray):
+    for _ in range(_TRIES):
+        try:
+            return forces, press.fields(layer, forces)
+        except SmallContactError:
+            # At the smallest forces there is no cell in contact but one: the curve begins at a larger one.
+            forces = forces[1:]
+            if len(forces) < 5:
+                layer = Layer.of_stiffness(0.5 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
+        except ContactError:
+            # The ball sinks in beyond the grid: a layer twice as stiff is a twin, too.
+            layer = Layer.of_stiffness(2.0 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
+    return None
+
+
+def _unrolled(points_m: FloatArray, surface: Surface) -> tuple[FloatArray, FloatArray]:
+    if isinstance(surface, Cylinder):
+        return surface.radius_m * np.arctan2(points_m[:, 0], points_m[:, 2]), points_m[:, 1]
+    return points_m[:, 0], points_m[:, 1]

@@ -1,0 +1,146 @@
+"""The pictures of a diagnosis: gap, counts over time, where, and what was tried."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from skincal.report.style import BLACK, BLUE, GREEN, GREY, LIGHT, ORANGE, SEQUENTIAL, new_figure, style
+from skincal.report.taxel_map import draw_taxels
+
+if TYPE_CHECKING:
+    from skincal.dataset import Dataset
+    from skincal.diagnose.diagnosis import Diagnosis
+
+_SHOWN, _LEAST = 4, 0.3
+
+
+def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+    """Error before, after and of the noise, of every press that was kept for the end."""
+    sums = found.gap.errors
+    rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
+    with style():
+        figure = new_figure(11, 3.6, f"Error on {len(sums)} presses that neither fit nor choice has seen")
+        axes = figure.subplots()
+        order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
+        place = np.arange(len(rms))
+        axes.plot(place, rms[order, 0], "o", color=ORANGE, label="base model")
+        if found.effects:
+            axes.plot(place, rms[order, 1], "o", color=BLUE, label="with what was named")
+        axes.plot(place, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
+        names = [str(dataset.presses.press[p]) for p in found.gap.presses[: len(rms)]]
+        axes.set_xticks(place, [names[k] for k in order] if len(names) == len(rms) else [])
+        axes.set_xlabel("press")
+        axes.set_ylabel("rms a taxel [counts]")
+        axes.set_ylim(bottom=0)
+        axes.legend()
+    return figure
+
+
+def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+    """Counts over time, measured and simulated, of the presses whose base model errs most, on their strongest taxel."""
+    observed = found.observed
+    session, forward = observed.session, observed.fitter.forward
+    base, last = found.found.base, found.found.fitted
+    assert session.counts is not None
+    shown = [forward.mean @ forward.noise.written(x.seen.values + x.state.rest)[0] for x in (base, last)]
+    off = np.nan_to_num(session.counts - shown[0]) ** 2
+    presses = [p for p in np.unique(session.press[session.press >= 0]).tolist() if not observed.held[p]]
+    worst = sorted(presses, key=lambda p: -float(off[session.press == p].sum()))[:_SHOWN]
+    own = np.flatnonzero(session.observation >= 0)
+    time = np.zeros(len(session))
+    time[session.observation[own]] = session.samples.elapsed_s[own]
+    with style():
+        figure = new_figure(
+            13, 3.2, "Counts over time, measured and simulated, where the base model errs most"
+        )
+        for axes, p in zip(
+            np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False
+        ):
+            rows = np.flatnonzero(session.press == p)
+            j = int(np.argmax(off[rows].sum(axis=0)))
+            x = time[rows] - time[rows[0]] if session.has_frames else np.arange(len(rows))
+            axes.plot(x, session.counts[rows, j], ".", color=BLACK, markersize=4, label="measured")
+            axes.plot(x, shown[0][rows, j], color=ORANGE, label="base model")
+            if found.effects:
+                axes.plot(x, shown[1][rows, j], color=BLUE, label="with what was named")
+            row, col = divmod(j, dataset.layout().cols)
+            axes.set_title(f"press {dataset.presses.press[p]}, taxel_{row}_{col}")
+            axes.set_xlabel("time [s]")
+        figure.axes[0].set_ylabel("counts")
+        figure.axes[0].legend()
+    return figure
+
+
+def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+    """Root mean square residual of each taxel over the noise, and parts of the session with more than their share."""
+    fitter = found.observed.fitter
+    from skincal.inference.start import raw_residual
+
+    models = [("base model", found.found.base)] + (
+        [("with what was named", found.found.fitted)] if found.effects else []
+    )
+    with style():
+        figure = new_figure(12, 3.8)
+        panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
+        maps = []
+        for _, fit in models:
+            residual = np.where(np.isfinite(fitter.counts), raw_residual(fitter, fit.state), np.nan)
+            maps.append(np.sqrt(np.nanmean(residual**2, axis=0)))
+        norm = Normalize(0, max(float(np.nanmax(maps[0])), 1.5))
+        for axes, (title, _), values in zip(panels, models, maps, strict=False):
+            draw_taxels(axes, dataset.layout(), np.arange(len(values)), values, norm, SEQUENTIAL)
+            axes.set_title(f"{title}: residual over noise")
+        if len(models) < 2:
+            panels[1].set_axis_off()
+        parts = found.depends[::-1]
+        panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=BLUE)
+        panels[2].axvline(1.0, color=BLACK, linewidth=1)
+        panels[2].set_xlabel("share of the excess over share of the values")
+    return figure
+
+
+def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+    """Gain of every candidate with its standard error, against the limit that null sessions set."""
+    del dataset
+    rounds = [r for r in found.found.rounds if r]
+    with style():
+        figure = new_figure(10, 1.0 + sum(0.24 * len(r) + 0.5 for r in rounds))
+        panels = np.ravel(
+            figure.subplots(
+                max(len(rounds), 1),
+                1,
+                sharex=True,
+                squeeze=False,
+                height_ratios=[len(r) for r in rounds] or [1],
+            )
+        )
+        for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
+            names = {n for e in found.effects for n in e.consistent_with}
+            firsts = {e.name for e in found.effects}
+            for k, t in enumerate(tried):
+                colour = BLUE if t.name in firsts else GREEN if t.name in names else GREY
+                axes.barh(k, max(t.limit, _LEAST), color=LIGHT, height=0.8)
+                gain = max(t.gain, _LEAST)
+                axes.errorbar(
+                    gain,
+                    k,
+                    xerr=[[min(t.error, 0.95 * gain)], [t.error]],
+                    fmt="o",
+                    color=colour,
+                    markersize=5,
+                )
+            axes.set_yticks(np.arange(len(tried)), [t.name for t in tried])
+            axes.invert_yaxis()
+            axes.set_title(
+                "beside the base model"
+                if number == 0
+                else f"beside what was added in {number} round{'s' if number > 1 else ''}"
+            )
+        panels[0].set_xscale("log")
+        panels[0].set_xlim(left=_LEAST)
+        panels[-1].set_xlabel("gain on presses not fitted to [nats]; grey: reached with nothing hidden")
+    return figure

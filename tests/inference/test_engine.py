@@ -1,0 +1,51 @@
+"""What the engine says of made sessions: names, silence where nothing is hidden, and invariants of all its answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from inference.made import KINDS, found
+from report.diagnosis_cases import TRUTH
+
+QUIET = [kind for kind in KINDS if kind.startswith("nothing")]
+NAMED = [kind for kind in KINDS if kind not in (*QUIET, "wiring")]
+
+
+@pytest.mark.parametrize("kind", QUIET)
+def test_nothing_is_named_where_nothing_is_hidden(kind: str):
+    assert (found(kind).verdict, found(kind).effects) == ("none", ())
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_what_is_hidden_is_named(kind: str):
+    (one,) = found(kind).effects
+    assert kind in one.consistent_with
+    assert one.gain > 8 and one.p_value < 0.05
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_the_sensor_stays_within_its_interval_after_an_effect_was_added(kind: str):
+    new = found(kind).calibration
+    for name, true in TRUTH.best().items():
+        low, high = new.intervals[name]
+        # A little beyond the interval is one in twenty.
+        assert low - 0.5 * (high - low) <= true <= high + 0.5 * (high - low), name
+
+
+def test_a_fault_of_the_wiring_has_no_name():
+    assert found("wiring").verdict == "unknown"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_gap_is_no_contradiction(kind: str):
+    gap = found(kind).gap
+    assert gap.floor <= min(gap.before, gap.after) * (1 + 1e-9)
+    assert not np.isfinite(gap.closed) or gap.closed <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("kind", ["hysteresis", "creep"])
+def test_intervals_of_an_effect_hold_what_was_hidden(kind: str):
+    (one,) = found(kind).effects
+    for name, true in KINDS[kind]["effects"][kind].items():  # type: ignore[index]
+        low, high = (float(x) for x in one.intervals[name])
+        assert low - 0.5 * (high - low) <= true <= high + 0.5 * (high - low), name

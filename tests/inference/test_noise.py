@@ -1,0 +1,52 @@
+"""Noise, rounding and clipping as the engine takes them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skincal.inference.noise import Noise, noise_of, sigma_before_rounding, step_of
+
+
+def frames(
+    sigma: float, step: float, rest: float, grows: float, low: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    level = np.repeat(rng.uniform(0, 120, (60, 16)) * (rng.uniform(size=(60, 16)) < 0.5), 25, axis=0)
+    noisy = level + rest + np.hypot(sigma, grows * level) * rng.standard_normal(level.shape)
+    return np.clip(step * np.rint(noisy / step), low, 255 + rest), np.repeat(np.arange(60), 25)
+
+
+@pytest.mark.parametrize("step", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("rest", [0.0, 25.0])
+def test_the_noise_before_rounding_is_found(step: float, rest: float):
+    counts, hold = frames(1.0, step, rest, 0.0)
+    found = noise_of(
+        counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0 + rest, integer=True
+    )
+    assert found.step == step and found.grows == 0.0
+    assert found.frame == pytest.approx(1.0, abs=0.1 * step)
+
+
+def test_noise_that_grows_is_told_from_noise_that_does_not():
+    counts, hold = frames(1.0, 1.0, 40.0, 0.03)
+    found = noise_of(counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 295.0, integer=True)
+    assert found.grows == pytest.approx(0.03, rel=0.2)
+    assert found.frame == pytest.approx(1.0, rel=0.2)
+
+
+def test_a_clipped_level_reads_what_its_frames_do_on_average():
+    rng = np.random.default_rng(2)
+    noise = Noise(np.ones(3), 0.0, 1.0, 0.0, 255.0)
+    level = np.array([0.0, 1.5, 30.0])
+    counts = np.clip(np.rint(level + rng.standard_normal((200_000, 3))), 0, 255)
+    mean, slope = noise.written(level[None])
+    assert mean[0] == pytest.approx(counts.mean(axis=0), abs=0.01)
+    assert 0.4 < slope[0, 0] < 0.6 and slope[0, 2] == pytest.approx(1.0, abs=1e-6)
+    assert noise.variance(level[None], 0.0, np.ones(1))[0] == pytest.approx(counts.var(axis=0), rel=0.03)
+
+
+def test_steps_and_their_share_of_the_scatter():
+    assert step_of(np.array([[8.0, 16.0, 40.0]])) == 8.0
+    assert step_of(np.random.default_rng(0).normal(size=(50, 2))) == 0.0
+    assert sigma_before_rounding(1.0 + 1 / 12, 1.0) == pytest.approx(1.0, rel=1e-3)

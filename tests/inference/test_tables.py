@@ -1,0 +1,50 @@
+"""Tables of loads against the model itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effects.effect_sessions import FINGER, LAYOUT
+
+from skincal.inference.tables import Presses, press_table
+from skincal.model import Contacts, FlatPunch, Patch, SensorPose, Skin, SkinParameters, Sphere, StressLaw
+
+PATCH = Patch.build(
+    FINGER, LAYOUT, SensorPose(y_m=0.0235, alpha_rad=0.05, beta_rad=0.02), 3.5e-4, 6e-3, "gauss"
+)
+E = 4e8
+
+
+def presses() -> Presses:
+    rng = np.random.default_rng(0)
+    points = FINGER.offset(
+        np.tile(FINGER.wrap(SensorPose(y_m=0.0235, alpha_rad=0.0), np.zeros((1, 2)))[0], (12, 1)),
+        *rng.uniform(-5e-3, 5e-3, (2, 12)),
+    )
+    return Presses(points, FINGER.normal_at(points), np.zeros(12, dtype=np.int64), np.full(12, 5.0))
+
+
+@pytest.mark.parametrize("law", [None, StressLaw(1.2, 5e-4)])
+@pytest.mark.parametrize("thing", [Sphere(0.006), FlatPunch(0.004)])
+def test_a_table_is_the_model(law: StressLaw | None, thing: object):
+    given, rng = presses(), np.random.default_rng(1)
+    table = press_table(PATCH, FINGER, (thing,), given, E, law)  # type: ignore[arg-type]
+    force = rng.uniform(0.05, 4.5, 12)
+    skin = Skin(PATCH, SkinParameters(E, 1.0), law=law)
+    want = skin.loads(thing, Contacts(given.points_m, given.normals, force))  # type: ignore[arg-type]
+    got = E * table.at(np.arange(12), force / E)
+    assert np.abs(got - want).max() < 0.01 * want.max()
+
+
+def test_a_small_move_is_in_the_table():
+    given = presses()
+    table = press_table(PATCH, FINGER, (Sphere(0.006),), given, E)
+    move = np.random.default_rng(2).uniform(-1.2e-4, 1.2e-4, (12, 2))
+    there = given.moved(FINGER, move)
+    force = np.full(12, 2.0)
+    want = Skin(PATCH, SkinParameters(E, 1.0)).loads(
+        Sphere(0.006), Contacts(there.points_m, there.normals, force)
+    )
+    assert np.abs(E * table.at(np.arange(12), force / E, move) - want).max() < 0.005 * want.max()
+    none = E * table.at(np.arange(12), force / E)
+    assert np.abs(none - want).max() > 0.02 * want.max()
