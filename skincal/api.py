@@ -95,7 +95,6 @@ def diagnose(
     calibration: Calibration,
     *,
     seed: int = 0,
-    workers: int | None = None,
     progress: bool = False,
 ) -> Diagnosis:
     """Find what a calibrated simulation lacks against a dataset, as ``skincal diagnose`` does.
@@ -104,7 +103,6 @@ def diagnose(
         dataset: the session.
         calibration: of the same sensor.
         seed: of all randomness.
-        workers: processes; None for one a core.
         progress: whether each stage is printed.
 
     Returns:
@@ -120,7 +118,7 @@ def diagnose(
         if progress:
             print(stage, flush=True)
 
-    return run(dataset, calibration, seed=seed, heard=announce, workers=workers)
+    return run(dataset, calibration, seed=seed, heard=announce)
 
 
 def export_ranges(

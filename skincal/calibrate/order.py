@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from skincal.calibrate.problem import fit_problem, search_box
+from skincal.calibrate.way import choose_way
 from skincal.calibration import Calibration, Finding
-from skincal.fit.wiring import TaxelOrder
+from skincal.dataset import Dataset
+from skincal.dataset.uniform import uniform_pressure
+from skincal.errors import WorkError
+from skincal.fit.options import FitOptions
+from skincal.fit.wiring import TaxelOrder, order_of_problem
 from skincal.model import TaxelLayout
 
 MOST_NAMED = 8
@@ -44,6 +50,21 @@ def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
         "calibration: no interval is given.",
         order.mapping,
     )
+
+
+def find_taxel_order(dataset: Dataset) -> Finding | None:
+    """The finding ``taxel_order`` of a dataset whose images another order of its taxels explains; else None.
+
+    Uniform pressure says nothing of the order, and neither do presses that no fit can use.
+    """
+    if uniform_pressure(dataset):
+        return None
+    try:
+        problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
+        order = order_of_problem(problem, search_box(dataset))
+    except WorkError:
+        return None
+    return None if order is None else order_finding(order, dataset.layout())
 
 
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:

@@ -116,8 +116,12 @@ class Finding:
     mapping: str = ""
 
     def plain(self) -> dict[str, str]:
-        """As JSON and TOML have it; a mapping only where there is one."""
+        """As TOML has it; a mapping only where there is one."""
         return {key: value for key, value in vars(self).items() if value or key != "mapping"}
+
+    def as_json(self) -> dict[str, str]:
+        """As other programs read it: what is mere information is a ``note``."""
+        return self.plain() | {"severity": "note" if self.severity == "info" else "warning"}
 
 
 @dataclass(frozen=True)

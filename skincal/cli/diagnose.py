@@ -43,6 +43,10 @@ def diagnose(
     out: OutOption,
     thorough: Annotated[bool, typer.Option("--thorough", help="Five times as many null sessions.")] = False,
     seed: SeedOption = 0,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, hidden=True, help="Of no effect: one process is enough.")
+    ] = None,
+    cache: Annotated[bool, typer.Option(hidden=True, help="Of no effect: nothing takes long enough.")] = True,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -53,6 +57,7 @@ def diagnose(
     (something is missing that none of the known effects explains). NEWCAL is a calibration like any other; CAL stays as
     it is.
     """
+    del workers, cache  # commands that were written for earlier versions still work
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
     from skincal.dataset import read_dataset

@@ -344,7 +344,7 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
         "rest_counts": calibration.model.rest_counts,
         "rest_interval_counts": calibration.intervals.get("rest_counts"),
         "draws": _draws(calibration),
-        "findings": [finding.plain() for finding in calibration.findings],
+        "findings": [finding.as_json() for finding in calibration.findings],
         "effects": [effect.name for effect in calibration.effects],
         "calibration": str(out),
     }

@@ -40,7 +40,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "gap": numbers,
         "candidates": _candidates(d),
         "depends": [vars(s) for s in d.depends],
-        "findings": [vars(f) for f in d.findings],
+        "findings": [f.as_json() for f in d.findings],
         "noise": vars(d.floor),
         "noise_frame_counts": d.floor.frame_counts,
         "null_sessions": len(d.found.null.laws),

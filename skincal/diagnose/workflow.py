@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skincal.calibrate.order import find_taxel_order
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
@@ -64,9 +65,12 @@ def diagnose(
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)
     # What is left is more than chance, or presses that nobody has fitted are further off: no name is sure.
-    taken_back = tuple(n.name for n in found.named) if named and (gap.refutes or found.doubtful) else ()
-    verdict = "unknown" if taken_back or (not named and found.open) else "effects" if named else "none"
-    unexplained = found.open and verdict != "none"
+    order = find_taxel_order(dataset)
+    doubt = gap.refutes or found.doubtful or order is not None
+    taken_back = tuple(n.name for n in found.named) if named and doubt else ()
+    unexplained = (not named and found.open) or order is not None
+    verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"
+    unexplained = (found.open or order is not None) and verdict != "none"
     effects = _named(found, observed) if verdict == "effects" else ()
     heard("calibration")
     final = calibration
@@ -80,6 +84,8 @@ def diagnose(
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
     findings = findings_of(observed, calibration, shown, effects, gap)
+    if order is not None:
+        findings = (order, *findings)
     heard("next presses")
     rivals = (
         [(n.name, found.fitted, other, fit) for n in found.named for other, fit in n.rivals]
