@@ -323,7 +323,7 @@ def _reduced(
 
     The residuals of a press are those of its image, and its slack and force error over their sigmas.
     """
-    count, taxels = state.residual[rows].shape
+    count, taxels = len(rows), int(state.residual.shape[1])
     macro, own = state.macro_slope[rows], state.nuisance_slope[rows]
     prior = 1.0 / sigmas[[0, 0, 1]]
     a = np.zeros((count, taxels + 3, 5 + (len(problem.shared.theta) if shared else 0)))
