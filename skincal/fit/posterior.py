@@ -329,8 +329,9 @@ def _reduced(
     a = np.zeros((count, taxels + 3, 5 + (len(problem.shared.theta) if shared else 0)))
     a[:, :taxels, :5] = macro
     if shared:
-        j, basis = np.arange(taxels), problem.shared.basis
-        m = basis.shape[1]
+        j: Ints = np.arange(taxels, dtype=np.intp)
+        basis = problem.shared.basis
+        m = int(basis.shape[1])
         a[:, j, 5 + j] = macro[:, :, 4]
         a[:, j, 5 + taxels + j] = state.level_slope[rows]
         for d in range(2):
