@@ -323,14 +323,15 @@ def _reduced(
 
     The residuals of a press are those of its image, and its slack and force error over their sigmas.
     """
-    count, taxels = state.residual[rows].shape
+    count, taxels = len(rows), int(state.residual.shape[1])
     macro, own = state.macro_slope[rows], state.nuisance_slope[rows]
     prior = 1.0 / sigmas[[0, 0, 1]]
     a = np.zeros((count, taxels + 3, 5 + (len(problem.shared.theta) if shared else 0)))
     a[:, :taxels, :5] = macro
     if shared:
-        j, basis = np.arange(taxels), problem.shared.basis
-        m = basis.shape[1]
+        j: Ints = np.arange(taxels, dtype=np.intp)
+        basis = problem.shared.basis
+        m = int(basis.shape[1])
         a[:, j, 5 + j] = macro[:, :, 4]
         a[:, j, 5 + taxels + j] = state.level_slope[rows]
         for d in range(2):

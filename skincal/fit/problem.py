@@ -278,6 +278,8 @@ def active_threshold(seen: Observed, readout: Readout, *, untouched: bool = True
     low, high = readout.value_min, readout.value_max
     span = np.inf if low is None or high is None else ACTIVE_COUNTS / 255.0 * (high - low)
     noise = seen.rest_sigma_counts if untouched and np.isfinite(seen.rest_sigma_counts) else 0.0
+    if not untouched and np.isfinite(span):
+        return span  # nothing shows the noise, and a part of the largest value may be all noise
     return max(5.0 * noise, min(span, 0.04 * largest), np.finfo(float).tiny)
 
 
