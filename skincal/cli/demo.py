@@ -19,6 +19,7 @@ import typer
 
 from skincal.cli.common import example
 from skincal.errors import InputError, Problem
+from skincal.files.manifest import strangers, write_manifest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,7 +29,6 @@ EPILOG = example("skincal demo --out demo")
 SEED = "7"
 HIDDEN = "hysteresis=1"
 POLICY = "marble-tactile-1"
-MARKER = ".skincal-demo"
 
 UNITS = {
     "y_m": ("y", 1e3, "mm"),
@@ -48,14 +48,31 @@ def demo(
 
     Takes some minutes. Needs `skincal[policy]` for the last step; without it, the rest is shown.
     """
-    if out.exists() and not (out / MARKER).is_file():
-        fix = "Give another --out."
-        raise InputError(
-            [Problem(f"--out {out}", "no folder, or an earlier demonstration", "something else", fix)]
-        )
-    shutil.rmtree(out, ignore_errors=True)
+    _make_room(out)
+    try:
+        _show(out)
+    finally:
+        write_manifest(out)
+
+
+def _make_room(out: Path) -> None:
+    """Remove an earlier demonstration, and nothing else.
+
+    Raises:
+        InputError: there is something else.
+    """
+    if out.exists():
+        others = strangers(out) if out.is_dir() else [out.name]
+        if others:
+            got = ", ".join(others[:5]) + (" and more" if len(others) > 5 else "")
+            raise InputError(
+                [Problem(f"--out {out}", "no folder, or an earlier demonstration", got, "Give another.")]
+            )
+        shutil.rmtree(out)
     out.mkdir(parents=True)
-    (out / MARKER).touch()
+
+
+def _show(out: Path) -> None:
     began = time.monotonic()
     run, cal, truth = (str(out / name) for name in ("run", "cal", "truth.json"))
     collect = ("collect", "--driver", "sim", "--seed", SEED, "--protocol", "paper")
