@@ -98,8 +98,10 @@ def deploy(
     from skincal.train import policy_path, read_policy
 
     find_modules_here(driver)
-    refuse_existing(out, force=force, marker=MARKER)
-    chosen = read_policy(policy_path(policy))
+    file = Path(policy_path(policy))
+    inputs = [one for one in (file, pinch, Path(trajectory)) if one is not None and one.exists()]
+    refuse_existing(out, *inputs, force=force, marker=MARKER)
+    chosen = read_policy(file)
     _check_task(chosen.description.task, task, policy)
     targets = _targets(task, trajectory, write, frequency_hz, duration_s)
     made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))

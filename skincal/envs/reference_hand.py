@@ -142,7 +142,7 @@ class ReferenceHand(HandDriver):
         self._scene, self._time_s, self._touched_s = scene, 0.0, 0.0
         if self._truth_path is not None:
             text = json.dumps({"format": TRUTH_FORMAT, "seed": self._seed, "values": self.truth}, indent=1)
-            with whole_file(self._truth_path, force=True) as file:
+            with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
                 file.write_text(text + "\n", encoding="utf-8")
 
     def _object(self) -> Body:
