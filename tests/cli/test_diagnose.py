@@ -94,9 +94,7 @@ def _is_a_calibration_like_any_other(folder: Path, data: Path, cal: Path) -> Non
     assert read_calibration(folder / "again").effects[0].name == "hysteresis"
 
 
-def test_nothing_hidden(
-    cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_nothing_hidden(cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_dataset(session(), tmp_path / "run")
     assert run("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report") == 0
     out, err = capsys.readouterr()
@@ -109,9 +107,7 @@ def test_nothing_hidden(
     assert read_calibration(tmp_path / "new").model == read_calibration(cal).model
 
 
-def test_static_presses_say_what_they_lack(
-    cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_static_presses_say_what_they_lack(cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_dataset(without_frames(session()), tmp_path / "run")
     arguments = ("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report", "--json")
     assert run(*arguments) == 0
@@ -154,9 +150,7 @@ def test_other_sensor_and_too_few_presses(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_pressure_chamber_goes_the_whole_way(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,), noisy=(9,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
