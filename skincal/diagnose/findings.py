@@ -106,12 +106,12 @@ def _forces(observed: Observed, fit: Fitted) -> Iterator[Finding]:
 def _taxels(observed: Observed, effects: Sequence[NamedEffect], fit: Fitted) -> Iterator[Finding]:
     layout = observed.dataset.layout()
     if observed.never.any():
-        names = ", ".join(taxel_name(layout, t) for t in np.flatnonzero(observed.never))
+        names = ", ".join(taxel_name(layout, int(t)) for t in np.flatnonzero(observed.never))
         yield Finding("never_read", "warning", f"{names}: never read (NaN throughout); left out", "")
     noise = observed.fitter.forward.noise
     noisy = np.flatnonzero(noise.sigma > 1.01 * noise.frame)
     if len(noisy):
-        names = ", ".join(f"{taxel_name(layout, t)} ({noise.sigma[t]:.1f})" for t in noisy[:6])
+        names = ", ".join(f"{taxel_name(layout, int(t))} ({noise.sigma[t]:.1f})" for t in noisy[:6])
         text = (
             f"{names}: a frame scatters by so many counts, those of other taxels by "
             f"{noise.frame:.1f}; they have less say for it"

@@ -22,8 +22,9 @@ from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of, rest_level, step_of
 from skincal.inference.session import Binning, GapSession
-from skincal.model import Cylinder, Plane, TaxelLayout
+from skincal.model import Cylinder, Plane, Surface, TaxelLayout
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.patch import Rule
 from skincal.model.rest import rest_from_presses
 
 FEWEST_PRESSES = 12
@@ -100,7 +101,7 @@ def _with_counts(fitter: Fitter, counts: FloatArray) -> Fitter:
     return Fitter(fitter.forward, counts, fitter.before)
 
 
-def resolution_of(layout: TaxelLayout, surface: object) -> tuple[float, str]:
+def resolution_of(layout: TaxelLayout, surface: Surface) -> tuple[float, Rule]:
     """Longest edge of a cell of the patch [m], and where a point lies in it."""
     across, along = np.diff(layout.bounds_m, axis=0).ravel().tolist()
     fewest = (across * along / _CELLS) ** 0.5
@@ -110,7 +111,7 @@ def resolution_of(layout: TaxelLayout, surface: object) -> tuple[float, str]:
 
 def forward_of(
     session: GapSession,
-    dataset_surface: object,
+    surface: Surface,
     layout: TaxelLayout,
     noise: Noise,
     *,
@@ -118,10 +119,10 @@ def forward_of(
     margin_m: float = 6e-3,
 ) -> Forward:
     """The model of a session."""
-    resolution, rule = resolution_of(layout, dataset_surface)
+    resolution, rule = resolution_of(layout, surface)
     return Forward(
         session,
-        dataset_surface,
+        surface,
         layout,
         noise,
         clipped=clipped,
@@ -173,7 +174,7 @@ def observe(
     held = _held(session, pressed, rng) if keep else np.zeros(session.presses, dtype=np.bool_)
     shown = np.where(((session.press >= 0) & held[np.maximum(session.press, 0)])[:, None], np.nan, counts)
     covariates = frozenset(c for c in COVARIATES if session.samples.has(c))
-    never = ~np.isfinite(counts).any(axis=0)
+    never = np.asarray(~np.isfinite(counts).any(axis=0))
     return Observed(
         dataset, session, Fitter(forward, shown, before), held, floor, covariates, pose_names(dataset), never
     )

@@ -37,8 +37,9 @@ class Saturation(SignalEffect):
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         """See :meth:`Effect.starts`."""
-        k = 0.7 / scene.top_counts
-        return tuple(start({"inverse_ceiling_per_count": k, "sharpness": p}) for p in (1.5, 3.0, 10.0))
+        forms = ((0.5, 1.5), (0.8, 3.0), (1.1, 10.0))
+        top = scene.top_counts
+        return tuple(start({"inverse_ceiling_per_count": k / top, "sharpness": p}) for k, p in forms)
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""

@@ -146,11 +146,8 @@ def blocks(
     for k, p in enumerate(owner.tolist()):
         part = slice(begin[k], begin[k + 1])
         c, e = columns[part].reshape(size[k] * taxels, n), residual[part].ravel()
-        all_ = (
-            np.concatenate([c, e[:, None]], axis=1)
-            if sessions == 0
-            else np.concatenate([c, e[:, None], look[part].reshape(len(e), -1)], axis=1)
-        )  # type: ignore[index]
+        own_draws = np.zeros((len(e), 0)) if look is None else look[part].reshape(len(e), -1)
+        all_ = np.concatenate([c, e[:, None], own_draws], axis=1)
         cross = c.T @ all_
         squares = np.einsum("rs,rs->s", all_[:, n:], all_[:, n:])
         if p >= 0:

@@ -22,7 +22,7 @@ class Constants:
     folds: int = 6  # T  parts of the presses that are held out in turn
     clip: float = 3.0  # T  no press counts for more in the standard error of a gain
     sure: float = 2.7  # T  standard errors by which a gain must be there
-    null_sessions: int = 96  # T  simulated sessions with nothing hidden
+    null_sessions: int = 120  # T  simulated sessions with nothing hidden
     null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
     slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
     twin_steps: int = 3  # T  of the base model's fit to another contact law

@@ -94,6 +94,18 @@ class Seen:
     at: FloatArray
 
 
+class Means:
+    """From samples to observations: ``means @ values`` is (N, ...) of (K, ...)."""
+
+    def __init__(self, parts: csr_array) -> None:
+        """Take the part (N, K) that each sample has in each observation."""
+        self._parts = parts
+
+    def __matmul__(self, values: FloatArray) -> FloatArray:
+        """Means over the samples of each observation."""
+        return np.asarray(self._parts @ values, dtype=np.float64)
+
+
 class Forward:
     """The model of one session. Tables that are still right are kept from one state to the next."""
 
@@ -129,7 +141,7 @@ class Forward:
         own = np.flatnonzero(s.observation >= 0)
         count = np.bincount(s.observation[own], minlength=len(s)).astype(float)
         part = 1.0 / count[s.observation[own]]
-        self.mean = csr_array((part, (s.observation[own], own)), shape=(len(s), len(s.samples)))
+        self.mean = Means(csr_array((part, (s.observation[own], own)), shape=(len(s), len(s.samples))))
         self.row = np.asarray(s.row, dtype=np.int64)
         self.presses = s.presses
         self._measured = self._presses()

@@ -18,7 +18,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.start import raw_residual
 from skincal.inference.twins import twin_values
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import BoolArray, FloatArray
 
 FOUNDATION = "fitted law"
 
@@ -59,7 +59,7 @@ def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
 def drawn_residuals(
     laws: dict[str, FloatArray],
     weights: FloatArray,
-    seen: FloatArray,
+    seen: BoolArray,
     rng: np.random.Generator,
     sessions: int,
 ) -> tuple[tuple[str, ...], FloatArray]:

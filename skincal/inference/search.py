@@ -31,7 +31,7 @@ from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model.arrays import FloatArray, IntArray
 
-_SCALES = (1.0, 0.5, 0.75, 1.5, 2.0, 3.0)
+_SCALES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +222,7 @@ class Search:
                 found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True
             ):
                 own = each.sum(axis=0)
-                gains[c.name] = np.maximum(gains.get(c.name, own), own)
+                gains[c.name] = np.maximum(gains[c.name], own) if c.name in gains else own
             # What the base model's own fit takes up is taken up there, too.
             n = len(linear.prior)
             h = b.h[:, :n, :n]
