@@ -26,7 +26,11 @@ class Constants:
     null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
     slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
     twin_steps: int = 3  # T  of the base model's fit to another contact law
-    left: float = 0.02  # M  of the squares that may always be left: the noise is known so well
+    left: tuple[float, float, float] = (
+        0.02,
+        0.28,
+        0.28,
+    )  # M  of squares that may always be left
     joint_steps: int = 4  # T  of a joint fit
     contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round

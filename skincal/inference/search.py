@@ -115,7 +115,7 @@ class Found:
             return False
         before, after = np.maximum(self.begun_with - 1, 1e-9), np.maximum(self.left - 1, 0.0)
         return len(self.named) > C.sure_names or bool(
-            (after / before)[self.begun_with > 1 + C.left].max(initial=0.0) > C.stays_open
+            (after / before)[self.begun_with > 1 + np.array(C.left)].max(initial=0.0) > C.stays_open
         )
 
 

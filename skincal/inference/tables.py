@@ -168,17 +168,43 @@ def _loads(
                 indenter.radius_m, most[rows], share, out.shape[2], power, reference,
             )  # fmt: skip
         elif len(rows):
-            k = np.repeat(rows, NODES)
-            force = (most[rows][:, None] * share).ravel()
-            contacts = Contacts(presses.points_m[k], presses.normals[k], force)
-            skin = Skin(patch, SkinParameters(1.0, 1.0), law=law)
-            found = (
-                skin.loads(indenter, contacts)
-                if weights is None
-                else skin.pressures(indenter, contacts).loads(weights)
-            )
-            out[rows] = found.reshape(len(rows), NODES, -1)
+            _cast(out, patch, indenter, presses, rows, most, law, weights)
     return out
+
+
+def _cast(
+    out: FloatArray,
+    patch: Patch,
+    indenter: Indenter,
+    presses: Presses,
+    rows: IntArray,
+    most: FloatArray,
+    law: StressLaw | None,
+    weights: FloatArray | None,
+) -> None:
+    """Loads of presses by any indenter, into (P, K, J); presses at one place share what is cast there."""
+    share = np.arange(NODES) / (NODES - 1)
+    skin = Skin(patch, SkinParameters(1.0, 1.0), law=law)
+    place = np.round(np.hstack([presses.points_m[rows] * 1e6, presses.normals[rows] * 1e6]))
+    _, group = np.unique(place, axis=0, return_inverse=True)
+    for g in range(int(group.max()) + 1):
+        mine = rows[group.reshape(-1) == g]
+        top = float(most[mine].max())
+        roots = np.sqrt(top) * (share if len(mine) == 1 else np.linspace(0.0, 1.0, 3 * NODES))
+        k = np.full(len(roots), mine[0])
+        contacts = Contacts(presses.points_m[k], presses.normals[k], roots**2)
+        pressed = (
+            skin.loads(indenter, contacts)
+            if weights is None
+            else skin.pressures(indenter, contacts).loads(weights)
+        )
+        for p in mine.tolist():
+            asked = np.sqrt(most[p]) * share
+            out[p] = (
+                pressed
+                if len(mine) == 1
+                else np.stack([np.interp(asked, roots, own) for own in pressed.T], axis=1)
+            )
 
 
 @njit(cache=True, nogil=True)
