@@ -223,7 +223,9 @@ def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
     cells = int((clear & (apart < 0)).sum())
     against = correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
     falls = cells >= FALLING_CELLS and below > FALLING_PART * above
-    if not (against or falls):
+    # Taxels pressed elsewhere than the nominal pose says go against its load too, but above the level at rest.
+    at_rest = dataset.meta.sensor.baseline == "subtracted" or counts is not dataset.presses.counts
+    if not (falls or (against and (not at_rest or below > above))):
         return
     mapping = "[taxels] falling_from = " + (
         "0" if dataset.meta.sensor.baseline == "subtracted" else f"{float(np.nanmax(counts)):.6g}"

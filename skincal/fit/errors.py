@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+NOWHERE = (
+    "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
+    "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press?"
+)
+
 
 class FitError(ValueError):
     """The presses do not allow a fit."""

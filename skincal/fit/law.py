@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from skincal.fit.errors import NOWHERE, FitError
 from skincal.fit.posterior import Peak
 from skincal.fit.types import Floats
 
@@ -47,10 +48,20 @@ class LawSpread:
 def weigh_laws(spreads_m: Floats, peaks: Sequence[Peak]) -> LawSpread:
     """Weighs contact laws against each other, flat prior over the widths.
 
+    A law under which the presses have no density is ruled out, and so are those that spread pressure further.
+
     Args:
         spreads_m: (L,) widths, growing from zero [m].
         peaks: the peak of the posterior at each.
+
+    Raises:
+        FitError: the presses have no density under the foundation either.
     """
+    told = [bool(np.isfinite(p.log_evidence) and np.isfinite(p.macro).all()) for p in peaks]
+    if not told[0]:
+        raise FitError(NOWHERE)
+    held = told.index(False) if False in told else len(told)
+    spreads_m, peaks = spreads_m[:held], peaks[:held]
     if len(spreads_m) == 1:
         return LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5)))
     widths = np.linspace(0.0, float(spreads_m[-1]), 161)

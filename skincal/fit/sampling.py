@@ -14,18 +14,13 @@ import emcee  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from skincal.fit.errors import FitError
+from skincal.fit.errors import NOWHERE, FitError
 from skincal.fit.posterior import Peak
 from skincal.fit.problem import FitProblem
 from skincal.fit.types import Floats
 
 _SHAPE = 8
 """The shape of a proposal is told by so many independent draws for each of its dimensions."""
-
-_NOWHERE = (
-    "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
-    "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press?"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +84,7 @@ def sample(
         FitError: the presses have no density anywhere near the peak.
     """
     if not np.isfinite(peak.covariance).all():
-        raise FitError(_NOWHERE)
+        raise FitError(NOWHERE)
     lit, presses = float(problem.lit.sum()), len(problem)
     hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / lit**0.5, 0.8, 0.8, 0.8]) ** 2
     covariance = np.zeros((5 + len(hyper), 5 + len(hyper)))
@@ -103,7 +98,7 @@ def sample(
         found = np.where(np.isfinite(found), found, -np.inf)
         points, values = np.concatenate([points, fresh]), np.concatenate([values, found])
         if not np.isfinite(values).any():
-            raise FitError(_NOWHERE)
+            raise FitError(NOWHERE)
         weight = _mixture_weights(points, values, proposals)
         draws = Draws(points, weight)
         if enough(len(proposals), draws):

@@ -151,6 +151,19 @@ def test_busy_falling_sensor(tmp_path: Path, original: Dataset):
     assert problem.details["factor"] == -1.0
 
 
+def test_creep_at_one_place_is_no_falling_sensor(tmp_path: Path, original: Dataset):
+    """Values grow from press to press while the force gives way, all of them above rest."""
+    force = np.linspace(3.0, 2.0, len(original.presses))
+    presses = replace(
+        original.presses,
+        position_m=np.repeat(original.presses.position_m[:1], len(force), axis=0),
+        force_n=force,
+    )
+    counts = np.rint(200.0 - 30.0 * force[:, None] + np.arange(original.presses.counts.shape[1]))
+    creeping = changed(replace(original, presses=presses), counts, baseline="subtracted")
+    assert not [problem for problem in found(tmp_path, creeping) if problem.details.get("factor") == -1.0]
+
+
 @pytest.mark.parametrize(
     ("factor", "unit"),
     [

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,6 +180,16 @@ def test_the_contact_law_widens_elasticity_and_scale_but_not_the_pose(
     assert (
         LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5))).shifted(draws, np.random.default_rng(0)) == draws
     ).all()
+
+
+def test_a_law_without_density_is_ruled_out(problem: FitProblem, truth: Truth) -> None:
+    start = _macro(truth)
+    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+    nowhere = replace(peak, log_density=-math.inf)
+    law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), [peak, peak, nowhere])
+    assert law.widths_m[-1] == 0.2e-3 and np.isfinite(law.shift).all()
+    with pytest.raises(FitError, match="no pose, elasticity and scale"):
+        weigh_laws(np.array([0.0, 0.2e-3]), [nowhere, peak])
 
 
 def test_a_density_that_is_nowhere_finite_is_a_failure_of_the_fit(problem: FitProblem, truth: Truth) -> None:
