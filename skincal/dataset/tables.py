@@ -174,6 +174,10 @@ class Frames(_Table):
         for j in range(len(source.taxels)):
             yield source.taxel(j)
 
+    def counts_of(self, rows: IntArray) -> FloatArray:
+        """Counts (n, J) of some rows (n,), without holding all of them."""
+        return np.stack([column[rows] for column in self.taxel_columns()], axis=1)
+
     def moved(self, position_m: FloatArray, force_n: FloatArray) -> Self:
         """The same frames with other contacts; what lies in a file stays there."""
         frames = copy(self)

@@ -11,10 +11,14 @@ from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.rest import noise_at_rest, rest_levels
-from skincal.dataset.tables import HOLD, IDLE
+from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.word_checks import bytes_swapped, correlation, find_wrapped
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST_FRAMES: Final = 200_000
+"""So many frames are looked at."""
 
 CODE: Final = "unit_suspect"
 
@@ -98,7 +102,7 @@ def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) ->
     """
     tables = [(files["presses"], dataset.presses.counts)]
     if dataset.frames is not None:
-        tables.insert(0, (files["frames"], dataset.frames.counts))
+        tables.insert(0, (files["frames"], dataset.frames.counts_of(_some(dataset.frames))))
     if any(_check_words(dataset, file, counts, findings) for file, counts in tables):
         return
     _check_whole(dataset, files, findings)
@@ -116,6 +120,12 @@ def expected_load(dataset: Dataset) -> FloatArray:
     low, high = layout.bounds_m
     pitch = float(np.sqrt(np.prod(high - low) / max(dataset.meta.sensor.taxels, 1)))
     return force * np.exp(-0.5 * (away / (REACH_PITCHES * pitch)) ** 2)
+
+
+def _some(frames: Frames, phase: int | None = None) -> IntArray:
+    """Rows of frames that are looked at, evenly spread: a part of a long session says as much as all of it."""
+    rows = np.arange(len(frames)) if phase is None else np.flatnonzero(frames.phase == phase)
+    return rows[:: max(1, len(rows) // MOST_FRAMES)]
 
 
 def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Findings) -> bool:
@@ -161,7 +171,8 @@ def _check_whole(dataset: Dataset, files: dict[str, str], findings: Findings) ->
     broken = (values != np.rint(values)).any()
     if not broken:
         return
-    step = value_step(dataset.presses.counts if dataset.frames is None else dataset.frames.counts)
+    frames = dataset.frames
+    step = value_step(dataset.presses.counts if frames is None else frames.counts_of(_some(frames)))
     details: dict[str, Any] = {} if step is None else {"factor": 1 / step}
     likely = "shares of full scale" if top <= 1.0 else "volts"
     mapping = '[sensor] unit = "V"' + (", integer = false" if sensor.integer else "")
@@ -210,8 +221,8 @@ def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
         and (dataset.frames.phase == IDLE).any()
         and (dataset.frames.phase == HOLD).any()
     ):
-        counts = dataset.frames.counts[dataset.frames.phase == HOLD]
-        idle = dataset.frames.counts[dataset.frames.phase == IDLE]
+        counts = dataset.frames.counts_of(_some(dataset.frames, HOLD))
+        idle = dataset.frames.counts_of(_some(dataset.frames, IDLE))
         rest = np.where(np.isfinite(idle).any(axis=0), _median(idle), rest)
     elif dataset.meta.sensor.baseline == "raw":
         # The level at rest of a falling sensor is not below its readings.
