@@ -139,6 +139,8 @@ class ReferenceHand(HandDriver):
         width = self._grasp.open(scene, values, self._body, self._turn(), place)
         self._desired = self._grasp.posture(width)
         self._skin.begin(values, self._sensor.pose, self._body, float(self._rng.uniform(0.0, 600.0)))
+        # A driver's guard gives observe() little time, and compiling takes seconds.
+        self._skin.prepare()
         self._scene, self._time_s, self._touched_s = scene, 0.0, 0.0
         if self._truth_path is not None:
             text = json.dumps({"format": TRUTH_FORMAT, "seed": self._seed, "values": self.truth}, indent=1)

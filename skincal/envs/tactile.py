@@ -99,6 +99,10 @@ class TactileSkin:
             self._stream = SkinStream(some)
         self._age_s, self._before = age_s, (0.0, 0.0)
 
+    def prepare(self) -> None:
+        """Makes the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
+        self._skin.prepare(self._body.indenter)
+
     def image(self, felt: Felt | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
         """The next tactile image (J,) [counts].
 

@@ -73,6 +73,14 @@ class Skin:
         """
         return respond(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
 
+    def prepare(self, indenter: Indenter) -> None:
+        """Compiles what a press needs, or loads it from the cache, so that the first press of a session is not late.
+
+        Args:
+            indenter: what will press.
+        """
+        self.respond(indenter, Contacts(self.patch.points_m[:1], self.patch.normals[:1], np.ones(1)))
+
     def loads(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
         """Loads on the taxels (K, J) [N], before the scale.
 

@@ -50,6 +50,10 @@ class ReferenceSkin:
         """Number of taxels."""
         return self._skin.patch.layout.taxels
 
+    def prepare(self) -> None:
+        """Makes the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
+        self._skin.prepare(self._indenter)
+
     def image(self, contact: TrueContact) -> FloatArray:
         """The next tactile image (J,) [counts]; contacts come in the order of time."""
         noise = self._truth.noise_counts * self._rng.standard_normal(self.taxels)

@@ -80,6 +80,8 @@ class SimulatedHand:
         self._kinematics = Kinematics(description)
         self._rng, skin_rng = rng.spawn(2)
         self._skin = ReferenceSkin(self._kinematics, truth, skin_rng)
+        # A driver's guard gives observe() little time, and compiling takes seconds.
+        self._skin.prepare()
         self._skin.remember([look.contact for look in past])
         stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
         self._drives = Drives(

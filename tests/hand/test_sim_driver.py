@@ -12,9 +12,11 @@ from hands import other_hand
 
 from skincal.calibration import Effect, write_calibration
 from skincal.effects import EFFECTS
+from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError
-from skincal.hand import HandCommand, HandError, create_driver
+from skincal.hand import HandCommand, HandDriver, HandError, create_driver
 from skincal.hand.sim import SimDriver
+from skincal.model.press import run
 from skincal.robot import Kinematics, place_indenter
 
 
@@ -32,6 +34,15 @@ def test_the_same_seed_gives_the_same_states() -> None:
         first = states(one)
         np.testing.assert_array_equal(first, states(two))
         assert not np.array_equal(first, states(other))
+
+
+@pytest.mark.parametrize("make", [SimDriver, ReferenceHand])
+def test_connecting_compiles_what_a_touch_needs(
+    make: type[HandDriver], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "_routine", None)
+    with make():
+        assert "press" in vars(run.routine())
 
 
 def test_states_follow_each_other_by_the_period() -> None:
