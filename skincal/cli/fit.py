@@ -91,7 +91,7 @@ def fit(
             "the signals are small, and at least five times the noise.",
             show_default=False,
         ),
-    ] = 5.0,
+    ] = None,
     min_active: Annotated[
         int, typer.Option("--min-active", min=1, help="Presses with fewer active taxels are not used.")
     ] = 2,
