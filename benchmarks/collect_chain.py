@@ -40,6 +40,7 @@ from skincal.calibrate import calibrate
 from skincal.calibrate.workers import available_cores
 from skincal.collect import PROTOCOLS, Collected, Mount, Need, Progress, collect, full_plan, paper_plan
 from skincal.dataset import Dataset, active_taxels
+from skincal.dataset.rest import active_threshold
 from skincal.errors import SkincalError
 from skincal.fit.options import FitOptions
 from skincal.hand.sim import SimDriver
@@ -194,7 +195,8 @@ def fitted(seen: Seen, job: Job) -> Record:
 
 def told_truth(seen: Seen, options: FitOptions) -> dict[str, float]:
     """The truth as the measured positions tell it, and the scale also as the forces tell it."""
-    used = active_taxels(seen.dataset, options.active_counts).sum(axis=1) >= options.min_active
+    threshold = active_threshold(seen.dataset) if options.active_counts is None else options.active_counts
+    used = active_taxels(seen.dataset, threshold).sum(axis=1) >= options.min_active
     used &= np.isfinite(seen.true_force_n)
     arc, along = position_errors(seen)
     radius = seen.dataset.meta.surface.radius_m

@@ -67,6 +67,12 @@ def find_taxel_order(dataset: Dataset) -> Finding | None:
     return None if order is None else order_finding(order, dataset.layout())
 
 
+def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:
+    """The presses of a dataset with their taxels in the order that explains the images; without frames."""
+    presses = replace(dataset.presses, counts=dataset.presses.counts[:, order.order])
+    return replace(dataset, presses=presses, frames=None)
+
+
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
     """The calibration with the finding, and without intervals: it comes from images in the wrong order.
 

@@ -12,7 +12,7 @@ import numpy as np
 from skincal import __version__
 from skincal.calibrate.assemble import calibration_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
-from skincal.calibrate.order import order_finding, with_other_order
+from skincal.calibrate.order import in_order, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper
@@ -113,10 +113,14 @@ def calibrate(
                 progress=progress,
             )
     except FitError as error:
-        reason = _reason(error, problem, dataset)
-        if order is not None:
-            reason += " " + order_finding(order, dataset.layout()).text
-        raise refusal(dataset, reason) from error
+        if order is None:
+            raise refusal(dataset, _reason(error, problem, dataset)) from error
+        # Images in the wrong order may fit no pose at all; in the right one they say at least what is meant.
+        mended = calibrate(
+            in_order(dataset, order), options=options, box=box, seed=seed, workers=workers, scheduler=scheduler,
+            command=command, method=method, progress=progress,
+        )  # fmt: skip
+        return replace(mended, calibration=with_other_order(mended.calibration, order))
     provenance = Provenance(
         dataset_sha256=sha,
         dataset="" if dataset.folder is None else dataset.folder.name,

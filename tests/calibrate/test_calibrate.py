@@ -168,12 +168,6 @@ def test_ranges_come_from_the_mount_unless_given(session: Dataset) -> None:
     assert len(error.value.problems) == 2
 
 
-def test_uniform_pressure_is_refused_with_a_reason(session: Dataset) -> None:
-    meta = replace(session.meta, indenter=replace(session.meta.indenter, kind="flat", radius_m=0.1))
-    with pytest.raises(WorkError, match="uniform pressure"):
-        fit_problem(replace(session, meta=meta), FitOptions())
-
-
 def test_no_usable_press_says_why(session: Dataset) -> None:
     silent = replace(session, presses=replace(session.presses, counts=np.zeros_like(session.presses.counts)))
     with pytest.raises(WorkError, match=r"no press can be used.*50 presses 50 were not used.*active taxels"):

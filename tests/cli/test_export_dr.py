@@ -83,15 +83,16 @@ def test_as_a_process_with_json(cal, tmp_path):
 
 
 def test_what_the_calibration_leaves_open_is_said(tmp_path, capsys):
-    open_scale = INTERVALS | {"scale_per_n": (-float("inf"), float("inf"))}
-    write_calibration(make_calibration(intervals=open_scale, findings=()), tmp_path / "cal")
+    open_stiffness = INTERVALS | {"elasticity_pa_per_m": (-float("inf"), float("inf"))}
+    write_calibration(make_calibration(intervals=open_stiffness, findings=()), tmp_path / "cal")
     assert run(tmp_path / "cal", "--out", tmp_path / "r.json", "--json") == 0
     out, err = capsys.readouterr()
-    assert json.loads(out)["warnings"][0]["place"] == "calibration.toml, [intervals] scale_per_n"
+    assert json.loads(out)["warnings"][0]["place"] == "calibration.toml, [intervals] elasticity_pa_per_m"
     assert err.startswith(
-        "skincal: warning: calibration.toml, [intervals] scale_per_n: expected a bounded interval"
+        "skincal: warning: calibration.toml, [intervals] elasticity_pa_per_m: expected a bounded interval"
     )
-    assert read_ranges(tmp_path / "r.json")["skin.scale_per_n"] == preset("iros24")["skin.scale_per_n"]
+    name = "skin.elasticity_pa_per_m"
+    assert read_ranges(tmp_path / "r.json")[name] == preset("iros24")[name]
 
 
 def test_nothing_is_overwritten_without_force(cal, tmp_path, capsys):

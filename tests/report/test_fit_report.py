@@ -108,7 +108,7 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         valley_mse_counts2=0.09,
         bound="noise",
         draws=draws,
-        sigmas=Sigmas(0.6e-3, 0.004, 0.2),
+        sigmas=Sigmas(0.6e-3, 0.004, 0.2, 0.01, 0.01, 1e-4),
         law_spread_m=0.1e-3,
         effective_draws=400.0,
         grid=_bowl(),
@@ -334,7 +334,7 @@ def test_unused_presses_are_counted_with_their_reasons(fitted: Fitted) -> None:
 def test_a_misfit_is_said(fitted: Fitted) -> None:
     result = fitted[0]
     assert "nothing is left to explain" in " ".join(verdict(result))
-    changed = replace(result, sigmas=Sigmas(2e-3, 0.004, 3.0))
+    changed = replace(result, sigmas=Sigmas(2e-3, 0.004, 3.0, 0.01, 0.01, 1e-4))
     assert "the model lacks something" in " ".join(verdict(changed))
     position, _, image = scatter_rows(changed)
     assert (position.declared, position.found) == ("1 mm", "2 mm")
