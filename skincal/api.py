@@ -171,7 +171,7 @@ def plot(
     if isinstance(result, Outcome):
         figures = {one.stem: one.draw for one in fit_report.SECTIONS}
         return _chosen(figures, figure)(result.result, dataset)
-    figures = {one.stem: one.draw for one in diagnosis_report.SECTIONS}
+    figures = {stem: draw for stem, _, _, draw in diagnosis_report.SECTIONS}
     return _chosen(figures, figure)(result, dataset)
 
 

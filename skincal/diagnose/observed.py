@@ -275,6 +275,7 @@ def _noise(
     high = sensor.value_max if raw and sensor.value_max is not None else np.inf
     frames = dataset.frames
     assert session.counts is not None
+    taxels = session.counts.shape[1]
     if frames is not None:
         rows = press_rows(dataset)
         idle = (frames.phase == IDLE) & (rows < 0)
@@ -305,7 +306,7 @@ def _noise(
             own = own / clipped_share(low, sigma, _readout(low, high, sensor.integer))
         full = float(np.hypot(sigma, step / np.sqrt(12)))
         session = replace(session, frames=np.full(len(session), max(1.0, (full / max(own, 1e-12)) ** 2)))
-        noise = Noise(np.full(session.counts.shape[1], max(sigma, C.least_noise * top)), 0.0, step, low, high)
+        noise = Noise(np.full(taxels, max(sigma, C.least_noise * top)), 0.0, step, low, high)
         count, found = len(dataset.presses), "hold means of taxels that are not pressed"
     middle = float(np.nanmedian(mean)) if np.isfinite(mean).any() else 0.0
     clipped = bool(np.isfinite(low)) and bool(clipped_at_rest(np.array(middle), low, noise.frame))

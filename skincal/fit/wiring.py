@@ -3,7 +3,7 @@
 Where a press was is measured, so a nominal contact says which taxels it loads and how much. A taxel's readings over all
 presses, its trace, are therefore predicted up to the sensor's pose, the width of the contact and one scale. Traces are
 assigned to places by the squared differences between every measured and every predicted trace: all permutations are
-searched by the assignment problem (Kuhn 1955; :func:`scipy.optimize.linear_sum_assignment`), and those that a cable or
+searched by the assignment problem (Kuhn 1955; ``scipy.optimize.linear_sum_assignment``), and those that a cable or
 a reading order makes are tried by name. Each is given its own best pose and places of the presses within their slack.
 The one with the best likelihood is told if it beats the order as it is by more than the number of permutations that
 were open to it.

@@ -187,7 +187,7 @@ class Search:
         fitter, seen = self.fitter, fit.seen
         f = fitter.forward
         _, slope = f.noise.written(seen.values + seen.state.rest)
-        had = {
+        had: set[tuple[str, int | None]] = {
             (n, None)
             for n in seen.state.effects
             if not any(x.index is not None and x.effect == n for x in fit.free)

@@ -86,7 +86,7 @@ def test_a_name_that_is_not_known_lists_those_that_are() -> None:
         ("skincal.nothing:Hand", "expected a module skincal.nothing; got none"),
         (f"{__name__}:NoHand", "expected NoHand in"),
         (f"{__name__}:NAME", "expected a class; got str"),
-        ("pathlib:Path", "expected a subclass of skincal.hand.HandDriver; got PosixPath"),
+        ("pathlib:Path", "expected a subclass of skincal.hand.HandDriver or StageDriver; got PosixPath"),
     ],
 )
 def test_a_name_that_leads_nowhere(name: str, text: str) -> None:

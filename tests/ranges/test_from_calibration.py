@@ -243,7 +243,7 @@ def test_a_cloud_that_is_not_there_is_said():
         from_calibration(make_calibration(), joint=True, draws=0)
     untold = dict.fromkeys(make_calibration().intervals, (-np.inf, np.inf))
     with pytest.raises(InputError, match="a parameter that the data tell; got none"):
-        from_calibration(make_calibration(intervals=untold), joint=True)
+        from_calibration(make_calibration(intervals=untold), joint=True, assumed_scale=(50.0, 80.0))
     with pytest.raises(InputError, match="iros24, icra26"):
         from_calibration(make_calibration(), "iros25")
 

@@ -58,7 +58,7 @@ class ClosedForm(Indenter):
 
     Attributes:
         radius_m: that length [m].
-        kind: which of the closed forms (:mod:`skincal.model.press.meet`).
+        kind: which of the closed forms (``skincal.model.press.meet``).
     """
 
     radius_m: float

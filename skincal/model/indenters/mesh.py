@@ -82,7 +82,7 @@ class MeshIndenter(Indenter):
 
     @cached_property
     def hulls(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-        """Its connected parts as :func:`skincal.model.press.casting.enclose` takes them."""
+        """Its connected parts as ``skincal.model.press.casting.enclose`` takes them."""
         vertices, edges = self.mesh.vertices_m, self.mesh.faces[:, [0, 1, 2]]
         ends = edges.ravel(), np.roll(edges, -1, axis=1).ravel()
         graph = csr_array((np.ones(edges.size), ends), shape=(len(vertices), len(vertices)))
