@@ -30,7 +30,7 @@ class Constants:
         0.02,
         0.28,
         0.28,
-    )  # M  of squares that may always be left
+    )  # T  of squares that may always be left; set by eye on a few sessions, not measured
     joint_steps: int = 4  # T  of a joint fit
     contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
