@@ -35,15 +35,15 @@ from numpy.typing import NDArray
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import COARSE, strict_json
-from skincal import __version__
 from skincal.calibrate import calibrate
 from skincal.calibrate.workers import available_cores
 from skincal.collect import PROTOCOLS, Collected, Mount, Need, Progress, collect, full_plan, paper_plan
 from skincal.dataset import Dataset, active_taxels
 from skincal.dataset.rest import active_threshold
 from skincal.errors import SkincalError
-from skincal.fit.options import FitOptions
+from skincal.fitting.options import FitOptions
 from skincal.hand.sim import SimDriver
+from skincal.version import __version__
 
 Record = dict[str, Any]
 Floats = NDArray[np.float64]

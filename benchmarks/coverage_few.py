@@ -2,7 +2,7 @@
 
 Fits the first few usable presses of seeded sessions, and counts the intervals that the draws would give, whether the
 fit gives them or not: it gives none where there are few presses and no more readings than unknowns
-(:attr:`skincal.fit.problem.FitProblem.determined`). From the project's root::
+(:attr:`skincal.fitting.problem.FitProblem.determined`). From the project's root::
 
     python -m benchmarks.coverage_few --out coverage_few.json
 
@@ -22,8 +22,8 @@ from benchmarks.coverage_kept import as_shipped
 from benchmarks.coverage_store import finished
 from benchmarks.interval_coverage import COARSE, LEVELS, QUANTILES, Job, run_job
 from skincal.calibrate.workers import available_cores
-from skincal.fit.options import FitOptions
-from skincal.fit.result import PARAMETERS
+from skincal.fitting.options import FitOptions
+from skincal.fitting.result import PARAMETERS
 
 Record = dict[str, Any]
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from skincal.fit.conclude import SCALE_WIDENING
-from skincal.fit.options import SearchBox
-from skincal.fit.valley import OPEN, closed
+from skincal.fitting.conclude import SCALE_WIDENING
+from skincal.fitting.options import SearchBox
+from skincal.fitting.valley import OPEN, closed
 
 Record = dict[str, Any]
 
@@ -97,7 +97,7 @@ def _interval(
     box: SearchBox,
     level: float,
 ) -> list[float]:
-    """As :func:`skincal.fit.valley.interval`, from quantiles instead of draws."""
+    """As :func:`skincal.fitting.valley.interval`, from quantiles instead of draws."""
     tail = (1.0 - level) / 2
     ends = np.array([np.interp([tail, 1.0 - tail], quantiles, cloud) for cloud in clouds])
     return list(closed(name, min(float(ends[:, 0].min()), best), max(float(ends[:, 1].max()), best), box))

@@ -31,11 +31,11 @@ from benchmarks.coverage import strict_json
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.sensors import KINDS, make
-from skincal import __version__
 from skincal.calibrate import calibrate
 from skincal.errors import SkincalError
-from skincal.fit.options import FitOptions, GridSteps
-from skincal.fit.result import PARAMETERS
+from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.result import PARAMETERS
+from skincal.version import __version__
 
 Record = dict[str, Any]
 

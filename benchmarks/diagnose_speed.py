@@ -3,7 +3,7 @@
     python -m benchmarks.diagnose_speed [--effects none,hysteresis] [--seed 7] [--out FILE]
 
 For each effect (or ``none``) the simulated hand makes a full session, a coarse grid fits it, and
-:func:`skincal.diagnose.workflow.diagnose` runs in one process. Wall-clock time depends on what else the machine does.
+:func:`skincal.diagnosis.workflow.diagnose` runs in one process. Wall-clock time depends on what else the machine does.
 """
 
 # ruff: noqa: E402 - the number of threads is read when numpy is imported
@@ -26,14 +26,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.interval_coverage import COARSE
-from skincal import __version__
 from skincal.calibrate import calibrate
 from skincal.calibration import Calibration
 from skincal.collect import Mount, collect, full_plan
 from skincal.dataset import Dataset
-from skincal.diagnose.workflow import diagnose
-from skincal.fit.options import FitOptions
+from skincal.diagnosis.workflow import diagnose
+from skincal.fitting.options import FitOptions
 from skincal.hand.sim import SimDriver
+from skincal.version import __version__
 
 Record = dict[str, Any]
 

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from skincal import __version__
 from skincal.collect import Mount, Plan, full_plan, paper_plan
 from skincal.dataset import read_dataset
-from skincal.diagnose.audit import audit_dataset, audit_planned
-from skincal.diagnose.plan import plan_session
-from skincal.diagnose.reasons import EffectAudit
+from skincal.diagnosis.audit import audit_dataset, audit_planned
+from skincal.diagnosis.plan import plan_session
+from skincal.diagnosis.reasons import EffectAudit
 from skincal.hand.hands import hand_named
+from skincal.version import __version__
 
 ROOT = Path(__file__).parent.parent
 RESULT = ROOT / "benchmarks" / "results" / "effects_seen.json"

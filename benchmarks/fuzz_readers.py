@@ -203,7 +203,7 @@ def _of_runs(scratch: Path) -> list[Reader]:
     from skincal.calibrate.checkpoint import Checkpoint
     from skincal.cli.eval import _targets
     from skincal.collect.journal import Journal
-    from skincal.fit.grid import GridSlab
+    from skincal.fitting.grid import GridSlab
     from skincal.sim.memory import SkinMemory
     from skincal.train import read_curve, read_policy, read_run
     from skincal.train.watch import COLUMNS

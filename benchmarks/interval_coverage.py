@@ -36,14 +36,14 @@ from benchmarks.coverage_kept import as_shipped, read_kept, write_kept
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import as_text, summary
 from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make_session
-from skincal import __version__
 from skincal.calibrate import calibrate, fit_problem
 from skincal.calibrate.workers import available_cores
 from skincal.errors import SkincalError
-from skincal.fit.conclude import SCALE_WIDENING
-from skincal.fit.options import FitOptions, GridSteps
-from skincal.fit.result import PARAMETERS, FitResult
-from skincal.fit.valley import OPEN, interval
+from skincal.fitting.conclude import SCALE_WIDENING
+from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.result import PARAMETERS, FitResult
+from skincal.fitting.valley import OPEN, interval
+from skincal.version import __version__
 
 Record = dict[str, Any]
 Floats = NDArray[np.float64]

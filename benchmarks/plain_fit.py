@@ -34,14 +34,14 @@ import numpy as np
 from benchmarks.model_speed import ELASTICITY_PA_PER_M, PlainSkin, ball_mesh, cpu_model, one_core, seconds
 from benchmarks.sessions import make_session
 from skincal.calibrate import Way, fit_problem, search_box
-from skincal.fit import grid
-from skincal.fit.general import evaluate_combination, evaluate_pose
-from skincal.fit.general_skin import SkinShares
-from skincal.fit.grid import MacroGrid
-from skincal.fit.micro import MicroSettings, micro_objective
-from skincal.fit.options import FitOptions
-from skincal.fit.problem import FitProblem
-from skincal.fit.solve import plan_fit
+from skincal.fitting import grid
+from skincal.fitting.general import evaluate_combination, evaluate_pose
+from skincal.fitting.general_skin import SkinShares
+from skincal.fitting.grid import MacroGrid
+from skincal.fitting.micro import MicroSettings, micro_objective
+from skincal.fitting.options import FitOptions
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.solve import plan_fit
 from skincal.model import Contacts, Patch, SensorPose
 
 PRESSES = 24

@@ -3,7 +3,7 @@
 :mod:`benchmarks.sessions` makes sessions like the paper's. Here the sensor varies: where it rests and whether the
 converter clips there, its noise and rounding, its layout and surface, how much its taxels differ, and the way in which
 measured positions err. Pressures are summed point by point over each taxel from closed formulas of a rigid sphere on
-an elastic foundation; nothing is tabled, and no function of :mod:`skincal.model` or :mod:`skincal.fit` is used.
+an elastic foundation; nothing is tabled, and no function of :mod:`skincal.model` or :mod:`skincal.fitting` is used.
 """
 
 from __future__ import annotations

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from skincal.calibrate import Outcome, UniformOutcome
-    from skincal.diagnose.diagnosis import Diagnosis
-    from skincal.fit.options import FitOptions
-    from skincal.predict import Prediction
+    from skincal.diagnosis.diagnosis import Diagnosis
+    from skincal.fitting.options import FitOptions
+    from skincal.prediction import Prediction
     from skincal.ranges import Ranges
 
 __all__ = [
@@ -84,7 +84,7 @@ def predict(
     Raises:
         InputError: the dataset is of another sensor.
     """
-    from skincal.predict import predict_dataset
+    from skincal.prediction import predict_dataset
 
     with _bars(progress) as update:
         return predict_dataset(calibration, dataset, slack=slack, progress=update)
@@ -112,7 +112,7 @@ def diagnose(
         InputError: the calibration is of another sensor.
         WorkError: too few presses.
     """
-    from skincal.diagnose.workflow import diagnose as run
+    from skincal.diagnosis.workflow import diagnose as run
 
     def announce(stage: str) -> None:
         if progress:

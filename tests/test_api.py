@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import skincal
 from benchmarks.sessions import make_session
 from skincal import api
 from skincal.calibrate import Outcome
 from skincal.dataset import Dataset
 from skincal.errors import InputError
 from skincal.ranges import read_ranges
-from tests.fit.conftest import QUICK
+from tests.fitting.conftest import QUICK
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +46,10 @@ def test_figures_of_a_fit(session: Dataset, fitted: Outcome) -> None:
         api.plot(fitted, "vally", dataset=session)
     with pytest.raises(InputError, match="give dataset="):
         api.plot(fitted)
+
+
+def test_the_package_gives_every_name() -> None:
+    assert all(getattr(skincal, name) is getattr(api, name) for name in api.__all__)
+    assert set(api.__all__) < set(dir(skincal))
+    with pytest.raises(AttributeError, match="no attribute 'fitt'"):
+        skincal.fitt  # noqa: B018

@@ -16,11 +16,11 @@ import typer
 
 from skincal.cli.main import app
 from skincal.dataset.columns import OPTIONAL, TIMES
-from skincal.fit import findings
-from skincal.fit.conclude import SCALE_WIDENING
-from skincal.fit.options import FitOptions, GridSteps
-from skincal.fit.places import MOST
-from skincal.fit.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
+from skincal.fitting import findings
+from skincal.fitting.conclude import SCALE_WIDENING
+from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.places import MOST
+from skincal.fitting.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
 
 ROOT = Path(__file__).parent.parent
 PAGES = [

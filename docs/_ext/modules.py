@@ -1,4 +1,4 @@
-"""``{modules} skincal.fit``: every public module of a package, one section each."""
+"""``{modules} skincal.fitting``: every public module of a package, one section each."""
 
 from __future__ import annotations
 

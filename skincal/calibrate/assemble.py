@@ -12,8 +12,8 @@ from skincal.calibrate.rig_advice import for_the_rig
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.calibration.parts import REST
 from skincal.dataset import Dataset
-from skincal.fit.problem import USED
-from skincal.fit.result import PARAMETERS, FitResult
+from skincal.fitting.problem import USED
+from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.units import deg
 
 Columns = dict[str, NDArray[Any]]

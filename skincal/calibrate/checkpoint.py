@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from skincal import __version__
 from skincal.bounded import read_arrays
 from skincal.files import whole_file
-from skincal.fit.general_table import SkinTable, TableReach
-from skincal.fit.grid import GridSlab
-from skincal.fit.options import FitOptions, SearchBox
+from skincal.fitting.general_table import SkinTable, TableReach
+from skincal.fitting.grid import GridSlab
+from skincal.fitting.options import FitOptions, SearchBox
+from skincal.version import __version__
 
 _log = logging.getLogger("skincal")
 

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from skincal import __version__
 from skincal.errors import InputError, Problem, WorkError
-from skincal.fit.tasks import Mapper
+from skincal.fitting.tasks import Mapper
+from skincal.version import __version__
 
 CONNECT_S = 10
 """A scheduler answers within this time [s]."""

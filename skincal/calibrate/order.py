@@ -10,8 +10,8 @@ from skincal.calibration import Calibration, Finding
 from skincal.dataset import Dataset
 from skincal.dataset.uniform import uniform_pressure
 from skincal.errors import WorkError
-from skincal.fit.options import FitOptions
-from skincal.fit.wiring import TaxelOrder, order_of_problem
+from skincal.fitting.options import FitOptions
+from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.model import TaxelLayout
 
 MOST_NAMED = 8

@@ -13,11 +13,11 @@ from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
-from skincal.fit.general_contacts import MARGIN_M, ContactMap
-from skincal.fit.general_local import LocalPlaces
-from skincal.fit.observe import Readout
-from skincal.fit.options import FitOptions, SearchBox
-from skincal.fit.problem import FitProblem, PressTable, Rig, pose_problem
+from skincal.fitting.general_contacts import MARGIN_M, ContactMap
+from skincal.fitting.general_local import LocalPlaces
+from skincal.fitting.observe import Readout
+from skincal.fitting.options import FitOptions, SearchBox
+from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.model import Cylinder, Indenter, MeshSurface, Surface
 from skincal.units import rad
 

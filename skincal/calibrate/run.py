@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from skincal import __version__
 from skincal.calibrate.assemble import calibration_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.order import in_order, with_other_order
@@ -20,13 +19,14 @@ from skincal.calibration import Calibration, Provenance
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
-from skincal.fit.errors import FitError
-from skincal.fit.general_tabling import NO_STORE
-from skincal.fit.options import FitOptions, SearchBox
-from skincal.fit.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
-from skincal.fit.result import FitResult
-from skincal.fit.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
-from skincal.fit.wiring import order_of_problem
+from skincal.fitting.errors import FitError
+from skincal.fitting.general_tabling import NO_STORE
+from skincal.fitting.options import FitOptions, SearchBox
+from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
+from skincal.fitting.result import FitResult
+from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
+from skincal.fitting.wiring import order_of_problem
+from skincal.version import __version__
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from skincal import __version__
 from skincal.calibrate.problem import search_box
 from skincal.calibration import (
     MARGIN_M,
@@ -21,12 +20,13 @@ from skincal.calibration import (
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import UNIFORM, at_centre
-from skincal.fit.observe import Readout, observe
-from skincal.fit.problem import active_threshold
-from skincal.fit.types import Bools, Floats
-from skincal.fit.uniform import Scales, common_draws, fit_scales
+from skincal.fitting.observe import Readout, observe
+from skincal.fitting.problem import active_threshold
+from skincal.fitting.types import Bools, Floats
+from skincal.fitting.uniform import Scales, common_draws, fit_scales
 from skincal.model import Contacts
 from skincal.units import deg
+from skincal.version import __version__
 
 DRAWS = 200
 ZERO_COUNTS = 1.0

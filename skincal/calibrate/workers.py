@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 
-from skincal.fit.tasks import Mapper
+from skincal.fitting.tasks import Mapper
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -11,8 +11,8 @@ from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, pri
 
 if TYPE_CHECKING:
     from skincal.calibration import Calibration
-    from skincal.diagnose.audit import AuditReport
-    from skincal.diagnose.observed import NoiseFloor
+    from skincal.diagnosis.audit import AuditReport
+    from skincal.diagnosis.observed import NoiseFloor
 
 EPILOG = example("skincal audit data/paper-like", "skincal audit run-plan.toml --out audit --json")
 
@@ -81,7 +81,7 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
 
     from skincal.calibration import read_calibration
     from skincal.dataset import read_dataset
-    from skincal.diagnose.audit import audit_dataset
+    from skincal.diagnosis.audit import audit_dataset
     from skincal.errors import InputError, Problem
 
     cal = None if calibration is None else read_calibration(calibration)
@@ -98,7 +98,7 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
 
 def _of_plan(source: Path, calibration: Calibration | None, hand: str | None, rng: Any) -> AuditReport:
     from skincal.collect import Mount, read_plan
-    from skincal.diagnose.audit import audit_plan
+    from skincal.diagnosis.audit import audit_plan
     from skincal.hand.hands import hand_named
 
     description = hand_named() if hand is None else hand_named(hand)

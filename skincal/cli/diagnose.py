@@ -29,7 +29,7 @@ from skincal.cli.common import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from skincal.diagnose.diagnosis import Diagnosis
+    from skincal.diagnosis.diagnosis import Diagnosis
 
 EPILOG = example("skincal diagnose run cal --out cal-2", "skincal diagnose run cal --out cal-2 --json")
 
@@ -61,9 +61,9 @@ def diagnose(
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
     from skincal.dataset import read_dataset
-    from skincal.diagnose.next_presses import PLAN_FILE
-    from skincal.diagnose.summary import summary
-    from skincal.diagnose.workflow import diagnose as diagnosed
+    from skincal.diagnosis.next_presses import PLAN_FILE
+    from skincal.diagnosis.summary import summary
+    from skincal.diagnosis.workflow import diagnose as diagnosed
     from skincal.files import refuse_existing
     from skincal.inference.constants import CONSTANTS
 

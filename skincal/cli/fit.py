@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from skincal.calibration import Calibration
     from skincal.dataset import Dataset
     from skincal.errors import InputError
-    from skincal.fit.options import FitOptions, GridSteps
+    from skincal.fitting.options import FitOptions, GridSteps
 
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
 
@@ -172,7 +172,7 @@ def fit(
             progress=told,
         )
         if known is not None:
-            from skincal.diagnose.workflow import refitted_effects
+            from skincal.diagnosis.workflow import refitted_effects
 
             told("effects", 0, 1)
             both = refitted_effects(data, outcome.calibration, known, seed)
@@ -257,7 +257,7 @@ def _steps(
     way: Way, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
 ) -> GridSteps:
     """The steps that are given, else those of the way."""
-    from skincal.fit.options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
+    from skincal.fitting.options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
     from skincal.units import rad
 
     default = {"fast": GridSteps(), "general": LOCAL_STEPS, "nlopt": GENERAL_STEPS}[way.method]
@@ -277,7 +277,7 @@ def _options(
     draws: int,
     per_taxel: bool,
 ) -> FitOptions:
-    from skincal.fit.options import FitOptions
+    from skincal.fitting.options import FitOptions
 
     return FitOptions(
         active_counts=active_counts,
@@ -291,7 +291,7 @@ def _options(
 
 def _bound(text: str) -> float | None:
     from skincal.errors import InputError, Problem
-    from skincal.fit.options import PAPER_BOUND_COUNTS2
+    from skincal.fitting.options import PAPER_BOUND_COUNTS2
 
     if text == "noise":
         return None

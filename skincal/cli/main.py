@@ -12,11 +12,12 @@ from typing import Annotated, Any
 
 import typer
 
-from skincal import __version__, compiling
+from skincal import compiling
 from skincal.cli import verbs
 from skincal.cli.common import example, say
 from skincal.cli.interrupt import interruptible
 from skincal.errors import SkincalError
+from skincal.version import __version__
 
 app = typer.Typer(
     name="skincal",

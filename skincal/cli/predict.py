@@ -22,7 +22,7 @@ from skincal.progress import stage_bars
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
     from skincal.dataset.writing import Format
-    from skincal.predict import Prediction
+    from skincal.prediction import Prediction
 
 EPILOG = example(
     "skincal predict cal data/paper-like --out predicted",
@@ -54,7 +54,7 @@ def predict(
     from skincal.calibration import read_calibration
     from skincal.dataset import read_dataset, write_dataset
     from skincal.files import refuse_existing
-    from skincal.predict import predict_dataset
+    from skincal.prediction import predict_dataset
 
     refuse_existing(out, dataset, cal, force=force, marker="dataset.toml")
     calibration, data = read_calibration(cal), read_dataset(dataset)

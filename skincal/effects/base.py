@@ -53,7 +53,7 @@ class Effect(ABC):
         meaning: one sentence.
         parameters: that it has.
         covariates: that it needs whenever it is not neutral; parameters may need more.
-        asks: kinds of presses without which it hardly shows, by their names in :mod:`skincal.diagnose.reasons`.
+        asks: kinds of presses without which it hardly shows, by their names in :mod:`skincal.diagnosis.reasons`.
         single_taxels: whether it is a fault of some taxels, each for itself.
         in_places: whether it lives in the measured places of presses, so that images hardly show it.
         has_memory: whether it depends on earlier samples.

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from skincal.diagnose.audit import AuditReport
+from skincal.diagnosis.audit import AuditReport
 from skincal.report.style import BLACK, BLUE, GREY, RED, SEQUENTIAL, new_figure, style
 
 WEAKEST, STRONGEST = 1e-3, 30.0
@@ -18,7 +18,7 @@ def audit_figure(report: AuditReport) -> Figure:
     """Draws an audit.
 
     Args:
-        report: of ``skincal.diagnose``.
+        report: of ``skincal.diagnosis``.
 
     Returns:
         A figure with the smallest strengths as bars, and the matrix of cosines.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skincal.diagnose.next_presses import PLAN_FILE
+from skincal.diagnosis.next_presses import PLAN_FILE
 from skincal.effects import EFFECTS
 from skincal.report.audit import audit_figure
 from skincal.report.diagnosis_figures import candidates_figure, curves_figure, gap_figure, where_figure
@@ -19,7 +19,7 @@ from skincal.report.page import picture, rendered
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
-    from skincal.diagnose.diagnosis import Diagnosis
+    from skincal.diagnosis.diagnosis import Diagnosis
 
 SUMMARY = "diagnosis.json"
 PAGE = "report.html"

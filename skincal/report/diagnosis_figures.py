@@ -13,7 +13,7 @@ from skincal.report.taxel_map import draw_taxels
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
-    from skincal.diagnose.diagnosis import Diagnosis
+    from skincal.diagnosis.diagnosis import Diagnosis
 
 _SHOWN, _LEAST = 4, 0.3
 

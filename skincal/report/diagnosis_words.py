@@ -10,7 +10,7 @@ import numpy as np
 from skincal.effects import EFFECTS
 
 if TYPE_CHECKING:
-    from skincal.diagnose.diagnosis import Diagnosis, NamedEffect
+    from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
 
 Tone = Literal["good", "found", "attention"]
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 from skincal.report.fit_bound import bound_story
 from skincal.report.fit_draws import draws_figure
 from skincal.report.fit_images import images_figure

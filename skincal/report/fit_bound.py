@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skincal.calibration import Calibration
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 
 
 def bound_story(result: FitResult, calibration: Calibration) -> list[str]:

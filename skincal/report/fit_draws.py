@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 from skincal.report.fit_quantities import Quantity, quantities
 from skincal.report.style import (
     BLUE,

@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 from skincal.model import TaxelLayout
 from skincal.report.fit_left_out import left_out
 from skincal.report.fit_presses import chosen_presses

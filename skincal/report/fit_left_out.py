@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
-from skincal.fit.problem import USED
-from skincal.fit.result import FitResult
+from skincal.fitting.problem import USED
+from skincal.fitting.result import FitResult
 from skincal.model import Contacts, Converter, Patch, Skin, SkinParameters
-from skincal.predict import Seen, best_places
+from skincal.prediction import Seen, best_places
 from skincal.report.fit_presses import best_pose
 
 FloatArray = NDArray[np.floating[Any]]

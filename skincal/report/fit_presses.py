@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
-from skincal.fit.problem import USED
-from skincal.fit.result import FitResult
+from skincal.fitting.problem import USED
+from skincal.fitting.result import FitResult
 from skincal.model import SensorPose
 
 FloatArray = NDArray[np.floating[Any]]

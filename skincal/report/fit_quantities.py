@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.fit.result import PARAMETERS, FitResult
+from skincal.fitting.result import PARAMETERS, FitResult
 
 FloatArray = NDArray[np.floating[Any]]
 

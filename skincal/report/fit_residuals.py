@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.dataset.summary import session_times_s
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 from skincal.model.arrays import as_floats
 from skincal.report.style import (
     BLACK,

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 from skincal.model import TaxelLayout
 from skincal.report.fit_presses import PressView
 from skincal.report.labels import name_points

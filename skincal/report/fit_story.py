@@ -9,7 +9,7 @@ import numpy as np
 from skincal.calibration import Calibration
 from skincal.calibration.parts import Numbers
 from skincal.dataset import Dataset
-from skincal.fit.result import FitResult
+from skincal.fitting.result import FitResult
 from skincal.report.fit_presses import why_unused
 from skincal.report.fit_quantities import Quantity, quantities, with_digits
 

@@ -20,8 +20,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from skincal.fit.options import PAPER_BOUND_COUNTS2
-from skincal.fit.result import FitResult
+from skincal.fitting.options import PAPER_BOUND_COUNTS2
+from skincal.fitting.result import FitResult
 from skincal.report.fit_quantities import Quantity, quantities
 from skincal.report.style import BLACK, BLUE, ORANGE, RED, few_logarithmic_ticks, new_figure, style
 

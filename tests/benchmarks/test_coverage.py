@@ -16,10 +16,10 @@ from benchmarks.coverage_store import Store
 from benchmarks.coverage_tables import SCALES, as_text, summary, wilson
 from benchmarks.interval_coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
 from benchmarks.sessions import Law, Truth
-from skincal.fit.conclude import SCALE_WIDENING
-from skincal.fit.options import FitOptions, GridSteps, SearchBox
-from skincal.fit.result import PARAMETERS
-from skincal.fit.valley import interval
+from skincal.fitting.conclude import SCALE_WIDENING
+from skincal.fitting.options import FitOptions, GridSteps, SearchBox
+from skincal.fitting.result import PARAMETERS
+from skincal.fitting.valley import interval
 
 TRUTH = Truth("layer", 0.024, 3.0, -9.0, 4e8, 70.0, 0.8e-3, 0.3e-3, -0.2e-3, 1.5e-3, 0.4)
 BOX = {

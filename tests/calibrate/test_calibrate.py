@@ -26,10 +26,10 @@ from skincal.calibrate.workers import (
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import Dataset
 from skincal.errors import InputError, WorkError
-from skincal.fit.grid import GridSlab
-from skincal.fit.options import FitOptions
+from skincal.fitting.grid import GridSlab
+from skincal.fitting.options import FitOptions
 from skincal.model import Cylinder, Plane
-from tests.fit.conftest import QUICK
+from tests.fitting.conftest import QUICK
 
 
 @pytest.fixture(scope="module")

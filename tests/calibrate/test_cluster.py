@@ -18,7 +18,7 @@ from skincal.calibrate import calibrate
 from skincal.calibrate import cluster as cluster_module
 from skincal.calibrate.workers import mapper
 from skincal.errors import InputError
-from tests.fit.conftest import QUICK
+from tests.fitting.conftest import QUICK
 
 pytest.importorskip("distributed")
 

@@ -14,7 +14,7 @@ from skincal.calibrate.checkpoint import Checkpoint
 from skincal.dataset import Dataset, SurfaceSpec, read_dataset
 from skincal.dataset.uniform import uniform_pressure
 from skincal.errors import WorkError
-from skincal.fit.options import FitOptions, GridSteps
+from skincal.fitting.options import FitOptions, GridSteps
 from skincal.model import Contacts, Converter, Cylinder, FlatPunch, Patch, SensorPose, Skin, SkinParameters
 from skincal.units import rad
 

@@ -13,7 +13,7 @@ from skincal.calibrate import calibrate, calibrate_uniform
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import read_dataset
 from skincal.errors import WorkError
-from skincal.predict import predict_dataset
+from skincal.prediction import predict_dataset
 from skincal.ranges import from_calibration
 from skincal.report.fit_uniform import write_uniform_report
 

@@ -16,11 +16,11 @@ from skincal.calibrate import Way, calibrate, choose_way, fit_problem, search_bo
 from skincal.cli.main import main
 from skincal.dataset import Dataset, SurfaceSpec, write_dataset
 from skincal.errors import InputError, WorkError
-from skincal.fit.options import FitOptions, GridSteps
+from skincal.fitting.options import FitOptions, GridSteps
 from skincal.model import Cylinder
 from skincal.units import deg
-from tests.fit.conftest import QUICK
-from tests.fit.geometry import shell_arrays
+from tests.fitting.conftest import QUICK
+from tests.fitting.geometry import shell_arrays
 
 RADIUS = 0.0115
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import typer
 
-from skincal import __version__
 from skincal.cli.common import plain, print_json
 from skincal.cli.main import app, main
 from skincal.progress import progress
+from skincal.version import __version__
 
 SLOW = ("numpy", "pandas", "pyarrow", "matplotlib", "scipy", "trimesh", "nlopt", "jinja2")
 

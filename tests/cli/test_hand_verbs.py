@@ -108,7 +108,7 @@ def test_a_bad_driver_is_named_with_what_was_expected(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("hand", "test", "simm"), 'remote, replay, sim; got "simm"'),
+        (("hand", "test", "simm"), 'remote, replay, sim, stage-sim; got "simm"'),
         (("hand", "test", "sim", "--driver-option", "sead=3"), 'got "sead"'),
         (("hand", "test", "sim", "--driver-option", "seed"), 'expected KEY=VALUE; got "seed"'),
         (("serve-hand", "--driver", "sim", "--bind", "tcp://0.0.0.0:5555"), "without keys"),

@@ -17,7 +17,7 @@ from skincal.calibration import write_calibration
 from skincal.cli.main import main
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import read_dataset, write_dataset
-from skincal.fit.grid import GridSlab
+from skincal.fitting.grid import GridSlab
 
 
 def _verb(*words: str) -> Callable[[Path, bool], None]:

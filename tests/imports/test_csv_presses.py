@@ -13,7 +13,7 @@ import pytest
 
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError
-from skincal.fit.wiring_orders import mapping_of
+from skincal.fitting.wiring_orders import mapping_of
 from skincal.imports import import_csv, template
 from tests.imports.foreign import PRESS_ROWS, mapping, press_table, write_mapping, write_press_table
 

@@ -11,10 +11,10 @@ from diagnose.diagnose_data import moving
 from report.diagnosis_cases import calibration
 
 from skincal.dataset import HOLD, Dataset, Presses
-from skincal.diagnose.diagnosis import Diagnosis
-from skincal.diagnose.workflow import diagnose
+from skincal.diagnosis.diagnosis import Diagnosis
+from skincal.diagnosis.workflow import diagnose
 from skincal.effects import Samples
-from skincal.predict import predict_dataset
+from skincal.prediction import predict_dataset
 
 Given = Mapping[str, Mapping[str, object]]
 

@@ -13,9 +13,9 @@ from diagnose.diagnose_data import moving
 
 from skincal.calibration import Calibration, Effect, ModelParameters
 from skincal.dataset import HOLD, Dataset, Presses
-from skincal.diagnose.diagnosis import Diagnosis
-from skincal.diagnose.workflow import diagnose
-from skincal.predict import predict_dataset
+from skincal.diagnosis.diagnosis import Diagnosis
+from skincal.diagnosis.workflow import diagnose
+from skincal.prediction import predict_dataset
 
 TRUTH = ModelParameters(0.0235, degrees(0.05), 4e8, 70.0, beta_deg=degrees(0.2))
 LOOP = {"hysteresis": {"height": 0.6, "width": 1.5}}

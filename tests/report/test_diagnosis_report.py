@@ -9,7 +9,7 @@ import pytest
 from report.diagnosis_cases import diagnosed
 
 from skincal.cli.common import plain
-from skincal.diagnose.summary import summary
+from skincal.diagnosis.summary import summary
 from skincal.report.diagnosis import write_diagnosis_report
 from skincal.report.diagnosis_words import headline, tone, verdict_lines, verdict_sentences
 

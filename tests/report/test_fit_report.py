@@ -29,11 +29,11 @@ from skincal.dataset import (
     SurfaceSpec,
 )
 from skincal.dataset.placement import patch_coordinates
-from skincal.fit.grid import MacroGrid
-from skincal.fit.observe import Readout
-from skincal.fit.options import SearchBox
-from skincal.fit.problem import PressTable, Rig, pose_problem
-from skincal.fit.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
+from skincal.fitting.grid import MacroGrid
+from skincal.fitting.observe import Readout
+from skincal.fitting.options import SearchBox
+from skincal.fitting.problem import PressTable, Rig, pose_problem
+from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import SECTIONS, write_fit_report
 from skincal.report.fit_bound import bound_story
@@ -111,6 +111,9 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         sigmas=Sigmas(0.6e-3, 0.004, 0.2, 0.01, 0.01, 1e-4),
         law_spread_m=0.1e-3,
         effective_draws=400.0,
+        force_low=0.0,
+        rest_counts=0.0,
+        rest_interval=(0.0, 0.0),
         grid=_bowl(),
         presses=fit,
         problem=problem,

@@ -1,0 +1,170 @@
+"""How much of the gap is gone, on presses that neither the fit nor the choice has seen; they are looked at once.
+
+Before and after are compared frame by frame, with measured counts as they are and predictions as the converter shows
+them on average. A press may place itself within its slack, alike before and after. The floor is the noise at the values
+that are predicted, and no more than what the better of the two models leaves: an error below it shows that it is less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skincal.diagnosis.observed import Observed, full_rate
+from skincal.inference.blocks import Whitened, blocks
+from skincal.inference.fit import Fitter
+from skincal.inference.forward import Forward, State
+from skincal.inference.start import placed_at
+from skincal.model.arrays import FloatArray, IntArray
+
+_DRAWS, _STEPS = 400, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """The gap on presses nobody has fitted.
+
+    Attributes:
+        before: root mean square error of a taxel with the base model [counts].
+        after: with the named effects [counts].
+        floor: noise alone [counts].
+        closed: (before² - after²) / (before² - floor²); NaN where there is no gap.
+        interval: where ``closed`` lies, 95 %.
+        added: where after² - before² lies, 95 % [counts²].
+        presses: rows of the presses looked at.
+        frames: number of frames, or of hold means.
+        slack_before_m: root mean square of what presses had to move [m].
+        slack_after_m: with the named effects [m].
+        errors: (presses, 4) sums of squares before, after and of the floor, and their number, press by press.
+    """
+
+    before: float
+    after: float
+    floor: float
+    closed: float
+    interval: tuple[float, float]
+    added: tuple[float, float]
+    presses: IntArray
+    frames: int
+    slack_before_m: float
+    slack_after_m: float
+    errors: FloatArray
+
+    @property
+    def refutes(self) -> bool:
+        """Whether presses are surely further off after than before."""
+        return self.added[0] > 0
+
+
+def placed_presses(fitter: Fitter, state: State, rows: IntArray, *, lattice: bool = True) -> State:
+    """A state whose named presses stand where they fit best, all else held."""
+    at = placed_at(fitter, state, rows) if lattice and len(rows) else state
+    best = np.full(fitter.forward.presses, np.inf)
+    move = at.move.copy()
+    damp = 1.0
+    for _ in range(_STEPS):
+        seen = fitter.forward.see(at)
+        none = np.zeros((*seen.values.shape, 0))
+        w: Whitened = fitter.whitened(seen, none, none)
+        found = blocks(w, fitter.press, fitter.phase, at.move, fitter.before.move)
+        loss = np.full(fitter.forward.presses, np.inf)
+        own = found.press >= 0
+        loss[found.press[own]] = found.loss[own]
+        better = loss < best
+        move[better] = at.move[better]
+        best = np.minimum(best, loss)
+        step = np.clip(found.moves[0], [-4e-4, -4e-4, -0.03], [4e-4, 4e-4, 0.03])
+        new = move.copy()
+        new[rows] = np.where(
+            better[rows, None], move[rows] + step[rows], move[rows] + 0.3 * (at.move[rows] - move[rows])
+        )
+        new[:, :2] = np.clip(new[:, :2], -fitter.before.slack_m, fitter.before.slack_m)
+        at = replace(at, move=new)
+        damp *= 0.5
+    return replace(at, move=move)
+
+
+def gap_of(observed: Observed, before: State, after: State, rng: np.random.Generator) -> Gap:
+    """Looks at the presses of the end.
+
+    Args:
+        observed: the session.
+        before: the base model's fit.
+        after: with the named effects; the same where none are.
+        rng: draws whole presses again, for intervals.
+    """
+    rows = np.flatnonzero(observed.held)
+    fitter = observed.whole()
+    whole = full_rate(observed)
+    first = placed_presses(fitter, before, rows)
+    second = first if after is before else placed_presses(fitter, after, rows)
+    # A press may be trapped at one place before and at another after: each model has both to choose from.
+    frames = _frames(whole, observed)
+    square = [_squares(whole, s, frames, observed)[0] for s in (first, second)]
+    noise = _squares(whole, second, frames, observed)[1]
+    owner = whole.session.press
+    errors = np.zeros((len(rows), 4))
+    for k, p in enumerate(rows.tolist()):
+        mine = owner == p
+        errors[k] = [np.nansum(x[mine]) for x in (*square, noise)] + [np.isfinite(square[0][mine]).sum()]
+    errors = errors[errors[:, 3] > 0]
+    if not len(errors):
+        nothing = (float("nan"), float("nan"))
+        return Gap(0.0, 0.0, 0.0, float("nan"), nothing, nothing, rows, 0, 0.0, 0.0, errors)
+    b, a, f, n = errors.sum(axis=0)
+    scale = min(1.0, min(a, b) / f) if f > 0 else 1.0
+    errors[:, 2] *= scale
+    f *= scale
+    drawn = errors[rng.integers(0, len(errors), (_DRAWS, len(errors)))].sum(axis=1)
+    return Gap(
+        float(np.sqrt(b / n)), float(np.sqrt(a / n)), float(np.sqrt(f / n)), *_closed(b, a, f, drawn),
+        _ends((drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]), rows, int(n // whole.session.counts.shape[1] if
+        whole.session.counts is not None else 0),
+        _rms(first.move[rows]), _rms(second.move[rows]), errors,
+    )  # fmt: skip
+
+
+def _closed(b: float, a: float, f: float, drawn: FloatArray) -> tuple[float, tuple[float, float]]:
+    if b <= f * (1 + 1e-9):
+        return float("nan"), (float("nan"), float("nan"))
+    each = (drawn[:, 0] - drawn[:, 1]) / np.maximum(drawn[:, 0] - drawn[:, 2], 1e-3 * (b - f))
+    low, high = _ends(each)
+    closed = float((b - a) / (b - f))
+    return closed, (min(low, closed), min(max(high, closed), 1.0) if closed <= 1 else closed)
+
+
+def _ends(values: FloatArray) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _rms(move: FloatArray) -> float:
+    return float(np.sqrt((move[:, :2] ** 2).sum(axis=1).mean())) if len(move) else 0.0
+
+
+def _frames(whole: Forward, observed: Observed) -> FloatArray:
+    """(N, J) counts of the presses of the end while they touch, else NaN."""
+    s = whole.session
+    assert s.counts is not None
+    own = (s.press >= 0) & observed.held[np.maximum(s.press, 0)]
+    return np.where(own[:, None], s.counts, np.nan)
+
+
+def _squares(
+    whole: Forward, state: State, counts: FloatArray, observed: Observed
+) -> tuple[FloatArray, FloatArray]:
+    """Squared errors (N, J), and the noise's variance."""
+    del observed
+    seen = whole.see(state)
+    level = seen.values + state.rest
+    mean, _ = whole.noise.written(level)
+    variance = whole.noise.variance(whole.mean @ level, state.rest, whole.session.frames)
+    if whole.noise.force_n:
+        # The measured force of a frame is noisy, too: no model can follow that.
+        more = replace(state, move=state.move + np.array([0.0, 0.0, 0.02]))
+        per_n = whole.mean @ (whole.see(more).values - seen.values) / 0.02
+        force = np.maximum(whole.session.mean_force(), 5 * whole.noise.force_n)[:, None]
+        variance = variance + (per_n / force * whole.noise.force_n) ** 2 / whole.session.frames[:, None]
+    error = (counts - whole.mean @ mean) ** 2
+    return error, np.where(np.isfinite(error), variance, np.nan)

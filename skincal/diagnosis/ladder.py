@@ -1,0 +1,117 @@
+"""Presses that vary one thing at a time, where nothing known explains what is missing: they show its shape.
+
+Which thing is told by the signatures that the residual goes along with. Everything else stays as in a usual press, each
+combination comes at several sites and at least twice, so that scatter and dependence can be told apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from skincal.collect import Plan, PlannedPress
+from skincal.collect.protocols import named_by_order, spread_sites
+from skincal.diagnosis.rig import Rig
+
+Factor = Literal["force", "pace", "time", "touches", "places", "poses", "indenters"]
+
+FACTORS: Mapping[str, Factor] = {
+    "unloading": "pace",
+    "loading": "pace",
+    "the hold": "pace",
+    "speed": "pace",
+    "low speed": "pace",
+    "rest": "time",
+    "begin": "time",
+    "end": "time",
+    "cycle": "touches",
+    "low cycle": "touches",
+    "force": "force",
+    "small force": "force",
+    "pose": "poses",
+    "indenter": "indenters",
+}
+"""What to vary for each part of a session (:mod:`skincal.diagnosis.where`)."""
+
+WORDS: Mapping[Factor, str] = {
+    "force": "only the force differs",
+    "pace": "only the speed of loading and the length of the hold differ",
+    "time": "the same few presses come back from beginning to end",
+    "touches": "each site is touched several times in a row",
+    "places": "the same press goes all over the patch",
+    "poses": "only the hand's pose differs",
+    "indenters": "only the indenter differs",
+}
+
+PRESSES, _TOUCHES, _LEVELS = 30, 4, 5
+_EITHER: tuple[Factor, ...] = ("force", "pace")
+
+
+def factors_of(names: Sequence[str], rig: Rig, most: int = 2) -> list[Factor]:
+    """What to vary, by the parts in which the residual lies, clearest first; force and pace where none is."""
+    clear: list[Factor] = [FACTORS[name] for name in names if name in FACTORS]
+    able: list[Factor] = [
+        f for f in clear if (f != "poses" or len(rig.poses) > 1) and (f != "indenters" or rig.radii_m)
+    ]
+    return sorted(set(able), key=able.index)[:most] or [*_EITHER]
+
+
+def ladder_plan(factors: Sequence[Factor], rig: Rig, rng: np.random.Generator) -> Plan:
+    """A session of presses that vary these things, one after the other, between two anchors."""
+    usual = rig.usual
+    sites = [replace(usual, u_m=u, v_m=v) for u, v in spread_sites(rng, rig.field, PRESSES)]
+    sites = rig.on_surface(sites) or [usual]
+    share = PRESSES // len(factors)
+    parts = [_varied(factor, share, usual, sites, rig, rng) for factor in factors]
+    # What comes back all session long goes between the others.
+    parts = list(itertools.zip_longest(*parts)) if "time" in factors else parts
+    presses = [p for part in parts for p in part if p is not None]
+    # One change of the cap and few of the pose: groups, in the order in which they first occur.
+    order = sorted(presses, key=lambda p: (p.indenter_radius_m or 0.0, rig.poses.index(p.pose)))
+    anchor = replace(usual, kind="anchor")
+    first = [p for p in order if p.indenter_radius_m is None]
+    named = named_by_order([anchor, *first, anchor, *order[len(first) :]])
+    last = len(first) + 1
+    return rig.plan(
+        "next-presses", [replace(p, kind="anchor") if i in (0, last) else p for i, p in enumerate(named)]
+    )
+
+
+def _varied(
+    factor: Factor,
+    count: int,
+    usual: PlannedPress,
+    sites: Sequence[PlannedPress],
+    rig: Rig,
+    rng: np.random.Generator,
+) -> list[PlannedPress]:
+    if factor == "time":
+        return list(itertools.islice(itertools.cycle(sites[:3]), count))
+    if factor == "touches":
+        return [p for p in sites[: max(1, count // _TOUCHES)] for _ in range(_TOUCHES)]
+    levels = _levels(factor, usual, rig)
+    # A single level goes over more sites than come back.
+    places = sites[: max(1, 2 * count // 3 if len(levels) == 1 else count // (2 * len(levels)))]
+    made = [replace(p, u_m=at.u_m, v_m=at.v_m) for at in places for p in levels]
+    chosen = list(itertools.islice(itertools.cycle(made), count))
+    return [chosen[int(i)] for i in rng.permutation(count)]
+
+
+def _levels(factor: Factor, usual: PlannedPress, rig: Rig) -> list[PlannedPress]:
+    """The usual press with each value of what is varied."""
+    if factor == "force":
+        low, high = (force**0.5 for force in rig.forces_n)
+        roots = [low + (high - low) * i / (_LEVELS - 1) for i in range(_LEVELS)]
+        return [replace(usual, force_n=round(root**2, 3)) for root in roots]
+    if factor == "pace":
+        both = itertools.product(rig.speeds_m_per_s, rig.holds_s)
+        return [replace(usual, speed_m_per_s=speed, hold_s=hold) for speed, hold in both]
+    if factor == "poses":
+        return [replace(usual, pose=name) for name in rig.poses]
+    if factor == "indenters":
+        return [replace(usual, indenter_radius_m=radius) for radius in (None, *rig.radii_m)]
+    return [usual]

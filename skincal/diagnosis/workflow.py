@@ -1,0 +1,173 @@
+"""The diagnosis, stage by stage: fit the base model, search, check, look once at the presses of the end, calibrate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.calibrate.order import find_taxel_order
+from skincal.calibration import Calibration
+from skincal.calibration.matching import check_same_sensor
+from skincal.dataset import Dataset
+from skincal.diagnosis.audit import report_of
+from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
+from skincal.diagnosis.findings import findings_of
+from skincal.diagnosis.gap import gap_of, placed_presses
+from skincal.diagnosis.newcal import effect_intervals, new_calibration
+from skincal.diagnosis.next_presses import next_presses
+from skincal.diagnosis.observed import Observed, observe
+from skincal.diagnosis.where import shares, where_text
+from skincal.effects import EFFECTS
+from skincal.inference.columns import free_of
+from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.search import Found, Search
+from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
+from skincal.model.arrays import FloatArray
+
+Heard = Callable[[str], None]
+
+
+def diagnose(
+    dataset: Dataset,
+    calibration: Calibration,
+    seed: int = 0,
+    heard: Heard = lambda _: None,
+    null_sessions: int = C.null_sessions,
+) -> Diagnosis:
+    """Finds what a calibrated simulation lacks against a dataset.
+
+    Args:
+        dataset: the session.
+        calibration: of the same sensor; effects that it has already are kept.
+        seed: of all chance.
+        heard: told which stage begins.
+        null_sessions: simulated sessions with nothing hidden.
+
+    Raises:
+        InputError: the calibration is of another sensor.
+        WorkError: too few presses.
+    """
+    check_same_sensor(calibration, dataset)
+    split, searched, again, drawn, pressed, audited = np.random.default_rng(seed).spawn(6)
+    heard("noise floor and places")
+    observed = observe(dataset, calibration, split)
+    fitter = observed.fitter
+    base = base_fit(fitter, known=True)
+    heard("what can be seen")
+    audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
+    heard("what is missing")
+    search = Search(fitter, base, observed.names, observed.covariates, searched, heard, null_sessions)
+    found = search.run()
+    heard("gap on presses nobody has fitted")
+    gap = gap_of(observed, found.base.state, found.fitted.state, again)
+    named = bool(found.named)
+    # What is left is more than chance, or presses that nobody has fitted are further off: no name is sure.
+    order = find_taxel_order(dataset)
+    doubt = gap.refutes or found.doubtful or order is not None
+    taken_back = tuple(n.name for n in found.named) if named and doubt else ()
+    unexplained = (not named and found.open) or order is not None
+    verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"
+    unexplained = (found.open or order is not None) and verdict != "none"
+    effects = _named(found, observed) if verdict == "effects" else ()
+    heard("calibration")
+    final = calibration
+    if effects:
+        whole = observed.whole()
+        ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
+        wild = wild_presses(whole, ready)
+        last = without_presses(whole, wild).solve(ready, found.fitted.free, steps=C.joint_steps)
+        final = new_calibration(calibration, observed, last, drawn, wild, unexplained=unexplained)
+    left = _residual(fitter, found.base)
+    depends = shares(left, observed.session)
+    shown = found.fitted if effects else found.base
+    findings = findings_of(observed, calibration, shown, effects, gap)
+    if order is not None:
+        findings = (order, *findings)
+    heard("next presses")
+    rivals = (
+        [(n.name, found.fitted, other, fit) for n in found.named for other, fit in n.rivals]
+        if effects
+        else []
+    )
+    words, plan = next_presses(observed, audit, depends, rivals, pressed, unknown=verdict == "unknown")
+    return Diagnosis(
+        verdict, effects, unexplained, where_text(left, observed.session, dataset.layout()), gap, observed.floor, audit,
+        found, observed, depends[:6], findings, final, seed, words, plan, taken_back,
+    )  # fmt: skip
+
+
+def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:
+    return np.where(np.isfinite(fitter.counts), raw_residual(fitter, fit.state), np.nan)
+
+
+def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
+    fit, fitter = found.fitted, observed.fitter
+    excess = [float(np.nansum(_residual(fitter, x) ** 2 - 1)) for x in (found.base, fit)]
+    whole = max(excess[0] - excess[1], 1e-9)
+    made = []
+    for one in found.named:
+        without = {n: v for n, v in fit.state.effects.items() if n != one.name}
+        residual = np.where(
+            np.isfinite(fitter.counts), raw_residual(fitter, replace(fit.state, effects=without)), np.nan
+        )
+        alone = len(found.named) == 1
+        share = (
+            1 - max(excess[1], 0.0) / max(excess[0], 1e-9)
+            if alone
+            else (float(np.nansum(residual**2 - 1)) - excess[1]) / whole
+        )
+        made.append(
+            NamedEffect(
+                one.name, one.alike, one.p_value, one.gain, dict(fit.state.effects[one.name]),
+                effect_intervals(fit, one.name),
+                where_text(_residual(fitter, found.base) if alone else residual, observed.session,
+                observed.dataset.layout()),
+                float(np.clip(share, 0.0, 1.0)), EFFECTS[one.name].in_places,
+            )
+        )  # fmt: skip
+    return tuple(made)
+
+
+def refitted_effects(
+    dataset: Dataset, calibration: Calibration, known: Calibration, seed: int = 0
+) -> Calibration:
+    """A calibration of the base model, with the effects of another one fitted beside it to the same session.
+
+    An effect that the dataset cannot speak of, for it lacks a covariate, stays as it was.
+
+    Args:
+        dataset: the session that ``calibration`` was fitted to.
+        calibration: of the base model.
+        known: has the effects.
+        seed: of all chance.
+
+    Raises:
+        InputError: ``known`` is of another sensor.
+        WorkError: too few presses.
+    """
+    check_same_sensor(known, dataset)
+    both = replace(calibration, effects=known.effects)
+    rng, drawn = np.random.default_rng(seed).spawn(2)
+    observed = observe(dataset, both, rng, keep=False)
+    base = base_fit(observed.fitter, known=True)
+    free = []
+    for name, values in base.state.effects.items():
+        if name in observed.names:
+            checked = EFFECTS[name].checked(values, dataset.layout().taxels)
+            free += free_of(name, checked, None, observed.covariates)
+    state = replace(
+        base.state,
+        effects={
+            n: dict(EFFECTS[n].checked(v, dataset.layout().taxels)) for n, v in base.state.effects.items()
+        },
+    )
+    last = observed.fitter.solve(state, tuple(free), steps=2 * C.joint_steps)
+    wild = wild_presses(observed.fitter, last.state)
+    if len(wild):
+        # They have drawn sensor, places and effects after them: again without them.
+        last = without_presses(observed.fitter, wild).solve(state, tuple(free), steps=2 * C.joint_steps)
+    made = new_calibration(both, observed, last, drawn, wild, unexplained=False)
+    return replace(made, provenance=calibration.provenance, grid=calibration.grid)

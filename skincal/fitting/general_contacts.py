@@ -1,0 +1,116 @@
+"""Where presses touch in space: contact points and normals on any surface, as functions of the slack."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skincal.fitting.lookup import cubic
+from skincal.fitting.types import Floats, Ints
+from skincal.model import Surface
+from skincal.model.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from skincal.fitting.general_local import LocalPlaces
+
+_STEP_M = 0.5e-3
+"""Lattice on which the surface round a press is tabled. Cubic look-ups between are good to a micrometre on a
+fingertip; a mesh's own facets are coarser."""
+
+_MOST_NODES = 41
+
+MARGIN_M = 2.5e-3
+"""How far beyond the slack contacts are looked for, as the sensor's pose is not known yet [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactMap:
+    """Contact points and normals of presses, moved along the surface from where they were measured.
+
+    Attributes:
+        measured_m: (K, 3) measured contact points on the surface [m].
+        planes: (K, 6, N, N) float32: offset of the contact point from there [m] and contact normal, on a lattice of
+            slacks across and along.
+        slot: (M,) for every press of the session its row in the arrays above, or -1.
+        half_m: slack at the outermost nodes that are looked up [m]; beyond it a contact stays there.
+        measured_normals: whether normals are measured; they are then kept as they are when a contact moves.
+        local: the presses on a surface that looks the same everywhere, for the grid; None where the grid asks the
+            skin model itself.
+    """
+
+    measured_m: Floats
+    planes: Floats
+    slot: Ints
+    half_m: float
+    measured_normals: bool
+    local: LocalPlaces | None = None
+
+    @classmethod
+    def of(
+        cls,
+        surface: Surface,
+        points_m: Floats,
+        rows: Ints,
+        half_m: float,
+        normals: Floats | None = None,
+    ) -> ContactMap:
+        """Tables the surface round the presses ``rows`` of a session.
+
+        Args:
+            surface: any.
+            points_m: (M, 3) measured contact points of the session [m].
+            rows: (K,) presses that are wanted.
+            half_m: how far contacts may move [m].
+            normals: (M, 3) measured contact normals of the session; None or NaN for the surface's own.
+        """
+        count = min(int(np.ceil(half_m / _STEP_M)), (_MOST_NODES - 1) // 2)
+        step = half_m / count
+        # Two more nodes all round, so that a look-up at the edge has all its neighbours.
+        axis = np.arange(-count - 2, count + 3) * step
+        across, along = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
+        planes = np.zeros((len(rows), 6, len(axis), len(axis)), dtype=np.float32)
+        centres = surface.project(points_m[rows])
+        for k, row in enumerate(rows):
+            points = surface.offset(np.tile(centres[k], (len(across), 1)), across, along)
+            points = _kept_on(points, across, along)
+            own = surface.normal_at(points)
+            if normals is not None and np.isfinite(normals[row]).all():
+                own = np.tile(normals[row], (len(own), 1))
+            both = np.concatenate([points - centres[k], own], axis=1)
+            planes[k] = both.T.reshape(6, len(axis), len(axis))
+        slot = np.full(len(points_m), -1, dtype=np.intp)
+        slot[rows] = np.arange(len(rows))
+        measured = normals is not None and bool(np.isfinite(normals[rows]).any())
+        return cls(centres, planes, slot, count * step, measured)
+
+    def at(self, rows: Ints, slack_m: Floats) -> tuple[FloatArray, FloatArray]:
+        """Contact points (n, 3) [m] and unit normals (n, 3) of presses at slacks (n, 2) [m].
+
+        Args:
+            rows: (n,) rows of the presses in the session.
+            slack_m: (n, 2) across and along.
+        """
+        slot, count = self.slot[rows], len(rows)
+        side = self.planes.shape[-1]
+        step = 2 * self.half_m / (side - 5)
+        place = (np.clip(slack_m, -self.half_m, self.half_m) / step + (side - 1) / 2).astype(np.float32)
+        plane = (slot[:, None] * 6 + np.arange(6)).ravel()
+        row, col = np.repeat(place[:, 0], 6), np.repeat(place[:, 1], 6)
+        got = cubic(self.planes.reshape(-1, side, side), plane, row, col).value.reshape(count, 6)
+        points = np.asarray(self.measured_m[slot] + got[:, :3], dtype=np.float64)
+        normals = got[:, 3:].astype(np.float64)
+        return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _kept_on(points_m: Floats, across_m: Floats, along_m: Floats) -> Floats:
+    """Points (N, 3) with those that would leave the surface kept at the nearest place that does not."""
+    lost = ~np.isfinite(points_m).all(axis=1)
+    if not lost.any():
+        return points_m
+    kept = np.flatnonzero(~lost)
+    apart = np.hypot(across_m[lost, None] - across_m[kept], along_m[lost, None] - along_m[kept])
+    points_m = points_m.copy()
+    points_m[lost] = points_m[kept[np.argmin(apart, axis=1)]]
+    return points_m

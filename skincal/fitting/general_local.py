@@ -1,0 +1,166 @@
+"""The skin round the sensor's nominal place, as a surface that looks the same everywhere.
+
+The grid only has to find where the continuous part of a fit begins. For that a fingertip of any shape is taken to be
+everywhere as it is round the sensor's nominal centre, so that the tables of the fast way serve: contacts are placed by
+their arc lengths from that centre, and the pressure under an indenter is the one that it has there. What follows the
+grid asks the skin model itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from skincal.fitting.grid import MacroGrid
+from skincal.fitting.presses import solve_small
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Floats, Ints
+from skincal.model import SensorPose, Surface
+from skincal.model.arrays import FloatArray, floats
+
+SKIN_M = 8e-3
+"""The modelled skin ends so far beyond the taxels [m], as :meth:`skincal.model.Patch.build` has it."""
+
+_STEP_M = 0.5e-3
+_BEYOND_M = 6e-3
+"""Presses are placed by arc lengths up to so far beyond the taxels [m]; those further off load none."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalSurface(Surface):
+    """The surface as seen from one place of it: every patch is laid there.
+
+    Attributes:
+        surface: of any shape.
+        centre: the place.
+        half_m: nothing is there further off than this along u or v [m].
+    """
+
+    surface: Surface
+    centre: SensorPose
+    half_m: float
+
+    def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`Surface.wrap`; only the turn of the pose matters."""
+        uv = floats("uv_m", uv_m, (None, 2))
+        points, normals = np.full((len(uv), 3), np.nan), np.full((len(uv), 3), np.nan)
+        near = (np.abs(uv) <= self.half_m).all(axis=1)
+        points[near], normals[near] = self.surface.wrap(
+            replace(self.centre, alpha_rad=pose.alpha_rad), uv[near]
+        )
+        return points, normals
+
+    def normal_at(self, points_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.normal_at`."""
+        return self.surface.normal_at(points_m)
+
+    def project(self, points_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.project`."""
+        return self.surface.project(points_m)
+
+    def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
+        """See :meth:`Surface.offset`."""
+        return self.surface.offset(points_m, across_m, along_m)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPlaces:
+    """Presses by arc lengths from the sensor's nominal centre, and how those go with the coordinates of the fit.
+
+    Attributes:
+        surface: round that centre.
+        place_m: (M, 2) contact positions across and along of every press of the session [m].
+        centre_m: (2,) the nominal centre, in the coordinates of the fit [m].
+        metric: (2,) arc length for a change of those coordinates, across and along.
+    """
+
+    surface: LocalSurface
+    place_m: Floats
+    centre_m: Floats
+    metric: Floats
+
+    @classmethod
+    def of(cls, problem: FitProblem, points_m: Floats, centre_m: Floats) -> LocalPlaces | None:
+        """Lays the surface out round a place.
+
+        Args:
+            problem: its surface and taxels.
+            points_m: (M, 3) measured contact points of the session [m].
+            centre_m: (2,) nominal centre of the sensor, across and along [m].
+
+        Returns:
+            None where the surface has no place for the taxels there.
+        """
+        rig = problem.rig
+        bounds = np.abs(rig.layout.bounds_m).max(axis=0)
+        half = float(bounds.max()) + SKIN_M
+
+        def pose(across: float, along: float) -> SensorPose:
+            if rig.arc_radius_m is None:
+                return SensorPose(along, 0.0, x_m=across)
+            return SensorPose(along, 0.0, beta_rad=across / rig.arc_radius_m)
+
+        across, along = centre_m.tolist()
+        axis = np.arange(-half - _BEYOND_M, half + _BEYOND_M + _STEP_M, _STEP_M)
+        uv = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        try:
+            laid, _ = rig.surface.wrap(pose(across, along), uv)
+            ends = [
+                rig.surface.wrap(pose(across + a, along + b), np.zeros((1, 2)))[0][0]
+                for a, b in ((_STEP_M, 0.0), (-_STEP_M, 0.0), (0.0, _STEP_M), (0.0, -_STEP_M))
+            ]
+        except ValueError:
+            return None
+        metric = np.array([np.linalg.norm(ends[0] - ends[1]), np.linalg.norm(ends[2] - ends[3])])
+        there = np.isfinite(laid).all(axis=1)
+        if not there.any():
+            return None
+        place = np.full((len(points_m), 2), np.nan)
+        known = np.isfinite(points_m).all(axis=1)
+        place[known] = centre_m + _arcs(laid[there], uv[there], points_m[known])
+        local = LocalSurface(rig.surface, pose(across, along), half)
+        return cls(local, place, centre_m, metric / (2 * _STEP_M))
+
+    def problem(self, problem: FitProblem) -> FitProblem:
+        """The problem on the surface that looks the same everywhere."""
+        across, along = self.place_m[problem.rows].T
+        rig = replace(problem.rig, surface=self.surface)
+        return replace(problem, across_m=across, along_m=along, rig=rig, contacts=None)
+
+    def grid(self, grid: MacroGrid) -> MacroGrid:
+        """The grid in arc lengths."""
+        across, along = (
+            self.centre_m[i] + self.metric[i] * (axis - self.centre_m[i])
+            for i, axis in enumerate((grid.across_m, grid.y_m))
+        )
+        return replace(grid, across_m=across, y_m=along)
+
+    def arcs(self, macro: Floats) -> Floats:
+        """Macro variables (..., 5) with the centre in arc lengths."""
+        out = macro.copy()
+        out[..., :2] = self.centre_m + self.metric * (macro[..., :2] - self.centre_m)
+        return out
+
+    def labels(self, macro: Floats) -> Floats:
+        """The inverse of :meth:`arcs`."""
+        out = macro.copy()
+        out[..., :2] = self.centre_m + (macro[..., :2] - self.centre_m) / self.metric
+        return out
+
+
+def _arcs(laid_m: Floats, uv_m: Floats, points_m: Floats) -> Floats:
+    """Patch coordinates (M, 2) of points (M, 3): from the nearest laid points, to first order between them."""
+    found = KDTree(laid_m).query(points_m, k=4)
+    distance, near = np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.intp)
+    # Weights that are exact for points in the plane of the four: affine, with the nearest as origin.
+    first: Ints = near[:, 0]
+    edges, arcs = laid_m[near[:, 1:]] - laid_m[first][:, None], uv_m[near[:, 1:]] - uv_m[first][:, None]
+    gram = edges @ edges.transpose(0, 2, 1)
+    gram += 1e-6 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
+    along = np.einsum("kei,ki->ke", edges, points_m - laid_m[first])
+    weights = solve_small(gram, along)
+    step = np.einsum("ke,kei->ki", weights, arcs)
+    return uv_m[first] + np.where((distance[:, :1] < 2 * _STEP_M), step, 0.0)

@@ -1,0 +1,110 @@
+"""Load shares straight from the skin model, for any surface, indenter and contact normal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Floats, Ints
+from skincal.model import Contacts, Converter, Patch, SensorPose, Skin, SkinParameters
+from skincal.model.arrays import FloatArray
+
+RESOLUTION_M = 0.25e-3
+"""Cells of the patch, as in the paper [m]."""
+
+_CHUNK = 20_000
+"""Contacts evaluated at a time, to bound memory."""
+
+
+class SkinShares:
+    """The skin at one pose of the sensor.
+
+    The patch is laid on the surface once. Elasticity needs no patch of its own: stress and force both scale with
+    it, so that the share of the force that a taxel reports depends on F/E only.
+
+    Args:
+        problem: presses with contacts in space.
+        across_m: the sensor's centre round the surface, arc length R beta, or x on a plane [m].
+        y_m: the same along the axis [m].
+        alpha_rad: turn [rad].
+        resolution_m: cells of the patch [m].
+    """
+
+    def __init__(
+        self,
+        problem: FitProblem,
+        across_m: float,
+        y_m: float,
+        alpha_rad: float,
+        *,
+        resolution_m: float = RESOLUTION_M,
+    ) -> None:
+        assert problem.contacts is not None
+        self.problem, self.contacts = problem, problem.contacts
+        radius = problem.rig.arc_radius_m
+        if radius is None:
+            pose = SensorPose(y_m, alpha_rad, x_m=across_m)
+        else:
+            pose = SensorPose(y_m, alpha_rad, beta_rad=across_m / radius)
+        rig = problem.rig
+        try:
+            patch = Patch.build(rig.surface, rig.layout, pose, resolution_m)
+        except ValueError:
+            self.skin: Skin | None = None
+        else:
+            self.skin = Skin(patch, SkinParameters(1.0, 1.0), Converter.none())
+
+    @property
+    def placed(self) -> bool:
+        """Whether the surface has a place for every taxel at this pose."""
+        return self.skin is not None
+
+    def lost_m2(self) -> FloatArray:
+        """How much narrower than its square a taxel is whose load is summed over the centres of cells (2,) [m²].
+
+        Along an axis that is cut into cells of length h, the centres have h²/12 less variance than what they stand
+        for: images are sharper by that than those of whole taxels, and a softer skin would be fitted to them.
+        Zero where the taxels do not fit on the surface.
+        """
+        if self.skin is None or self.skin.patch.uv_m is None:
+            return np.zeros(2)
+        patch, layout = self.skin.patch, self.problem.rig.layout
+        sensed = patch.taxel >= 0
+        taxel, area = patch.taxel[sensed], patch.areas_m2[sensed]
+        offset = self.skin.patch.uv_m[sensed] - layout.centres_m[taxel]
+        total = np.bincount(taxel, area, layout.taxels)
+        squares = [
+            np.bincount(taxel, area * d**2, layout.taxels) / np.maximum(total, 1e-30) for d in offset.T
+        ]
+        return np.maximum((layout.sizes_m**2 / 12 - np.transpose(squares)).mean(axis=0), 0.0)
+
+    def shares(self, press: Ints, slack_m: Floats, log_ratio: Floats) -> Floats:
+        """Share of the normal force that each taxel reports.
+
+        Args:
+            press: (n,) number of the press.
+            slack_m: (n, 2) how far its contact lies from where it was measured, across and along [m].
+            log_ratio: (n,) log(F/E).
+
+        Returns:
+            (n, J) shares; zero where the taxels do not fit on the surface.
+        """
+        out = np.zeros((len(press), self.problem.rig.layout.taxels))
+        kinds = self.problem.indenter[press]
+        ratio = np.exp(np.asarray(log_ratio, dtype=np.float64))
+        for kind in np.unique(kinds):
+            rows = np.flatnonzero(kinds == kind)
+            for start in range(0, len(rows), _CHUNK):
+                part = rows[start : start + _CHUNK]
+                out[part] = self._of_one(int(kind), press[part], slack_m[part], ratio[part])
+        return out
+
+    def _of_one(self, kind: int, press: Ints, slack_m: Floats, ratio_m3: FloatArray) -> Floats:
+        if self.skin is None:
+            return np.zeros((len(press), self.problem.rig.layout.taxels))
+        points, normals = self.contacts.at(self.problem.rows[press], slack_m)
+        # With E = 1 Pa/m a force of F/E newtons presses as deep as F does on the real skin.
+        loads = self.skin.loads(
+            self.problem.rig.indenters[kind], Contacts(points, normals, ratio_m3.astype(np.float64))
+        )
+        return np.nan_to_num(loads) / ratio_m3[:, None]

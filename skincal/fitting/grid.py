@@ -1,0 +1,217 @@
+"""The macro variables on a grid: sensor pose y, beta, alpha and elasticity E, with the micro problems inside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.fitting.images import KernelImages, Level
+from skincal.fitting.micro import MicroSettings, gauss_newton
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Floats
+
+_SEARCH_STEP_M = 0.25e-3
+"""Lattice on which the slack's square is searched before Gauss-Newton takes over."""
+
+
+@dataclass(frozen=True, eq=False)
+class MacroGrid:
+    """The values of each macro variable.
+
+    Attributes:
+        across_m: (X,) positions of the sensor's centre round the surface: arc length R beta, or x [m].
+        y_m: (Y,) positions along the axis [m].
+        alpha_rad: (A,) turns [rad].
+        log_elasticity: (E,) logarithms of E in [Pa/m].
+    """
+
+    across_m: Floats
+    y_m: Floats
+    alpha_rad: Floats
+    log_elasticity: Floats
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """(A, E, X, Y)."""
+        return len(self.alpha_rad), len(self.log_elasticity), len(self.across_m), len(self.y_m)
+
+    @property
+    def combinations(self) -> int:
+        """How many combinations the grid holds."""
+        return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class GridSlab:
+    """What one turn of the sensor gave, each array (E, X, Y).
+
+    Attributes:
+        mse_counts2: the paper's loss: mean squared error per taxel with the best positions and scale [counts²].
+        scale_per_n: least-squares scale S [1/N].
+        slack_rms_m: root mean square slack along one direction [m].
+    """
+
+    mse_counts2: Floats
+    scale_per_n: Floats
+    slack_rms_m: Floats
+
+
+def span(low: float, high: float, step: float) -> Floats:
+    """Equally spaced values from ``low`` to ``high``, both included, no further apart than ``step``."""
+    if high <= low:
+        return np.array([low])
+    return np.linspace(low, high, int(np.ceil((high - low) / step - 1e-9)) + 1)
+
+
+def least_squares_scale(forces: Floats, observed: Floats) -> tuple[Floats, Floats]:
+    """The scale S that takes taxel forces to observed values, and what is left.
+
+    Args:
+        forces: (K, ..., J) weighted loads of K presses [N].
+        observed: (K, ..., J) weighted values [counts].
+
+    Returns:
+        S (...) [1/N], 0 where no taxel is loaded, and the sum of squared residuals (...) [counts²].
+    """
+    power = np.einsum("k...j,k...j->...", forces, forces)
+    product = np.einsum("k...j,k...j->...", forces, observed)
+    scale = np.where(power > 0, product / np.maximum(power, 1e-30), 0.0)
+    return scale, np.einsum("k...j,k...j->...", observed, observed) - scale * product
+
+
+def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
+    """Evaluates all combinations of one turn alpha.
+
+    Args:
+        problem: the presses.
+        grid: the macro variables.
+        turn: which of the grid's turns.
+        settings: of the micro problems.
+
+    Returns:
+        Loss, scale and slack of every combination (E, X, Y).
+    """
+    rig = problem.rig
+    log_force = np.log(problem.force_n)
+    ratios = (log_force.min() - grid.log_elasticity[-1], log_force.max() - grid.log_elasticity[0])
+    images = KernelImages(rig.surface, rig.indenters, rig.layout, grid.alpha_rad[turn : turn + 1], ratios)
+    search = _Search.build(problem, grid, settings)
+    results = [
+        _evaluate_level(problem, grid, float(grid.alpha_rad[turn]), settings, images, level, search)
+        for level in (images.level(0, log_force - e, problem.indenter) for e in grid.log_elasticity)
+    ]
+    return GridSlab(*(np.stack(arrays) for arrays in zip(*results, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Lattice of contact positions relative to the sensor's centre that all combinations of a turn share.
+
+    Each press has its own lattice, so laid that every grid value of the centre, with slack zero, falls on a node.
+    """
+
+    across_m: Floats  # (K, P) positions, measured contact minus centre plus slack
+    along_m: Floats  # (K, Q)
+    slack_across_m: Floats  # (W,)
+    slack_along_m: Floats  # (V,)
+    stride: tuple[int, int]
+
+    @classmethod
+    def build(cls, problem: FitProblem, grid: MacroGrid, settings: MicroSettings) -> _Search:
+        rows, slack_rows, row_stride = _axis(grid.across_m, settings.slack_m)
+        cols, slack_cols, col_stride = _axis(grid.y_m, settings.slack_m)
+        return cls(
+            problem.across_m[:, None] + rows,
+            problem.along_m[:, None] + cols,
+            slack_rows,
+            slack_cols,
+            (row_stride, col_stride),
+        )
+
+
+def _axis(centres: Floats, slack: float) -> tuple[Floats, Floats, int]:
+    """Offsets (P,) = slack minus centre, falling centre first; the slacks of a window; nodes from centre to centre."""
+    pitch = float(centres[1] - centres[0]) if len(centres) > 1 else _SEARCH_STEP_M
+    stride = max(1, int(np.ceil(pitch / _SEARCH_STEP_M - 1e-9)))
+    step = pitch / stride
+    half = int(slack / step + 1e-9)
+    window = np.arange(-half, half + 1) * step
+    # From the last centre to the first, so that offsets grow.
+    offsets = -float(centres[-1]) + np.arange(-half, half + (len(centres) - 1) * stride + 1) * step
+    return offsets, window, stride
+
+
+def _evaluate_level(
+    problem: FitProblem,
+    grid: MacroGrid,
+    alpha_rad: float,
+    settings: MicroSettings,
+    images: KernelImages,
+    level: Level,
+    search: _Search,
+) -> tuple[Floats, Floats, Floats]:
+    slack, press = _search(problem, grid, alpha_rad, settings, images, level, search)
+    shape = (len(problem), len(grid.across_m), len(grid.y_m))
+    # Contact relative to the centre at slack zero, for every press and centre.
+    at_across = np.broadcast_to(problem.across_m[:, None, None] - grid.across_m[:, None], shape).reshape(-1)
+    at_along = np.broadcast_to(problem.along_m[:, None, None] - grid.y_m, shape).reshape(-1)
+    weight = np.where(problem.saturated, 0.0, problem.weight).astype(np.float32)
+    observed = (problem.values * weight).astype(np.float32)[press]
+    cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
+
+    def simulate(slack_m: Floats, number: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
+        across, along = at_across[number] + slack_m[:, 0], at_along[number] + slack_m[:, 1]
+        uv = np.stack([across * cos + along * sin, along * cos - across * sin], axis=1)
+        value, by_u, by_v = images.at_level(level, uv, press[number])
+        w = weight[press[number]]
+        return w * value, w * (cos * by_u - sin * by_v), w * (sin * by_u + cos * by_v)
+
+    slack, _ = gauss_newton(observed, slack, simulate, settings)
+    final, _, _ = simulate(slack, np.arange(len(slack)))
+    forces = final.reshape(*shape, -1) * problem.force_n[:, None, None, None]
+    seen = observed.reshape(*shape, -1)
+    scale, squares = least_squares_scale(forces, seen)
+    mse = squares / max(1.0, float((weight > 0).sum()))
+    slack_rms = np.sqrt((slack**2).reshape(*shape, 2).mean(axis=(0, 3)))
+    return mse, scale, slack_rms
+
+
+def _search(
+    problem: FitProblem,
+    grid: MacroGrid,
+    alpha_rad: float,
+    settings: MicroSettings,
+    images: KernelImages,
+    level: Level,
+    search: _Search,
+) -> tuple[Floats, NDArray[np.intp]]:
+    """The best node of the slack's square for every press and centre: (K * X * Y, 2) slacks and the press numbers."""
+    presses, rows, cols = len(problem), search.across_m.shape[1], search.along_m.shape[1]
+    across = np.repeat(search.across_m, cols, axis=1).reshape(-1)
+    along = np.tile(search.along_m, (1, rows)).reshape(-1)
+    press = np.repeat(np.arange(presses), rows * cols)
+    cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
+    uv = np.stack([across * cos + along * sin, along * cos - across * sin], axis=1)
+    weight = np.where(problem.saturated, 0.0, problem.weight).astype(np.float32)
+    simulated = (images.nearest_at_level(level, uv, press).reshape(presses, rows * cols, -1)) * weight[
+        :, None, :
+    ]
+    observed = problem.values.astype(np.float32) * weight
+    power = np.einsum("kpj,kpj->kp", simulated, simulated)
+    product = np.maximum(np.matmul(simulated, observed[:, :, None])[..., 0], 0.0)
+    gain = np.where(power > 1e-12, product**2 / np.maximum(power, 1e-12), 0.0)
+    mismatch = ((observed**2).sum(axis=1)[:, None] - gain).reshape(
+        presses, rows, cols
+    ) / settings.sigma_counts**2
+    penalty = settings.stiffness * (search.slack_across_m[:, None] ** 2 + search.slack_along_m**2)
+    window = penalty.shape
+    # Offsets grow as centres fall: the window of the last centre comes first.
+    windows = np.lib.stride_tricks.sliding_window_view(mismatch, window, axis=(1, 2))
+    windows = windows[:, :: search.stride[0], :: search.stride[1]][:, ::-1, ::-1]
+    total = windows + penalty.astype(np.float32)
+    best = total.reshape(presses, len(grid.across_m), len(grid.y_m), -1).argmin(axis=-1)
+    row, col = best // window[1], best % window[1]
+    slack = np.stack([search.slack_across_m[row], search.slack_along_m[col]], axis=-1).reshape(-1, 2)
+    return slack, np.repeat(np.arange(presses), len(grid.across_m) * len(grid.y_m))

@@ -1,0 +1,183 @@
+"""Load kernels: what a taxel feels of a contact at some offset, tabled once, so that an image costs a look-up.
+
+On a surface that looks the same everywhere (a cylinder along and around, a plane) the pressure under an indenter is
+one and the same field, carried along with the contact. A taxel's load is the integral of that field over its
+rectangle, so it depends only on the offset of the contact from the taxel in patch coordinates, on how the patch is
+turned (alpha), and, because stresses and force both scale with E, on the ratio F_n / E:
+
+    T_j = S_j F_n phi(u_c - u_j, v_c - v_j; alpha, F_n / E)
+
+phi is the share of the normal force that the taxel reports (both projection factors of the paper's sensor model,
+with the penetration of its force equilibrium). Contact physics is the one of :mod:`skincal.model`: the field comes
+from the same surfaces and indenters, by the same rays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from skincal.fitting.types import Floats
+from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
+
+MAX_NODES = 640
+"""Nodes along one side of a table at most; a larger contact is tabled on a coarser lattice."""
+
+
+@dataclass(frozen=True, eq=False)
+class KernelTable:
+    """Load shares phi of every indenter and taxel size, for several turns alpha and ratios F/E.
+
+    Attributes:
+        shares: (I, M, A, L, N, N) float32: for indenter i, taxel size m, turn a and ratio l the share of the normal
+            force at offsets (u, v) of the contact from the taxel's centre; zero on the two outer nodes.
+        alphas_rad: (A,) equally spaced turns of the patch [rad].
+        log_ratios: (L,) equally spaced logarithms of F_n / E, that in [m³].
+        step_m: lattice step [m].
+        half_m: offset of the outermost nodes [m].
+    """
+
+    shares: NDArray[np.float32]
+    alphas_rad: Floats
+    log_ratios: Floats
+    step_m: float
+    half_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """Gap and projected areas of the surface around a contact, cell by cell."""
+
+    gap_m: Floats
+    force_area_m2: Floats
+    load_area_m2: Floats
+
+
+def build_table(
+    surface: Surface,
+    indenters: tuple[Indenter, ...],
+    taxel_sizes_m: Floats,
+    alphas_rad: Floats,
+    log_ratios: Floats,
+    *,
+    step_m: float = 0.1e-3,
+    spread_m: float = 0.0,
+) -> KernelTable:
+    """Tables the load shares of taxels.
+
+    Args:
+        surface: a cylinder or a plane.
+        indenters: the different indenters.
+        taxel_sizes_m: (M, 2) the different edge lengths of taxels along u and v [m].
+        alphas_rad: (A,) turns of the patch, equally spaced [rad].
+        log_ratios: (L,) logarithms of F_n / E, equally spaced; F_n / E in [m³].
+        step_m: lattice step [m]; coarser where a contact is so large that it would need too many nodes.
+
+        spread_m: the pressure is spread sideways by a Gaussian of this width [m]; 0 is the paper's foundation.
+
+    Returns:
+        The table. Its lattice is just large enough for the largest contact.
+    """
+    ratios = np.exp(log_ratios)
+    reach = max(contact_reach(surface, indenter, float(ratios[-1])) for indenter in indenters) + 3 * spread_m
+    half = reach + float(np.max(taxel_sizes_m)) / 2
+    step = max(step_m, 2 * half / (MAX_NODES - 8))
+    count = int(np.ceil(half / step)) + 2
+    side = 2 * count + 1
+    shape = (len(indenters), len(taxel_sizes_m), len(alphas_rad), len(log_ratios), side, side)
+    shares = np.zeros(shape, dtype=np.float32)
+    for i, indenter in enumerate(indenters):
+        for a, alpha in enumerate(alphas_rad):
+            field = _field(surface, indenter, float(alpha), count, step)
+            for level, depth in enumerate(_penetrations(field, ratios)):
+                load = np.maximum(depth - field.gap_m, 0.0) * field.load_area_m2
+                if spread_m > 0:
+                    load = gaussian_filter(load, spread_m / step, mode="constant")
+                for m, (du, dv) in enumerate(taxel_sizes_m):
+                    shares[i, m, a, level] = _box_sums(load, du / step, dv / step) / ratios[level]
+    # The border is zero, so that an offset clamped to it reads zero.
+    shares[..., [0, 1, -2, -1], :] = 0.0
+    shares[..., [0, 1, -2, -1]] = 0.0
+    return KernelTable(shares, alphas_rad, log_ratios, step, count * step)
+
+
+def _field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, step_m: float) -> _Field:
+    """The surface around a contact, on a lattice in patch coordinates with the contact at its centre."""
+    axis = np.arange(-count, count + 1) * step_m
+    # The share is wanted as a function of contact minus taxel: the field is laid out mirrored, at minus the offset.
+    u, v = np.meshgrid(-axis, -axis, indexing="ij")
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    points, normals = surface.wrap(SensorPose(0.0, alpha_rad), uv)
+    at, out = surface.wrap(SensorPose(0.0, alpha_rad), np.zeros((1, 2)))
+    rotation = Contacts(at, out, np.ones(1)).indenter_rotations[0]
+    hits = indenter.cast((points - at) @ rotation, np.array([0.0, 0.0, 1.0]))
+    facing = np.nan_to_num(np.maximum(normals @ out[0], 0.0))
+    onto_skin = np.nan_to_num(np.maximum(-(hits.normals @ np.array([0.0, 0.0, 1.0])), 0.0))
+    distance = np.where((facing > 0) & np.isfinite(hits.distance_m), hits.distance_m, np.inf)
+    shape = (2 * count + 1, 2 * count + 1)
+    force_area = facing * step_m**2
+    return _Field(
+        (distance - distance.min()).reshape(shape),
+        force_area.reshape(shape),
+        (force_area * onto_skin).reshape(shape),
+    )
+
+
+def _penetrations(field: _Field, ratios_m3: Floats) -> Floats:
+    """Penetrations [m] that balance F_n / E = sum_i eps_i a_i (n_t . n_c): exact, as it is piecewise linear."""
+    inside = np.isfinite(field.gap_m) & (field.force_area_m2 > 0)
+    order = np.argsort(field.gap_m[inside], kind="stable")
+    gaps = field.gap_m[inside][order]
+    areas = np.cumsum(field.force_area_m2[inside][order])
+    moments = np.cumsum(field.force_area_m2[inside][order] * gaps)
+    held = gaps * areas - moments
+    inner = np.interp(ratios_m3, held, gaps)
+    beyond = (ratios_m3 + moments[-1]) / areas[-1]
+    return np.where(ratios_m3 > held[-1], beyond, inner)
+
+
+def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> float:
+    """Radius [m] round the contact that holds all of it.
+
+    Args:
+        surface: a cylinder or a plane.
+        indenter: what presses.
+        ratio_m3: F_n / E [m³].
+    """
+    count, half = 40, 1e-3
+    for _ in range(14):
+        field = _field(surface, indenter, 0.0, count, half / count)
+        touched = field.gap_m < _penetrations(field, np.array([ratio_m3]))[0]
+        u, v = np.nonzero(touched)
+        radius = float(np.hypot(u - count, v - count).max()) + 1.0
+        if radius < 0.9 * count:
+            return half * radius / count
+        half *= 1.5
+    return half
+
+
+def _box_sums(load: Floats, width_u: float, width_v: float) -> Floats:
+    """Integral of a cell-wise constant field over a box of ``width`` cells centred on each cell's centre."""
+    return _box_sums_1d(_box_sums_1d(load, width_u).T, width_v).T
+
+
+def _box_sums_1d(load: Floats, width: float) -> Floats:
+    total = np.concatenate([np.zeros((1, load.shape[1])), np.cumsum(load, axis=0)])
+    edge = np.arange(len(load)) + 0.5
+    return _between(total, edge + width / 2) - _between(total, edge - width / 2)
+
+
+def _between(total: Floats, at: Floats) -> Floats:
+    at = np.clip(at, 0.0, len(total) - 1.0)
+    low = np.minimum(at.astype(np.intp), len(total) - 2)
+    part = (at - low)[:, None]
+    return total[low] * (1 - part) + total[low + 1] * part
+
+
+def taxel_sizes(layout: TaxelLayout) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """The different taxel sizes of a layout (M, 2) [m], and which of them each taxel has (J,)."""
+    sizes, kind = np.unique(np.round(layout.sizes_m, 9), axis=0, return_inverse=True)
+    return sizes, kind.reshape(-1)

@@ -1,0 +1,75 @@
+"""What is not known of the contact law, and what that does to the parameters.
+
+The model is an elastic foundation: stress follows from the penetration of the same point. A real skin is a layer, and
+a layer also spreads pressure sideways, by a fraction of its thickness. Images of a stiffer foundation with some spread
+and of a softer one without are nearly the same, so E cannot be known better than the spread. The fit is therefore
+repeated with the pressure spread by a Gaussian of a few widths; each width counts as much as the data support it (its
+evidence). Half of the draws are those of the foundation, half are moved by the shift of the parameters that goes with
+such a width, and intervals cover both: whichever law the skin has, its E is inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from skincal.fitting.errors import NOWHERE, FitError
+from skincal.fitting.posterior import Peak
+from skincal.fitting.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LawSpread:
+    """How likely each width of spread is, and what it does to the macro variables.
+
+    Attributes:
+        widths_m: (N,) fine scale of widths [m].
+        density: (N,) their posterior, summing to one.
+        shift: (N, 5) of the macro variables against no spread.
+    """
+
+    widths_m: Floats
+    density: Floats
+    shift: Floats
+
+    @property
+    def best_m(self) -> float:
+        """The most probable width [m]."""
+        return float(self.widths_m[np.argmax(self.density)])
+
+    def shifted(self, draws: Floats, rng: np.random.Generator) -> Floats:
+        """Draws (W, 5) of the macro variables, each moved as a width of spread of its own asks for."""
+        return draws + self.shift[rng.choice(len(self.widths_m), len(draws), p=self.density)]
+
+
+def weigh_laws(spreads_m: Floats, peaks: Sequence[Peak]) -> LawSpread:
+    """Weighs contact laws against each other, flat prior over the widths.
+
+    A law under which the presses have no density is ruled out, and so are those that spread pressure further.
+
+    Args:
+        spreads_m: (L,) widths, growing from zero [m].
+        peaks: the peak of the posterior at each.
+
+    Raises:
+        FitError: the presses have no density under the foundation either.
+    """
+    told = [bool(np.isfinite(p.log_evidence) and np.isfinite(p.macro).all()) for p in peaks]
+    if not told[0]:
+        raise FitError(NOWHERE)
+    held = told.index(False) if False in told else len(told)
+    spreads_m, peaks = spreads_m[:held], peaks[:held]
+    if len(spreads_m) == 1:
+        return LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5)))
+    widths = np.linspace(0.0, float(spreads_m[-1]), 161)
+    evidence = PchipInterpolator(spreads_m, [p.log_evidence for p in peaks])(widths)
+    macro = np.stack([p.macro for p in peaks])
+    # Spread has no direction, so it cannot move or turn the sensor; what differs there is the noise of the search.
+    macro[:, :3] = macro[0, :3]
+    # A Gaussian of small width acts by its variance: shifts start quadratically.
+    shift = PchipInterpolator(spreads_m**2, macro - macro[0])(widths**2)
+    density = np.exp(evidence - evidence.max())
+    return LawSpread(widths, density / density.sum(), shift)

@@ -1,0 +1,215 @@
+"""The micro variables: each press's contact position within its slack, on normalised images.
+
+The information on the position lies in the ratios of the taxel values (paper, section III-B). For one press with
+observed image D, simulated shares g and the free amplitude c of the normalisation, the objective is
+
+    Q(delta) = |D|^2 (1 - cos^2 angle(D, g(delta))) / sigma^2  +  |delta|^2 / sigma_p^2,    |delta_i| <= slack
+
+which is the squared distance of the normalised images, in units of the noise of an image of the size of D, plus what
+the rig's own knowledge of the position is worth. With ``sigma_p`` infinite it is the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import nlopt  # pyright: ignore[reportMissingTypeStubs]
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.fitting.types import Floats
+
+_TINY = 1e-12
+
+STARTS = 2
+"""nlopt starts from so many of the best places of a lattice, where it is not told better."""
+
+_DIFFERENCE_M = 5e-6
+_CROSS = _DIFFERENCE_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+
+_GIVES_UP: Any = (
+    RuntimeError,
+    nlopt.RoundoffLimited,  # pyright: ignore
+    getattr(nlopt, "runtime_error", RuntimeError),
+)
+"""What nlopt raises where it gets no further, by version."""
+
+
+@dataclass(frozen=True)
+class MicroSettings:
+    """What a residual and a slack are worth.
+
+    Attributes:
+        sigma_counts: size of an image residual that counts as one [counts].
+        position_sigma_m: one sigma of the measured contact position [m]; inf for none.
+        slack_m: bound of the slack along each direction [m].
+        iterations: Gauss-Newton steps of the fast way.
+    """
+
+    sigma_counts: float
+    position_sigma_m: float
+    slack_m: float
+    iterations: int = 8
+
+    @property
+    def stiffness(self) -> float:
+        """1 / sigma_p^2 [1/m²]."""
+        return 1.0 / self.position_sigma_m**2 if np.isfinite(self.position_sigma_m) else 0.0
+
+
+def amplitude(observed: Floats, shares: Floats) -> Floats:
+    """Best non-negative amplitude c (n,) that takes shares (n, J) to observed values (n, J)."""
+    power = np.einsum("nj,nj->n", shares, shares)
+    product = np.einsum("nj,nj->n", shares, observed)
+    return np.where(power > _TINY, np.maximum(product, 0.0) / np.maximum(power, _TINY), 0.0)
+
+
+def image_mismatch(observed: Floats, shares: Floats) -> Floats:
+    """|D|^2 (1 - cos^2) (n,) [counts²] of observed (n, J) and simulated (n, J) images of any scale."""
+    power = np.einsum("nj,nj->n", shares, shares)
+    product = np.maximum(np.einsum("nj,nj->n", shares, observed), 0.0)
+    total = np.einsum("nj,nj->n", observed, observed)
+    return total - np.where(power > _TINY, product**2 / np.maximum(power, _TINY), 0.0)
+
+
+def gauss_newton(
+    observed: Floats,
+    start_m: Floats,
+    images: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats, Floats]],
+    settings: MicroSettings,
+) -> tuple[Floats, Floats]:
+    """Improve n micro problems at once.
+
+    Args:
+        observed: (n, J) observed images [counts].
+        start_m: (n, 2) slacks to start from, across and along [m].
+        images: takes slacks (m, 2) and the numbers of their problems (m,) to weighted shares (m, J) and their
+            derivatives by both slacks.
+        settings: noise, stiffness of the slack, bounds.
+
+    Returns:
+        Slacks (n, 2) [m] and the objective Q (n,) there; never worse than at the start.
+    """
+    slack, rows = start_m.copy(), np.arange(len(start_m))
+    best_q, step = _step(observed, slack, images(slack, rows), settings)
+    now = slack.copy()
+    for _ in range(settings.iterations):
+        # Full steps, not only downhill ones: where two taxels answer, Q is a thin curved valley, and a step along it
+        # first leaves it and is brought back by the next. The best point seen is kept.
+        now = np.clip(now + step, -settings.slack_m, settings.slack_m)
+        q, step = _step(observed[rows], now, images(now, rows), settings)
+        better = q < best_q[rows]
+        slack[rows[better]], best_q[rows[better]] = now[better], q[better]
+        moving = np.abs(np.clip(now + step, -settings.slack_m, settings.slack_m) - now).max(axis=1) > 1e-6
+        if not moving.any():
+            break
+        rows, now, step = rows[moving], now[moving], step[moving]
+    return slack, best_q
+
+
+def _step(
+    observed: Floats,
+    slack_m: Floats,
+    images: tuple[Floats, Floats, Floats],
+    settings: MicroSettings,
+) -> tuple[Floats, Floats]:
+    """Objective (n,) and Gauss-Newton step (n, 2), the amplitude eliminated (variable projection, Kaufman 1975)."""
+    g, *slopes = images
+    c = amplitude(observed, g)
+    power = np.maximum(np.einsum("nj,nj->n", g, g), _TINY)
+    residual = c[:, None] * g - observed
+    stiff = settings.stiffness
+    weight = 1.0 / settings.sigma_counts**2
+    q = weight * np.einsum("nj,nj->n", residual, residual) + stiff * (slack_m**2).sum(axis=1)
+    jac = [c[:, None] * (d - g * (np.einsum("nj,nj->n", g, d) / power)[:, None]) for d in slopes]
+    a = weight * np.einsum("nj,nj->n", jac[0], jac[0]) + stiff
+    b = weight * np.einsum("nj,nj->n", jac[0], jac[1])
+    d = weight * np.einsum("nj,nj->n", jac[1], jac[1]) + stiff
+    e = weight * np.einsum("nj,nj->n", jac[0], residual) + stiff * slack_m[:, 0]
+    f = weight * np.einsum("nj,nj->n", jac[1], residual) + stiff * slack_m[:, 1]
+    # Where the image says nothing and the prior is off, the damping keeps the step finite.
+    floor = 1e-4 * (a + d) + 1.0
+    a, d = a + floor, d + floor
+    det = a * d - b * b
+    step = np.stack([-(d * e - b * f) / det, -(a * f - b * e) / det], axis=1)
+    return q, np.clip(step, -0.5e-3, 0.5e-3)
+
+
+def nlopt_micro(
+    observed: Floats,
+    images: Callable[[Floats], Floats],
+    settings: MicroSettings,
+    *,
+    starts_m: Floats | None = None,
+    tolerance_m: float = 1e-7,
+) -> tuple[Floats, float]:
+    """One micro problem with nlopt, for any geometry (SLSQP, Kraft 1994, with slopes by differences).
+
+    Args:
+        observed: (J,) observed image [counts].
+        images: takes slacks (m, 2) [m] to simulated loads (m, J) of any scale.
+        settings: noise, stiffness of the slack, bounds.
+        starts_m: (M, 2) slacks to start from, all of which are tried [m]; None for the best two of a lattice.
+        tolerance_m: stop when the position moves less than this [m].
+
+    Returns:
+        Slack (2,) [m] and objective there: the best that was seen.
+    """
+    if starts_m is None:
+        lattice = slack_lattice(settings.slack_m)
+        starts_m = lattice[np.argsort(_objective(observed, images, lattice, settings))[:STARTS]]
+    best, best_q = np.zeros(2), np.inf
+
+    def objective(slack_mm: Floats, gradient: Floats) -> float:
+        nonlocal best, best_q
+        slack = np.asarray(slack_mm, dtype=np.float64) * 1e-3
+        q = _objective(observed, images, slack + (_CROSS if gradient.size else _CROSS[:1]), settings)
+        if q[0] < best_q:
+            best, best_q = slack, float(q[0])
+        if gradient.size:
+            gradient[:] = (q[[1, 3]] - q[[2, 4]]) / (2e3 * _DIFFERENCE_M)
+        return float(q[0])
+
+    bound = settings.slack_m * 1e3
+    if bound <= 0:
+        return best, objective(best, np.empty(0))
+    for start in np.clip(starts_m * 1e3, -bound, bound):
+        solver: Any = nlopt.opt(nlopt.LD_SLSQP, 2)  # pyright: ignore
+        solver.set_lower_bounds(-bound)
+        solver.set_upper_bounds(bound)
+        solver.set_min_objective(objective)
+        solver.set_xtol_abs(tolerance_m * 1e3)
+        solver.set_maxeval(200)
+        # Where the objective is flat to rounding, nlopt gives up with an error; the best place seen still stands.
+        with suppress(*_GIVES_UP):
+            solver.optimize(start)
+    return best, best_q
+
+
+def _objective(
+    observed: Floats, images: Callable[[Floats], Floats], slack_m: Floats, settings: MicroSettings
+) -> Floats:
+    return micro_objective(observed[None], images(slack_m), slack_m, settings)
+
+
+def micro_objective(observed: Floats, shares: Floats, slack_m: Floats, settings: MicroSettings) -> Floats:
+    """Q (n,) of observed (n, J) and simulated images (n, J) of any scale, at slacks (n, 2) [m]."""
+    observed = np.broadcast_to(observed, shares.shape)
+    mismatch = image_mismatch(observed, shares) / settings.sigma_counts**2
+    return mismatch + settings.stiffness * (slack_m**2).sum(axis=-1)
+
+
+def slack_lattice(half_m: float, step_m: float = 0.5e-3, most: int = 17) -> Floats:
+    """Square lattice (N, 2) of slacks [m].
+
+    Args:
+        half_m: its outermost slacks [m].
+        step_m: no further apart than this [m] ...
+        most: ... as long as there are no more than so many along a side.
+    """
+    side = min(2 * int(np.ceil(half_m / step_m - 1e-9)) + 1, most)
+    axis = np.linspace(-half_m, half_m, side)
+    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -1,0 +1,267 @@
+"""From counts to taxel loads: the level at rest, the converter's rounding and clipping, dead and saturated taxels.
+
+A mean over frames of a clipped, rounded, noisy signal is not the clipped mean: a taxel at 0 counts with one count of
+noise reads 0.4 on average. Its expectation is a smooth monotone function of the taxel's load, and is inverted here, so
+that everything after works with unclipped values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import ndtr
+
+from skincal.fitting.types import Bools, Floats
+from skincal.model.converter import Converter
+from skincal.model.rest import levels_from_presses
+
+_SPREAD = 8.0
+"""Beyond so many sigmas from a bound of the converter, clipping does not matter."""
+
+_KNOTS = 200
+"""Knots of an interpolation for each sigma."""
+
+_FINEST = 2e-4
+"""Counts between two knots at least."""
+
+_FEW = 64
+"""So many values are worked out one by one: for fewer, a table is not worth its making."""
+
+_FRAMES_OF_REST = 20.0
+"""Frames at rest are so many at least."""
+
+_MAX_CLIPPED_REST = 1.5
+"""A level at rest up to so many counts above ``value_min`` is explained by clipped noise; a higher one is an offset."""
+
+
+@dataclass(frozen=True)
+class Readout:
+    """What the sensor does to a value before it is stored.
+
+    Attributes:
+        value_min: where the converter clips [counts]; None where not known.
+        value_max: the same above.
+        integer: whether counts are whole numbers.
+        rest_subtracted: whether the level at rest has been taken off.
+    """
+
+    value_min: float | None
+    value_max: float | None
+    integer: bool
+    rest_subtracted: bool = False
+
+    @property
+    def converter(self) -> Converter:
+        """As the model takes it: where rest has been taken off, it is not known where on the scale it clips."""
+        if self.rest_subtracted:
+            return Converter.none()
+        return Converter(self.value_min, self.value_max, self.integer)
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Counts as unclipped values above the level at rest.
+
+    Attributes:
+        values: (K, J) values [counts]; NaN where a taxel was not read.
+        slope: (K, J) how much of a change of the value the counts show, in (0, 1]; small near a bound.
+        saturated: (K, J) at the upper bound: the value is at least this.
+        rest_counts: (J,) level at rest that was taken off, beyond what clipped noise explains [counts].
+        frame_sigma_counts: noise of one frame that the level at rest betrays [counts]; NaN where it does not.
+        rest_sigma_counts: scatter of the hold means of untouched taxels [counts].
+        level_sigma_counts: (J,) what is known of the level at rest before the fit, one sigma [counts].
+        level_known: (J,) the taxel was seen at rest.
+    """
+
+    values: Floats
+    slope: Floats
+    saturated: Bools
+    rest_counts: Floats
+    frame_sigma_counts: float
+    rest_sigma_counts: float
+    level_sigma_counts: Floats
+    level_known: Bools
+
+
+def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
+    """Mean count of a taxel at ``value`` with Gaussian noise ``sigma``, rounded and clipped.
+
+    Args:
+        value: any shape [counts].
+        sigma: noise of one frame [counts].
+        readout: bounds and rounding.
+    """
+    value = np.asarray(value, dtype=np.float64)
+    if readout.rest_subtracted:
+        # Bounds are those of the raw counts, and rest may be anywhere between them.
+        return value.copy()
+    low, high = readout.value_min, readout.value_max
+    if sigma <= 0:
+        return np.clip(value, low, high)
+    out = value.copy()
+    if low is not None:
+        out = out + _lifted(value - low, sigma, readout.integer)
+    if high is not None:
+        out = out - _lifted(high - value, sigma, readout.integer)
+    return out
+
+
+def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
+    """How much clipping at 0 lifts the mean of a value ``above`` it."""
+    if not integer:
+        z = above / sigma
+        return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
+    steps = _steps(sigma)
+    # More are those of a session or of presses followed by themselves: a value reads the same in both.
+    lifted = _rounded(above, sigma, steps) if above.size <= _FEW else np.interp(above, *_table(sigma))
+    return np.where(above < -steps[-1], -above, lifted)
+
+
+def _steps(sigma: float) -> Floats:
+    """Halves of counts below zero that noise may reach."""
+    return np.arange(1, int(np.ceil(_SPREAD * sigma)) + 2) - 0.5
+
+
+def _rounded(above: Floats, sigma: float, steps: Floats) -> Floats:
+    """The sum over the counts below zero of their distance times their probability, P(round(x) <= -k), k >= 1."""
+    return ndtr((-steps - above[..., None]) / sigma).sum(axis=-1)
+
+
+@lru_cache(maxsize=256)
+def _table(sigma: float) -> tuple[Floats, Floats]:
+    """Knots (K,), and how much values there are lifted: lines between them are right to 5e-6 (sigma + 1 count)."""
+    steps = _steps(sigma)
+    knots = np.arange(-steps[-1], _SPREAD * sigma, max(sigma / _KNOTS, _FINEST))
+    return knots, _rounded(knots, sigma, steps)
+
+
+def clipped_share(value: float, sigma: float, readout: Readout) -> float:
+    """How much of the scatter of a frame is left at ``value`` by rounding and clipping, in (0, 1].
+
+    Args:
+        value: of the taxel [counts].
+        sigma: noise of one frame [counts].
+        readout: bounds and rounding.
+    """
+    step = 1.0 if readout.integer else sigma / 20
+    edge = int(np.ceil(_SPREAD * sigma / step + 1))
+    centre = float(np.rint(value)) if readout.integer else value
+    steps: Floats = centre + step * np.arange(-edge, edge + 1, dtype=np.float64)
+    borders: Floats = np.append(steps - step / 2, steps[-1] + step / 2)
+    chance: Floats = np.diff(ndtr((borders - value) / sigma))
+    clipped = _scatter(np.clip(steps, readout.value_min, readout.value_max), chance)
+    return clipped / _scatter(steps, chance)
+
+
+def _scatter(values: Floats, chance: Floats) -> float:
+    return float(np.sqrt(max(chance @ values**2 - (chance @ values) ** 2, 1e-12)))
+
+
+def noise_from_rest(rest_mean: float, readout: Readout) -> float:
+    """Noise of one frame [counts] that lifts an untouched taxel to ``rest_mean`` above the lower bound."""
+    if readout.value_min is None or not 0.0 < rest_mean - readout.value_min <= _MAX_CLIPPED_REST:
+        return float("nan")
+    if not readout.integer:  # half of a normal distribution
+        return float(np.sqrt(2 * np.pi) * (rest_mean - readout.value_min))
+    sigmas = np.linspace(0.05, 4.5, 446)
+    means = [
+        float(expected_counts(np.array(readout.value_min), s, readout)) - readout.value_min for s in sigmas
+    ]
+    return float(np.interp(rest_mean - readout.value_min, means, sigmas))
+
+
+def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -> Observed:
+    """Turn hold means into unclipped values above the level at rest.
+
+    Args:
+        counts: (K, J) mean counts of the presses; NaN where not read.
+        readout: what is known of the converter.
+        rest_mean: (J,) mean counts of untouched taxels, from idle frames; None to take it from the presses
+            that leave a taxel dark (the lower third of its readings).
+
+    Returns:
+        Values, with what is known of their noise.
+    """
+    counts = np.asarray(counts, dtype=np.float64)
+    found = levels_from_presses(counts)
+    rest, scatter, known = found.level.copy(), found.scatter, found.known.copy()
+    measured = np.zeros(len(rest), dtype=bool) if rest_mean is None else np.isfinite(rest_mean)
+    if rest_mean is not None:
+        rest[measured] = rest_mean[measured]
+    known |= measured
+    if readout.rest_subtracted:
+        levels = (np.where(known, rest, np.nan), measured, known)
+        return _plain(counts, readout, np.zeros_like(rest), scatter, levels)
+    levels = (rest, measured, known)
+    sigma = _noise_on_bound(counts, rest, scatter, readout)
+    if not np.isfinite(sigma):
+        return _plain(counts, readout, np.nan_to_num(rest), scatter, levels)
+    return _unclipped(counts, readout, rest, sigma, scatter, levels)
+
+
+def _noise_on_bound(counts: Floats, rest: Floats, scatter: float, readout: Readout) -> float:
+    """Noise of one frame [counts] where taxels rest on the lower bound of the converter, NaN where they do not.
+
+    A level that noise on the bound explains is no more than a small part of the range, and has a scatter: that of a
+    mean of some hundreds of frames is a twentieth of the lift.
+    """
+    if readout.value_min is None or not np.isfinite(rest).any() or not np.isfinite(scatter):
+        return float("nan")
+    level = float(np.nanmedian(rest))
+    lift = level - readout.value_min
+    most = _MAX_CLIPPED_REST / 255.0 * float(np.nanmax(counts) - readout.value_min)
+    if not 0.0 < lift < 20.0 * scatter or (not readout.integer and lift > most):
+        return float("nan")
+    return noise_from_rest(level, readout)
+
+
+_Levels = tuple[Floats, Bools, Bools]
+"""Levels at rest (J,), whether they were measured apart from the presses, and whether they were seen at all."""
+
+
+def _level_sigma(levels: _Levels, scatter: float, centre: Floats | float, rows: int) -> Floats:
+    """What is known of each level (J,) before the fit [counts].
+
+    The presses that leave a taxel alone tell its level, and they are in the likelihood: beforehand there is no more
+    than how far the levels of taxels lie apart. A level from frames at rest is a measurement of its own.
+    """
+    rest, measured, known = levels
+    noise = np.nan_to_num(scatter)
+    apart = (rest - centre)[known]
+    # Of n levels the spread is known to 1 / sqrt(2 n); twice of it covers that of few.
+    spread = 2.0 * float(np.sqrt(np.mean(apart**2))) if len(apart) > 1 else 0.0
+    before = max(spread, noise / np.sqrt(max(rows, 1)))
+    return np.where(measured, noise / np.sqrt(_FRAMES_OF_REST), before)
+
+
+def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float, levels: _Levels) -> Observed:
+    high = np.inf if readout.value_max is None else readout.value_max
+    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - (0.5 if readout.integer else 0.0)
+    level, _, known = levels
+    centre = 0.0 if readout.rest_subtracted else float(np.median(level[known])) if known.any() else 0.0
+    sigma = _level_sigma(levels, scatter, centre, len(counts))
+    return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter, sigma, known)
+
+
+def _unclipped(
+    counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float, levels: _Levels
+) -> Observed:
+    low = readout.value_min if readout.value_min is not None else 0.0
+    high = readout.value_max if readout.value_max is not None else max(float(np.nanmax(counts)), low) + 50.0
+    knots = np.arange(low - 2.5 * sigma, high + 2.5 * sigma, 0.05)
+    means = expected_counts(knots, sigma, readout)
+    slopes = np.gradient(means, knots)
+    values = np.interp(counts, means, knots)
+    values[np.isnan(counts)] = np.nan
+    offset = np.interp(rest, means, knots) - low
+    # A level at rest that differs from the common one by less than its own scatter is no offset.
+    doubt = 4.0 * max(scatter, 0.02) / np.sqrt(max(1.0, len(counts) / 3))
+    offset = np.where(np.abs(rest - np.nanmedian(rest)) > doubt, offset, 0.0)
+    offset = np.nan_to_num(offset)
+    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5, sigma)
+    slope = np.maximum(np.interp(counts, means, slopes), 0.05)
+    _, measured, known = levels
+    spread = _level_sigma((offset, measured, known), scatter, 0.0, len(counts))
+    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter, spread, known)

@@ -1,0 +1,440 @@
+"""The joint posterior of the macro variables, with positions, forces and shared errors integrated out.
+
+On the grid each press is placed by its normalised image. The ratios of two or three taxels do not tell a whole place,
+so there the loss stays far above the noise of good data, and its least point is off. From the best grid points on, the
+fit therefore goes on continuously, with the likelihood of the absolute images (:mod:`skincal.fitting.readings`): the
+slack of each press is Gaussian (sigma_p), so is the error of its force (sigma_f), and so are the errors that presses
+share (:mod:`skincal.fitting.shared`). All sigmas are estimated from the data along with the macro variables, so that
+intervals widen by themselves on a rig that is worse than it says, and where the model does not quite fit. Integrals
+over slack and force are Laplace's, summed over all places that a press could have been; the macro variables and the
+sigmas are sampled in :mod:`skincal.fitting.sampling`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import logsumexp
+
+from skincal.fitting.places import Places, find_places, mirrored, settled_twice, starting_nuisance
+from skincal.fitting.presses import PressStates, settle
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.seen import Images
+from skincal.fitting.shared import integral
+from skincal.fitting.types import Floats, Ints
+from skincal.fitting.volume import fold_of, log_volume
+
+SETTLE = 12
+
+FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.005, 0.01, 0.03
+"""Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
+
+SPREADS = np.array([0.6, 1.0, 0.2, 1.0, 1.0, 1.0])
+"""Standard deviations of the priors of the sigmas, in their logarithm, in the order of ``HYPER``.
+
+Those of sigma_p and sigma_n are of what a rig declares and of what untouched taxels show; the others say that nobody
+knows more than the order of magnitude.
+"""
+
+_TRUSTED = 16.0
+"""A press whose mean square is more than this many times the usual is trusted less."""
+
+_TRIMMED = 9.0
+"""Presses whose mean square is so many times the usual say nothing of the noise in a climb from afar."""
+
+_SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
+"""Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
+_WIDE, _BEYOND, _SIGMAS_REST = 6, 1.6, 5e-3
+"""So many steps the sigmas only follow; then they go so much further than told, until they change by no more."""
+
+_FAR_NOISE = 0.02
+"""A climb from afar starts with this part of the usual signal for the noise, and as much for the misfit."""
+
+_UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The box of the macro variables: (5,) low and high, in the order of ``MACRO``."""
+
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """The most probable point.
+
+    Attributes:
+        macro: (5,) macro variables.
+        sigmas: (6,) in the order of ``HYPER``.
+        theta: (T,) errors that all presses share.
+        covariance: (5, 5) of the macro variables, Laplace.
+        places: where each press could have been, seen from here.
+        best: (K,) index into ``places`` of each press's best place.
+        states: the presses at their best places.
+        log_density: unnormalised log posterior.
+    """
+
+    macro: Floats
+    sigmas: Floats
+    theta: Floats
+    covariance: Floats
+    places: Places
+    best: Ints
+    states: PressStates
+    log_density: float
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the mass under the peak (Laplace), up to a constant."""
+        # Millimetres and the like keep the determinant away from underflow; a constant factor does not matter.
+        scaled = self.covariance * np.outer(_UNITS, _UNITS)
+        return self.log_density + 0.5 * float(np.linalg.slogdet(scaled)[1])
+
+
+def log_posterior(
+    problem: FitProblem, images: Images, places: Places, bounds: Bounds, points: Floats
+) -> Floats:
+    """Unnormalised log posterior (W,) of points (W, 11): five macro variables and the logarithms of six sigmas."""
+    inside = ((points[:, :5] >= bounds.low) & (points[:, :5] <= bounds.high)).all(axis=1)
+    inside &= points[:, 7] > np.log(problem.observation.floor_counts)
+    inside &= (np.abs(points[:, 5:] - _log_centres(problem)) < _FARTHEST * SPREADS).all(axis=1)
+    out = np.full(len(points), -np.inf)
+    if inside.any():
+        out[inside] = _log_density(problem, images, places, points[inside])
+    return out
+
+
+_FARTHEST = 12.0
+"""Sigmas so many standard deviations of their prior from its middle are as good as impossible."""
+
+
+def _log_density(problem: FitProblem, images: Images, places: Places, points: Floats) -> Floats:
+    count, spots = len(points), len(places.press)
+    macro = np.repeat(points[:, :5], spots, axis=0)
+    each = np.exp(points[:, 5:])
+    sigmas = np.repeat(each, spots, axis=0)
+    press = np.tile(places.press, count)
+    start = starting_nuisance(problem, places, macro, press, count)
+    state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
+    fold = fold_of(problem, images, macro, sigmas, press, state)
+    paired = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
+    evidence = -0.5 * state.objective + log_volume(fold, paired)
+    twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
+    evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
+    total, chance = np.zeros(count), np.empty((count, spots))
+    for k in range(len(problem)):
+        mine = places.press == k
+        whole = logsumexp(evidence[:, mine], axis=1)
+        chance[:, mine] = np.exp(evidence[:, mine] - whole[:, None])
+        total += whole
+    total -= len(problem) * (2 * points[:, 5] + points[:, 6]) + _log_scatter(problem, each)
+    total += _shared_integral(problem, state, places.press, chance, each)
+    return total + _log_prior(problem, points[:, 5:])
+
+
+def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
+    """Sum of the logarithms of the standard deviations of all readings (W,)."""
+    presses, used = np.arange(len(problem)), problem.used
+    many = np.ones(len(problem))
+    return np.array(
+        [
+            0.5 * float(np.log(problem.observation.variance(s[2] * many, s[3] * many, presses)[used]).sum())
+            for s in sigmas
+        ]
+    )
+
+
+def _shared_integral(
+    problem: FitProblem, state: PressStates, press: Ints, chance: Floats, sigmas: Floats
+) -> Floats:
+    count, spots = chance.shape
+    shape = (count, spots)
+    root = np.linalg.cholesky(np.linalg.inv(state.hessian))
+    off = state.nuisance.reshape(*shape, 3) - problem.centre[press]
+    stiff = sigmas[:, None, [0, 0, 1]] ** -2
+    return integral(
+        state.macro_slope[:, :, 4].reshape(*shape, -1),
+        state.level_slope.reshape(*shape, -1),
+        state.nuisance_slope.reshape(*shape, -1, 3),
+        state.residual.reshape(*shape, -1),
+        root.reshape(*shape, 3, 3),
+        off[..., :2],
+        off * stiff,
+        sigmas[:, 0] ** -2,
+        chance,
+        problem.shared,
+        press,
+        problem.shared.precision(sigmas[:, 4], sigmas[:, 5]),
+    )
+
+
+def _log_centres(problem: FitProblem) -> Floats:
+    """(6,) middles of the priors of the sigmas, in their logarithm."""
+    position = _position_scale(problem)
+    noise = problem.noise_sigma_counts
+    return np.log([position, FORCE_SIGMA, noise, MISFIT, GAIN_SIGMA, FIELD_PART * position])
+
+
+def _log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
+    """Of the sigmas (W,); it is flat in the macro variables, E and S by their logarithm."""
+    return -0.5 * (((log_sigma - _log_centres(problem)) / SPREADS) ** 2).sum(axis=1)
+
+
+def _position_scale(problem: FitProblem) -> float:
+    sigma = problem.rig.position_sigma_m
+    return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
+
+
+def climb(
+    problem: FitProblem,
+    images: Images,
+    bounds: Bounds,
+    start: Floats,
+    *,
+    sigmas: Floats | None = None,
+    iterations: int = 25,
+) -> Peak:
+    """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
+
+    Args:
+        problem: the presses.
+        images: kernels that span the neighbourhood.
+        bounds: box of the macro variables.
+        start: (5,) macro variables to start from.
+        sigmas: (6,) of a peak nearby, where there is one; else they start wide, without shared errors, which finds
+            the way from afar.
+        iterations: at most so many steps; places are searched anew a few times on the way.
+    """
+    macro = np.clip(start, bounds.low, bounds.high)
+    far = sigmas is None
+    if sigmas is None:
+        sigmas = _far_sigmas(problem)
+    damping, places = 1e-3, None
+    searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
+    for step_number in range(iterations):
+        if places is None or step_number in searches:
+            places = find_places(problem, images, macro, sigmas)
+        states, best = _at(problem, images, places, macro, sigmas)
+        trust = _trust(states, best)
+        value = _value(problem, states, best, sigmas, trust)
+        system = _reduced(problem, states, best, sigmas, trust, shared=not far)
+        damped = system.curvature + np.diag(damping * np.diag(system.curvature) + 1e-9)
+        step = -np.linalg.solve(damped, system.gradient)
+        limit = np.array([0.5e-3, 0.5e-3, 0.1, 0.4, 0.2])
+        step *= min(1.0, float((limit / np.maximum(np.abs(step[:5]), 1e-30)).min()))
+        trial = np.clip(macro + step[:5], bounds.low, bounds.high)
+        changed = problem if far else problem.with_shared(problem.shared.theta + step[5:])
+        tried, tried_best = _at(changed, images, _moved(places, states), trial, sigmas)
+        trial_value = _value(changed, tried, tried_best, sigmas, trust)
+        if trial_value <= value + 1e-9:
+            converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > searches[-1]
+            macro, damping, states, best, problem = trial, damping * 0.2, tried, tried_best, changed
+            places = _moved(places, states)
+        else:
+            converged, damping = False, max(damping, 1e-4) * 10
+        told = _estimated_sigmas(problem, states, best, sigmas, system, shared=not far)
+        step = np.log(told / sigmas)
+        # Expectation-maximisation closes in on the sigmas by a quarter a step; beyond its point it goes faster.
+        sigmas = sigmas * np.exp(step if far and step_number <= _WIDE else _BEYOND * step)
+        sigmas[2] = max(sigmas[2], problem.observation.floor_counts * 1.05)
+        if converged and np.abs(step).max() < _SIGMAS_REST:
+            break
+    assert places is not None
+    states, best = _at(problem, images, places, macro, sigmas)
+    covariance = _inverse(_reduced(problem, states, best, sigmas, _trust(states, best)).curvature)
+    point = np.concatenate([macro, np.log(sigmas)])[None]
+    places = _moved(places, states)
+    density = float(log_posterior(problem, images, places, bounds, point)[0])
+    chosen = PressStates(*(array[best] for array in vars(states).values()))
+    theta = problem.shared.theta
+    return Peak(macro, sigmas, theta, covariance[:5, :5], places, best, chosen, density)
+
+
+def _far_sigmas(problem: FitProblem) -> Floats:
+    """Sigmas (6,) that find the way from afar: wide, and without shared errors."""
+    sigmas = np.exp(_log_centres(problem))
+    wide = _FAR_NOISE * problem.observation.typical_counts
+    sigmas[:4] = [0.7 * sigmas[0], 0.01, max(wide, problem.noise_sigma_counts), _FAR_NOISE]
+    return sigmas
+
+
+def _moved(places: Places, states: PressStates) -> Places:
+    return Places(places.press, states.uv_m.copy(), states.nuisance[:, 2].copy())
+
+
+def _at(
+    problem: FitProblem, images: Images, places: Places, macro: Floats, sigmas: Floats
+) -> tuple[PressStates, Ints]:
+    """Presses settled at one macro point, and the best place of each press."""
+    count = len(places.press)
+    many = np.broadcast_to(macro, (count, 5)).copy()
+    start = starting_nuisance(problem, places, many, places.press, 1)
+    state = settle(
+        problem,
+        images,
+        many,
+        np.broadcast_to(sigmas, (count, len(sigmas))).copy(),
+        places.press,
+        start,
+        iterations=6,
+    )
+    score = state.objective + np.linalg.slogdet(state.hessian)[1]
+    best = [
+        int(rows[np.argmin(score[rows])])
+        for rows in (np.flatnonzero(places.press == k) for k in range(len(problem)))
+    ]
+    return state, np.array(best, dtype=np.intp)
+
+
+def _trust(state: PressStates, rows: Ints) -> Floats:
+    """Weight of each press (K,): less than one where it is matched far worse than the others."""
+    squares = (state.residual[rows] ** 2).mean(axis=1)
+    return np.minimum(1.0, _TRUSTED * max(float(np.median(squares)), 1.0) / np.maximum(squares, 1e-30))
+
+
+def _value(problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, trust: Floats) -> float:
+    """Q of all presses and of what they share, each press as it is trusted."""
+    precision = problem.shared.precision(sigmas[4:5], sigmas[5:6])[0]
+    return float(trust @ state.objective[rows] + (precision * problem.shared.theta**2).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Gradient (5 + T,) and Hessian of Q/2 by macro variables and shared errors, each press's own eliminated."""
+
+    gradient: Floats
+    curvature: Floats
+
+
+def _reduced(
+    problem: FitProblem,
+    state: PressStates,
+    rows: Ints,
+    sigmas: Floats,
+    trust: Floats,
+    *,
+    shared: bool = True,
+) -> _System:
+    """Eliminates slack and force of every press (Schur complement).
+
+    The residuals of a press are those of its image, and its slack and force error over their sigmas.
+    """
+    count, taxels = len(rows), int(state.residual.shape[1])
+    macro, own = state.macro_slope[rows], state.nuisance_slope[rows]
+    prior = 1.0 / sigmas[[0, 0, 1]]
+    a = np.zeros((count, taxels + 3, 5 + (len(problem.shared.theta) if shared else 0)))
+    a[:, :taxels, :5] = macro
+    if shared:
+        j: Ints = np.arange(taxels, dtype=np.intp)
+        basis = problem.shared.basis
+        m = int(basis.shape[1])
+        a[:, j, 5 + j] = macro[:, :, 4]
+        a[:, j, 5 + taxels + j] = state.level_slope[rows]
+        for d in range(2):
+            first = 5 + 2 * taxels + d * m
+            a[:, taxels + d, first : first + m] = -prior[d] * basis
+    b = np.concatenate([own, np.broadcast_to(np.diag(prior), (count, 3, 3))], axis=1)
+    off = (state.nuisance[rows] - problem.centre) * prior
+    r = np.concatenate([state.residual[rows], off], axis=1)
+    mixed = np.matmul(b.transpose(0, 2, 1), a)
+    taken = np.linalg.solve(
+        state.hessian[rows], np.concatenate([mixed, np.matmul(b.transpose(0, 2, 1), r[..., None])], axis=2)
+    )
+    root = np.sqrt(trust)[:, None, None]
+    left = root * (a - np.matmul(b, taken[:, :, :-1]))
+    flat = left.reshape(-1, a.shape[2])
+    gradient = flat.T @ (root * r[..., None]).reshape(-1)
+    curvature = flat.T @ (root * a).reshape(flat.shape)
+    if shared:
+        precision = problem.shared.precision(sigmas[4:5], sigmas[5:6])[0]
+        gradient[5:] += precision * problem.shared.theta
+        curvature[range(5, len(curvature)), range(5, len(curvature))] += precision
+    return _System(gradient, (curvature + curvature.T) / 2)
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """The inverse of a positive matrix whose rows have different units; directions it does not hold stay at zero."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+
+def _estimated_sigmas(
+    problem: FitProblem,
+    state: PressStates,
+    rows: Ints,
+    sigmas: Floats,
+    system: _System,
+    *,
+    shared: bool,
+) -> Floats:
+    """One step of expectation-maximisation for the sigmas (6,), with the priors of :func:`_log_prior`.
+
+    A press that fits far worse than the others counts no more than the bound of :func:`_trust`.
+    """
+    centres = np.exp(_log_centres(problem))
+    inverse = np.linalg.inv(state.hessian[rows])
+    second = (state.nuisance[rows] - problem.centre) ** 2 + np.einsum("nii->ni", inverse)
+    second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
+    position = _shrunk(second[:, :2].sum(), second[:, :2].size, centres[0], SPREADS[0])
+    force = _shrunk(second[:, 2].sum(), len(second), centres[1], SPREADS[1])
+    noise, misfit = _estimated_noise(problem, state, rows, sigmas, inverse, trimmed=not shared)
+    told = np.array([position, force, noise, misfit, *sigmas[4:]])
+    if shared:
+        theta, taxels = problem.shared.theta, problem.rig.layout.taxels
+        spread = theta**2 + np.diag(_inverse(system.curvature))[5:]
+        told[4] = _shrunk(spread[:taxels].sum(), taxels, centres[4], SPREADS[4])
+        field = spread[2 * taxels :]
+        if len(field):
+            told[5] = _shrunk(field.sum(), len(field), centres[5], SPREADS[5])
+    return told
+
+
+def _estimated_noise(
+    problem: FitProblem,
+    state: PressStates,
+    rows: Ints,
+    sigmas: Floats,
+    inverse: Floats,
+    *,
+    trimmed: bool,
+) -> tuple[float, float]:
+    """The most probable sigma_n and tau for the squares of the residuals and of what places leave open."""
+    used = problem.used
+    if trimmed:
+        # From afar presses that lie are still among the others, and a misfit that explains them hides them.
+        squares = (state.residual[rows] ** 2).mean(axis=1)
+        used = used & (squares <= _TRIMMED * np.median(squares))[:, None]
+    model, presses = problem.observation, np.arange(len(problem))
+    many = np.ones(len(problem))
+    variance = model.variance(sigmas[2] * many, sigmas[3] * many, presses)
+    slope = state.nuisance_slope[rows]
+    squares = state.residual[rows] ** 2 + np.einsum("njd,nde,nje->nj", slope, inverse, slope)
+    trust = _trust(state, rows)[:, None]
+    squares = (trust * squares * variance)[used]
+    own, grown = (model.share[used]) ** 2, model.signal[used] ** 2
+    centres = _log_centres(problem)[2:4]
+
+    def loss(x: Floats) -> tuple[float, Floats]:
+        first, second = np.exp(2 * x[0]) * own, np.exp(2 * x[1]) * grown
+        total = first + second
+        away = (x - centres) / SPREADS[2:4]
+        value = 0.5 * float((squares / total + np.log(total)).sum()) + 0.5 * float(away @ away)
+        rate = (1.0 - squares / total) / total
+        return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
+
+    found = minimize(loss, np.log(sigmas[2:4]), jac=True, method="L-BFGS-B", options={"maxiter": 30})
+    noise, misfit = np.exp(found.x)
+    return max(float(noise), model.floor_counts * 1.05), float(misfit)
+
+
+def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
+    """Maximum of the posterior of a sigma with a log-normal prior: a few Newton steps in its logarithm."""
+    x = 0.5 * np.log(squares / count)
+    for _ in range(20):
+        slope = -count + squares * np.exp(-2 * x) - (x - np.log(centre)) / spread**2
+        x += slope / (2 * squares * np.exp(-2 * x) + 1 / spread**2)
+    return float(np.exp(x))

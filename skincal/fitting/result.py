@@ -1,0 +1,146 @@
+"""What a fit finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from skincal.fitting.grid import MacroGrid
+from skincal.fitting.options import SearchBox
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Bools, Floats
+
+PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
+"""The macro variables in the order of every array of them: pose, elasticity E [Pa/m], scale S [1/N]."""
+
+
+FEWEST_DRAWS = 20
+"""Weighted draws that are worth fewer independent ones say nothing of how wide the valley is."""
+
+
+@dataclass(frozen=True)
+class FitFinding:
+    """Something a person should know of a fit, and what to do about it."""
+
+    code: str
+    severity: Literal["info", "warning"]
+    text: str
+    advice: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class GridResult:
+    """The evaluated grid; arrays are (A, E, X, Y) over turns, elasticities, positions across and along.
+
+    Attributes:
+        grid: the values of the macro variables.
+        mse_counts2: the paper's loss, each press placed by its normalised image [counts²].
+        scale_per_n: least-squares scale [1/N].
+        slack_rms_m: root mean square slack [m].
+        in_valley: combinations whose loss is within a fixed bound; none where the noise bounds the valley, as the
+            posterior is of the absolute images and bounds no such loss.
+        mse_at_best_counts2: the same loss at the best point of the fit, between the grid's values [counts²].
+    """
+
+    grid: MacroGrid
+    mse_counts2: Floats
+    scale_per_n: Floats
+    slack_rms_m: Floats
+    in_valley: Bools
+    mse_at_best_counts2: float
+
+
+@dataclass(frozen=True, eq=False)
+class PressFit:
+    """The presses at the best point, in the order of the problem's presses (K).
+
+    Attributes:
+        slack_m: (K, 2) estimated minus measured contact position, across and along [m].
+        uv_m: (K, 2) estimated contact position in patch coordinates [m].
+        observed: (K, J) observed values above rest, unclipped [counts].
+        simulated: (K, J) simulated values [counts].
+        rmse_counts: (K,) root mean square difference over the taxels [counts].
+        good: (K,) the image is matched as well as the noise lets expect.
+    """
+
+    slack_m: Floats
+    uv_m: Floats
+    observed: Floats
+    simulated: Floats
+    rmse_counts: Floats
+    good: Bools
+
+
+@dataclass(frozen=True)
+class Sigmas:
+    """What the data say of the rig and the sensor, one sigma each.
+
+    Attributes:
+        position_m: of a measured position, apart from what presses share [m].
+        force: of a measured force, relative.
+        noise_counts: of a hold mean [counts].
+        misfit: of a reading, relative to its signal, beyond its noise.
+        gain: of the taxels' scales, relative.
+        field_m: of the smooth error that positions share [m].
+    """
+
+    position_m: float
+    force: float
+    noise_counts: float
+    misfit: float
+    gain: float
+    field_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A fit.
+
+    Attributes:
+        best: macro variables of the best point, by the names of ``PARAMETERS``.
+        intervals: low and high of each; (-inf, inf) where the data say nothing.
+        mse_counts2: loss at the best point, positions placed within their slack by the absolute images [counts²].
+        valley_mse_counts2: bound of the valley [counts²]: of that same loss where the noise bounds it; of the grid's
+            where the bound is fixed.
+        bound: how that bound came about.
+        draws: (N, 5) draws from the valley, in the order of ``PARAMETERS``.
+        sigmas: scatter of positions, forces and images, as the data tell it.
+        law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
+        effective_draws: how many independent draws the weighted ones are worth.
+        force_low: lower end of what the data say of the scatter of forces, one in forty is below.
+        rest_counts: level at rest that all taxels share, on the scale of the data [counts].
+        rest_interval: low and high of it.
+        grid: the evaluated grid.
+        presses: measured against simulated, press by press.
+        problem: the presses that were used.
+        box: the ranges that were searched.
+        scale_per_taxel_per_n: (J,) scale of each taxel [1/N]; None unless asked for.
+        dead_taxels: (J,) taxels that did not answer and were left out.
+        findings: what a person should know.
+    """
+
+    best: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    mse_counts2: float
+    valley_mse_counts2: float
+    bound: Literal["noise", "fixed"]
+    draws: Floats
+    sigmas: Sigmas
+    law_spread_m: float
+    effective_draws: float
+    force_low: float
+    rest_counts: float
+    rest_interval: tuple[float, float]
+    grid: GridResult
+    presses: PressFit
+    problem: FitProblem
+    box: SearchBox
+    scale_per_taxel_per_n: Floats | None
+    dead_taxels: Bools
+    findings: tuple[FitFinding, ...]
+
+    @property
+    def told(self) -> bool:
+        """Whether the data tell anything: enough readings, and draws that came to rest."""
+        return self.problem.determined and (self.bound == "fixed" or self.effective_draws >= FEWEST_DRAWS)

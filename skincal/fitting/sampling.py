@@ -1,0 +1,195 @@
+"""Draws of a posterior: adaptive importance sampling, and an ensemble of walkers where its draws are worth too little.
+
+Adaptive importance sampling is that of Cappe et al. (2008) with the mixture weights of Cornuet et al. (2012); proposals
+are fitted to tempered weights. The ensemble is the affine-invariant one of Goodman and Weare (2010), by `emcee`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import emcee  # pyright: ignore[reportMissingTypeStubs]
+import numpy as np
+from scipy.special import gammaln, logsumexp
+
+from skincal.fitting.errors import NOWHERE, FitError
+from skincal.fitting.posterior import Peak
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Floats
+
+_SHAPE = 8
+"""The shape of a proposal is told by so many independent draws for each of its dimensions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Weighted draws of the posterior.
+
+    Attributes:
+        points: (W, 11) macro variables and log sigmas.
+        weight: (W,) normalised weights.
+        correlation: steps of a walker after which it has forgotten where it was; 1 for independent draws.
+    """
+
+    points: Floats
+    weight: Floats
+    correlation: float = 1.0
+
+    @property
+    def effective(self) -> float:
+        """How many independent draws the weighted ones are worth."""
+        return float(1.0 / (self.weight**2).sum() / max(self.correlation, 1.0))
+
+    @property
+    def mean(self) -> Floats:
+        """The weighted mean (11,): the best point, and the logarithms of the sigmas."""
+        return self.weight @ self.points
+
+    def resampled(self, rng: np.random.Generator, count: int) -> Floats:
+        """(count, 11) draws of equal weight, by systematic resampling."""
+        at = (rng.random() + np.arange(count)) / count
+        rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
+        return self.points[rng.permutation(rows)]
+
+
+Density = Callable[[Floats], Floats]
+"""Takes points (W, 11) to log densities (W,); may spread them over workers."""
+
+
+def sample(
+    peak: Peak,
+    problem: FitProblem,
+    density: Density,
+    rng: np.random.Generator,
+    *,
+    size: int,
+    enough: Callable[[int, Draws], bool],
+) -> Draws:
+    """Adaptive importance sampling round a peak.
+
+    Args:
+        peak: where to start.
+        problem: the presses.
+        density: the log posterior.
+        rng: the only source of chance.
+        size: draws in each round; after each the proposal is fitted to all draws so far.
+        enough: told the rounds done and the draws so far; says when to stop.
+
+    Returns:
+        All draws, weighted against the mixture of all proposals.
+
+    Raises:
+        FitError: the presses have no density anywhere near the peak.
+    """
+    if not np.isfinite(peak.covariance).all():
+        raise FitError(NOWHERE)
+    lit, presses = float(problem.lit.sum()), len(problem)
+    hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / lit**0.5, 0.8, 0.8, 0.8]) ** 2
+    covariance = np.zeros((5 + len(hyper), 5 + len(hyper)))
+    covariance[:5, :5] = peak.covariance
+    covariance[5:, 5:] = np.diag(hyper)
+    proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
+    points, values = np.empty((0, len(covariance))), np.empty(0)
+    while True:
+        fresh = proposals[-1].draw(rng, size)
+        found = density(fresh)
+        found = np.where(np.isfinite(found), found, -np.inf)
+        points, values = np.concatenate([points, fresh]), np.concatenate([values, found])
+        if not np.isfinite(values).any():
+            raise FitError(NOWHERE)
+        weight = _mixture_weights(points, values, proposals)
+        draws = Draws(points, weight)
+        if enough(len(proposals), draws):
+            return draws
+        proposals.append(_adapted(points, weight, proposals[-1]))
+
+
+WALKERS, BURN_IN, STEPS = 44, 60, 220
+"""Walkers of the ensemble (four a dimension), steps that they first take to spread, and steps that are kept."""
+
+
+def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
+    """Draws of an ensemble of walkers, which needs no proposal that resembles the posterior.
+
+    Args:
+        density: the log posterior.
+        start: draws round which the walkers begin; their weights are tempered.
+        rng: the only source of chance.
+    """
+    spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))
+    scale = np.sqrt(spread.weight @ (start.points - spread.mean) ** 2)
+    at, found = np.empty((0, start.points.shape[1])), 0
+    while len(at) < WALKERS and found < 50:
+        # Nudged, so that no two walkers stand at one point and all directions are open.
+        some = spread.resampled(rng, WALKERS)
+        some = some + 0.1 * scale * rng.standard_normal(some.shape)
+        at, found = np.concatenate([at, some[np.isfinite(density(some))]]), found + 1
+    if len(at) < WALKERS:
+        return start
+    walkers: Any = emcee.EnsembleSampler(WALKERS, at.shape[1], density, vectorize=True)
+    seed = np.random.RandomState(int(rng.integers(2**31))).get_state()
+    state: Any = walkers.run_mcmc(emcee.State(at[:WALKERS], random_state=seed), BURN_IN)
+    walkers.reset()
+    walkers.run_mcmc(state, STEPS)
+    time = float(np.nanmax(walkers.get_autocorr_time(quiet=True, tol=0)))
+    points = np.asarray(walkers.get_chain(flat=True), dtype=np.float64)
+    return Draws(points, np.full(len(points), 1.0 / len(points)), time if np.isfinite(time) else float(STEPS))
+
+
+class _Student:
+    """A multivariate t distribution with 6 degrees of freedom: tails heavier than the target's."""
+
+    def __init__(self, mean: Floats, covariance: Floats, freedom: float = 6.0) -> None:
+        self.mean, self.freedom = mean, freedom
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+        correlation = covariance / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+        self.root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-6))
+        self.covariance = covariance
+
+    def draw(self, rng: np.random.Generator, count: int) -> Floats:
+        normal = rng.standard_normal((count, len(self.mean)))
+        stretch = np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
+        return self.mean + (normal * stretch[:, None]) @ self.root.T
+
+    def log_density(self, points: Floats) -> Floats:
+        d, v = len(self.mean), self.freedom
+        z = np.linalg.solve(self.root, (points - self.mean).T)
+        constant = gammaln((v + d) / 2) - gammaln(v / 2) - d / 2 * np.log(v * np.pi)
+        determinant = np.linalg.slogdet(self.root)[1]
+        return constant - determinant - (v + d) / 2 * np.log1p((z**2).sum(axis=0) / v)
+
+
+def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Student]) -> Floats:
+    """Weights against the mixture of all proposals, which have drawn equally many points."""
+    mixture = logsumexp([p.log_density(points) for p in proposals], axis=0)
+    log_weight = values - mixture
+    weight = np.exp(log_weight - log_weight.max())
+    return weight / weight.sum()
+
+
+def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
+    """A proposal with the moments of the draws so far, tempered where a few heavy ones would tell the shape."""
+    tempered = _tempered(weight, _SHAPE * points.shape[1])
+    mean = tempered @ points
+    covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
+    return _Student(mean, 1.15 * covariance + 1e-3 * np.diag(np.diag(last.covariance)))
+
+
+def _tempered(weight: Floats, least: float) -> Floats:
+    """Weights to the highest power up to 1 at which they are worth ``least`` independent draws."""
+    logs = np.log(np.maximum(weight, 1e-300))
+
+    def at(power: float) -> Floats:
+        raised = np.exp(power * (logs - logs.max())) * (weight > 0)
+        return raised / raised.sum()
+
+    low, high = 0.0, 1.0
+    if 1.0 / (weight**2).sum() >= least:
+        return weight
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if 1.0 / (at(middle) ** 2).sum() >= least else (low, middle)
+    return at(low)

@@ -1,0 +1,152 @@
+"""The pieces of a fit that can run side by side, each a plain function of one picklable argument.
+
+Who spreads them over processes is up to the caller: a mapper takes a function and a sequence of arguments to the
+results in the same order, as the built-in ``map`` does. Results do not depend on it.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from skincal.fitting import general, grid
+from skincal.fitting.general_table import ROUGH, SkinTable
+from skincal.fitting.general_tabling import joined, run_table, table_tasks
+from skincal.fitting.grid import GridSlab, MacroGrid
+from skincal.fitting.images import KernelImages
+from skincal.fitting.micro import MicroSettings
+from skincal.fitting.places import Places
+from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.seen import Images
+from skincal.fitting.types import Floats
+
+
+class Mapper(Protocol):
+    """Applies a function to every argument; results come in the order of the arguments."""
+
+    def __call__(self, function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
+        """Results in the order of the arguments."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SlabTask:
+    """One turn of the macro grid."""
+
+    problem: FitProblem
+    grid: MacroGrid
+    turn: int
+    settings: MicroSettings
+
+
+def run_slab(task: SlabTask) -> GridSlab:
+    """Evaluates one turn of the grid, by tables or by the skin model itself."""
+    contacts = task.problem.contacts
+    if contacts is None:
+        return grid.evaluate_slab(task.problem, task.grid, task.turn, task.settings)
+    if contacts.local is None:
+        return general.evaluate_slab(task.problem, task.grid, task.turn, task.settings)
+    local = contacts.local
+    return grid.evaluate_slab(local.problem(task.problem), local.grid(task.grid), task.turn, task.settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """Where kernels are tabled for the continuous part of a fit.
+
+    Attributes:
+        alphas_rad: three turns round the centre [rad].
+        log_elasticity: logarithm of E at the centre.
+        reach: how far log E may stray from it.
+        spread_m: sideways spread of the contact law [m].
+        table: images of the skin model there, for the general way, which has no kernels.
+    """
+
+    alphas_rad: Floats
+    log_elasticity: float
+    reach: float = 0.9
+    spread_m: float = 0.0
+    table: SkinTable | None = None
+
+    @classmethod
+    def around(cls, macro: Floats, spread_m: float = 0.0, table: SkinTable | None = None) -> Neighbourhood:
+        """Centred at macro variables (5,)."""
+        alphas = float(macro[2]) + np.radians([-6.0, 0.0, 6.0])
+        return cls(alphas, float(macro[3]), spread_m=spread_m, table=table)
+
+    def images(self, problem: FitProblem) -> Images:
+        """Builds the kernels, or spreads what is tabled."""
+        if self.table is not None:
+            return self.table.spread(self.spread_m)
+        log_force = np.log(problem.force_n)
+        span = (
+            float(log_force.min()) - self.log_elasticity - self.reach,
+            float(log_force.max()) - self.log_elasticity + self.reach,
+        )
+        rig = problem.rig
+        asked = (rig.surface, rig.indenters, rig.layout, self.alphas_rad, span)
+        return _kernels(pickle.dumps(asked), self.spread_m)
+
+
+@lru_cache(maxsize=1)
+def _kernels(asked: bytes, spread_m: float) -> KernelImages:
+    """The kernels that were asked for last: the draws of a fit come in many rounds, all from the same.
+
+    They are known by what they are made of, as every task brings a copy of its own.
+    """
+    return KernelImages(*pickle.loads(asked), spread_m=spread_m)
+
+
+@dataclass(frozen=True, eq=False)
+class ClimbTask:
+    """One climb to a peak of the posterior."""
+
+    problem: FitProblem
+    bounds: Bounds
+    start: Floats
+    spread_m: float = 0.0
+    table: SkinTable | None = None
+    sigmas: Floats | None = None
+
+
+def run_climb(task: ClimbTask) -> Peak:
+    """Climbs; when the peak lies far from where the kernels were tabled, tables them anew there and goes on."""
+    peak = _climb(task, task.start, task.sigmas)
+    if task.problem.contacts is not None:
+        return peak
+    moved = np.abs(peak.macro - task.start)
+    if moved[2] > np.radians(5.0) or moved[3] > 0.6:
+        peak = _climb(task, peak.macro, peak.sigmas)
+    return peak
+
+
+def _climb(task: ClimbTask, start: Floats, sigmas: Floats | None) -> Peak:
+    table = task.table
+    if table is None and task.problem.contacts is not None:
+        table = joined([run_table(part) for part in table_tasks(task.problem, start, ROUGH)])
+    images = Neighbourhood.around(start, task.spread_m, table).images(task.problem)
+    return climb(task.problem, images, task.bounds, start, sigmas=sigmas)
+
+
+@dataclass(frozen=True, eq=False)
+class DensityTask:
+    """Log posterior of some points."""
+
+    problem: FitProblem
+    around: Neighbourhood
+    places: Places
+    bounds: Bounds
+    points: Floats
+
+
+def run_density(task: DensityTask) -> Floats:
+    """Evaluates the log posterior of the task's points."""
+    images = task.around.images(task.problem)
+    blocks = np.array_split(task.points, max(1, len(task.points) // 50))
+    return np.concatenate([log_posterior(task.problem, images, task.places, task.bounds, b) for b in blocks])

@@ -1,0 +1,125 @@
+"""The valley: which combinations are as good as the data can tell, and the intervals that bound it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skincal.fitting.options import SearchBox
+from skincal.fitting.places import Places, starting_nuisance
+from skincal.fitting.presses import settle
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.result import GridResult
+from skincal.fitting.seen import Images
+from skincal.fitting.types import Floats
+
+UNBOUNDED_FROM = 0.9
+"""A parameter whose interval fills this part of the searched range is not identified by the data."""
+
+
+ONE_PLACE = 0.25
+"""Presses within this part of the patch lie at one place."""
+
+POSE = ("across_m", "y_m", "alpha_rad")
+
+OPEN = (-np.inf, np.inf)
+"""The interval of a parameter that the data do not tell."""
+
+
+def interval(
+    name: str, draws: Sequence[Floats], best: float, box: SearchBox, level: float
+) -> tuple[float, float]:
+    """Central interval of draws, or (-inf, inf) where it fills the searched range.
+
+    Args:
+        name: of the parameter.
+        draws: values from the valley, (N,) for each contact law; the interval covers that of every law.
+        best: the best point; always inside.
+        box: what was searched.
+        level: probability content; 1 for the bounds of the draws.
+    """
+    tail = (1.0 - level) / 2
+    bounds = np.array([np.quantile(law, [tail, 1.0 - tail]) for law in draws])
+    low, high = min(float(bounds[:, 0].min()), best), max(float(bounds[:, 1].max()), best)
+    return closed(name, low, high, box)
+
+
+def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, float]:
+    """An interval, or (-inf, inf) where it fills the searched range: a valley that does not close in it."""
+    searched = getattr(box, name, None)
+    if searched is not None and searched[1] > searched[0]:
+        log = name == "elasticity_pa_per_m"
+        width = (
+            np.log(high / low) / np.log(searched[1] / searched[0]) if log else (high - low) / np.ptp(searched)
+        )
+        if width > UNBOUNDED_FROM:
+            return OPEN
+    return low, high
+
+
+def extent_m(problem: FitProblem) -> float:
+    """How far apart the presses lie, along the direction in which they are spread more [m]."""
+    return float(max(np.ptp(problem.across_m), np.ptp(problem.along_m)))
+
+
+def at_one_place(problem: FitProblem) -> bool:
+    """Whether the presses lie so close together that turn and position of the sensor cannot be told apart."""
+    size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
+    return extent_m(problem) < ONE_PLACE * size
+
+
+def valley_loss(
+    problem: FitProblem, images: Images, places: Places, points: Floats, rng: np.random.Generator
+) -> float:
+    """The loss [counts²] that 98 % of the draws stay below: the bound that the noise of the data gives the valley.
+
+    Args:
+        problem: the presses.
+        images: kernels round the peak.
+        places: where each press could have been.
+        points: (N, 11) draws of macro variables and log sigmas.
+        rng: picks the draws that are looked at.
+    """
+    some = points[rng.choice(len(points), min(60, len(points)), replace=False)]
+    spots = len(places.press)
+    macro, press = np.repeat(some[:, :5], spots, axis=0), np.tile(places.press, len(some))
+    sigmas = np.repeat(np.exp(some[:, 5:]), spots, axis=0)
+    sigmas[:, 1] = 1e-7
+    start = starting_nuisance(problem, places, macro, press, len(some))
+    start[:, 2] = 0.0
+    state = settle(problem, images, macro, sigmas, press, start, iterations=10)
+    variance = problem.observation.variance(sigmas[:, 2], sigmas[:, 3], press)
+    squares = (state.residual**2 * variance).sum(axis=1).reshape(len(some), spots)
+    objective = state.objective.reshape(len(some), spots)
+    total = np.zeros(len(some))
+    for k in range(len(problem)):
+        mine = np.flatnonzero(places.press == k)
+        total += squares[np.arange(len(some)), mine[np.argmin(objective[:, mine], axis=1)]]
+    return float(np.quantile(total / max(float((problem.weight > 0).sum()), 1.0), 0.98))
+
+
+def choose(grid: GridResult, count: int, rng: np.random.Generator) -> Floats:
+    """Draws (N, 5) of the combinations in the valley of a fixed bound; the best one where none is."""
+    inside = np.argwhere(grid.in_valley)
+    if len(inside) == 0:
+        inside = np.argwhere(grid.mse_counts2 == grid.mse_counts2.min())
+    if len(inside) > count:
+        # The combinations that bound the valley stay: their box is the interval.
+        edge = {int(f(inside[:, d])) for d in range(4) for f in (np.argmin, np.argmax)}
+        scale = grid.scale_per_n[tuple(inside.T)]
+        edge |= {int(np.argmin(scale)), int(np.argmax(scale))}
+        rest = rng.choice(len(inside), count - len(edge), replace=False)
+        inside = inside[np.concatenate([np.array(sorted(edge)), rest])]
+    a, e, x, y = inside.T
+    axes = grid.grid
+    return np.stack(
+        [
+            axes.across_m[x],
+            axes.y_m[y],
+            axes.alpha_rad[a],
+            np.exp(axes.log_elasticity[e]),
+            grid.scale_per_n[a, e, x, y],
+        ],
+        axis=1,
+    )

@@ -1,0 +1,402 @@
+"""Taxels in another order than the data say: which permutation of them explains the images best.
+
+Where a press was is measured, so a nominal contact says which taxels it loads and how much. A taxel's readings over all
+presses, its trace, are therefore predicted up to the sensor's pose, the width of the contact and one scale. Traces are
+assigned to places by the squared differences between every measured and every predicted trace: all permutations are
+searched by the assignment problem (Kuhn 1955; ``scipy.optimize.linear_sum_assignment``), and those that a cable or
+a reading order makes are tried by name. Each is given its own best pose and places of the presses within their slack.
+The one with the best likelihood is told if it beats the order as it is by more than the number of permutations that
+were open to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares, linear_sum_assignment
+
+from skincal.fitting.options import SearchBox
+from skincal.fitting.presses import solve_small
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Floats, Ints
+from skincal.fitting.wiring_orders import Order, mapping_of, named_orders
+from skincal.model.layout import TaxelLayout
+
+MOST_PRESSES = 150
+"""Of more presses so many are looked at, evenly spread."""
+
+_EXPLAINED = 0.5
+"""A permutation must explain so much of what the taxels that it moves differ by (stated prior)."""
+
+_NATS = 10.0
+"""Log likelihood by which a permutation must win besides the logarithm of the number of rivals: odds of 1 to 20000."""
+
+_ASSIGNED = 10
+"""Starting poses from which all permutations are searched."""
+
+_NAMED = 4
+"""So many of the orders that have a reason get a pose and places of their own."""
+
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Presses:
+    """What is measured of K presses.
+
+    Attributes:
+        place_m: (K, 2) contact positions across and along [m].
+        force_n: (K,) forces [N].
+        values: (K, J) values above the level at rest, in the order of the data.
+        weight: (K, J) their weights; 0 where a taxel was not read.
+        sigma_m: what a position is worth, one sigma [m].
+        slack_m: bound of its error [m].
+    """
+
+    place_m: Floats
+    force_n: Floats
+    values: Floats
+    weight: Floats
+    sigma_m: float
+    slack_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class TaxelOrder:
+    """An order of the taxels that explains the images where the order of the data does not.
+
+    Attributes:
+        order: (J,) index in the data of the taxel that belongs at each place.
+        mapping: the line or lines of a mapping file, under ``[taxels]``, that put it right.
+        rms_before: root mean square difference from the nominal images in the order of the data, per lit reading.
+        rms_after: the same in the order found.
+        log_odds: log likelihood by which it wins, less the logarithm of the number of rivals.
+    """
+
+    order: Ints
+    mapping: str
+    rms_before: float
+    rms_after: float
+    log_odds: float
+
+    @property
+    def moved(self) -> Ints:
+        """Places whose taxel is another."""
+        return np.flatnonzero(self.order != np.arange(len(self.order)))
+
+
+def order_of_problem(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
+    """The order that explains the images of a problem; None where the one of the data does.
+
+    Args:
+        problem: presses with measured places and forces.
+        box: where the sensor may be.
+    """
+    presses = Presses(
+        np.stack([problem.across_m, problem.along_m], axis=1),
+        problem.force_n,
+        problem.values,
+        problem.weight,
+        problem.rig.position_sigma_m,
+        problem.rig.slack_m,
+    )
+    return find_order(presses, problem.rig.layout, box, problem.noise_sigma_counts)
+
+
+def find_order(
+    presses: Presses, layout: TaxelLayout, box: SearchBox, noise: float = 0.0
+) -> TaxelOrder | None:
+    """The order of taxels that explains the images; None where the order of the data does as well.
+
+    Args:
+        presses: what is measured.
+        layout: the taxels.
+        box: where the sensor may be.
+        noise: scatter of an untouched taxel, in the unit of the values.
+    """
+    if layout.taxels < 2 or len(presses.force_n) < 3 or not np.isfinite(presses.sigma_m):
+        return None  # a place that is not known predicts no trace
+    if len(presses.force_n) > MOST_PRESSES:
+        presses = _thinned(presses)
+    order, best = np.arange(layout.taxels), None
+    for _ in range(_ROUNDS):
+        # From an order that is nearly right, the rest is found with a better pose.
+        ordered = replace(presses, values=presses.values[:, order], weight=presses.weight[:, order])
+        found = _better(_Search(ordered, layout, box, noise))
+        if found is None:
+            break
+        nominal, one, odds = found
+        first = nominal if best is None else best[0]
+        order, best = order[one.order], (first, one, odds)
+    if best is None or (order == np.arange(len(order))).all():
+        return None
+    nominal, one, odds = best
+    lit = max(int((presses.values * (presses.weight > 0) > 0).sum()), 1)
+    before, after = (float(np.sqrt(c.squares / lit)) for c in (nominal, one))
+    return TaxelOrder(order, mapping_of(order, layout.rows, layout.cols), before, after, odds)
+
+
+def _better(search: _Search) -> tuple[_Candidate, _Candidate, float] | None:
+    """The order as it is, one that explains the images better, and by how much; None where there is none."""
+    lit = int((search.observed > search.floor).sum())
+    if lit < search.layout.taxels:
+        return None
+    nominal, *others = search.candidates(named_orders(search.layout.rows, search.layout.cols))
+    floor = max(search.noise**2, 1e-12 * float((search.observed**2).mean()))
+    best = None
+    for one in others:
+        square = max(one.squares / lit, floor)
+        gain = (nominal.squares - one.squares) / (2 * square) + (nominal.slack - one.slack) / 2
+        odds = gain - one.rivals - _NATS
+        score = -0.5 * lit * np.log(square) - 0.5 * one.slack - one.rivals
+        if odds > 0 and search.explains(nominal, one) and (best is None or score > best[0]):
+            best = score, (nominal, one, odds)
+    return None if best is None else best[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """An order with the pose and places that suit it best."""
+
+    order: Ints
+    rivals: float  # logarithm of the number of orders that were open to it
+    pose: Floats  # (5,) centre across and along, turn, log of the contact's variances
+    slack_m: Floats  # (K, 2)
+    squares: float  # weighted squared differences
+    slack: float  # squared slacks in sigmas
+
+
+class _Search:
+    """Candidates for one session."""
+
+    def __init__(self, presses: Presses, layout: TaxelLayout, box: SearchBox, noise: float) -> None:
+        self.presses, self.layout, self.box, self.noise = presses, layout, box, noise
+        self.weight = np.clip(presses.weight, 0.0, 1.0) ** 2
+        self.observed = np.where(self.weight > 0, presses.values, 0.0)
+        self.floor = max(4 * noise, 0.03 * float(self.observed.max(initial=0.0)))
+        self.pitch = _pitch(layout)
+        self.spread = np.sqrt(presses.force_n / np.median(presses.force_n))
+        low = np.array([box.across_m[0], box.y_m[0], box.alpha_rad[0]])
+        high = np.array([box.across_m[1], box.y_m[1], box.alpha_rad[1]])
+        wide = np.log([(0.1 * self.pitch) ** 2, (0.1 * self.pitch) ** 2])
+        widest = np.log([(30 * self.pitch) ** 2] * 2)
+        self.low = np.concatenate([low - 1e-6, wide])
+        self.high = np.concatenate([high + 1e-6, widest])
+
+    def candidates(self, names: list[Order]) -> list[_Candidate]:
+        """The order of the data, the best named one, and the best of all."""
+        starts = self._starts()
+        matrices = [self._matrices(start) for start in starts]
+        orders = np.stack([one.order for one in names])
+        costs = np.stack([_cost(m, orders) for m in matrices])  # (starts, orders)
+        least = costs.min(axis=0)
+        few = np.log(max(len(names), 1))
+        tried: list[int] = [0, *(np.argsort(least[1:])[:_NAMED] + 1).tolist()]
+        where: list[int] = costs.argmin(axis=0).tolist()
+        found = [self._refined(orders[n], few if n else 0.0, starts[where[n]], names) for n in tried]
+        bound = [float(_pairs(m).min(axis=0).sum()) for m in matrices]
+        near: list[int] = [*(where[n] for n in tried), *np.argsort(bound)[:_ASSIGNED].tolist()]
+        assigned = {s: _assigned(matrices[s]) for s in dict.fromkeys(near)}
+        best = min(assigned, key=lambda s: _cost(matrices[s], assigned[s][None])[0])
+        likely = min(found[1:], key=lambda one: one.squares, default=found[0])
+        seeds = [(assigned[best], starts[best])]
+        for one in (found[0], likely):
+            seeds += [(one.order, one.pose), (_assigned(self._matrices(one.pose)), one.pose)]
+        return found + [self._free(order, pose, names) for order, pose in seeds]
+
+    def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
+        """Whether an order accounts for the traces of the taxels that it moves."""
+        moved = np.flatnonzero(one.order != nominal.order)
+        here, there = self._predicted(nominal.pose, nominal.slack_m), self._predicted(one.pose, one.slack_m)
+        before = self._differences(here, nominal.order)[:, moved]
+        after = self._differences(there, one.order)[:, moved]
+        left = float((after**2).sum()) / max(float((before**2).sum()), 1e-300)
+        return left < 1 - _EXPLAINED
+
+    def _free(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
+        """The best of all permutations, searched in turn with pose and places."""
+        slack = np.zeros((len(self.observed), 2))
+        for _ in range(_ROUNDS):
+            pose = self._posed(order, pose, slack)
+            slack = self._placed(order, pose, slack)
+            last, order = order, _assigned(self._matrices(pose, slack))
+            if (order == last).all():
+                break
+        order = self._only_what_matters(order, self._matrices(pose, slack))
+        return self._refined(order, _freedom(order), pose, names)
+
+    def _only_what_matters(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
+        """The order without those exchanges that change the images by less than they cost."""
+        pairs = _pairs(matrices)
+        lit = int((self.observed > self.floor).sum())
+        columns = np.arange(len(order))
+        own = (self.weight * self.observed**2).sum(axis=0)
+        square = max(float((own[order] + pairs[order, columns]).sum()) / max(lit, 1), self.noise**2, 1e-30)
+        kept = columns.copy()
+        for cycle in _cycles(order):
+            before, after = own[cycle] + pairs[cycle, cycle], own[order[cycle]] + pairs[order[cycle], cycle]
+            before, after = float(before.sum()), float(after.sum())
+            enough = len(cycle) * np.log(len(order)) + _NATS
+            if before - after > 2 * square * enough and after < (1 - _EXPLAINED) * before:
+                kept[cycle] = order[cycle]
+        return kept
+
+    def _refined(self, order: Ints, rivals: float, pose: Floats, names: list[Order]) -> _Candidate:
+        """Pose, places and score of an order; one that has a name costs no more than the names."""
+        if any((one.order == order).all() for one in names):
+            rivals = min(rivals, np.log(len(names)))
+        slack = np.zeros((len(self.observed), 2))
+        for _ in range(_ROUNDS):
+            pose = self._posed(order, pose, slack)
+            slack = self._placed(order, pose, slack)
+        off = self._differences(self._predicted(pose, slack), order)
+        sigma = max(self.presses.sigma_m, 1e-9)
+        return _Candidate(
+            order, rivals, pose, slack, float((off**2).sum()), float((slack**2).sum()) / sigma**2
+        )
+
+    def _starts(self) -> list[Floats]:
+        span = self.high[:3] - self.low[:3]
+        steps = np.array([0.6 * self.pitch, 0.6 * self.pitch, np.radians(25.0)])
+        counts = np.clip(np.ceil(span / steps), 1, [6, 6, 15]).astype(np.intp) + 1
+        ends = zip(self.low[:3].tolist(), self.high[:3].tolist(), counts.tolist(), strict=True)
+        axes: list[Floats] = [np.linspace(low, high, count) for low, high, count in ends]
+        poses: Floats = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        width = np.full((len(poses), 2), np.log((0.45 * self.pitch) ** 2))
+        both: Floats = np.concatenate([poses, width], axis=1)
+        return list(both)
+
+    def _offsets(self, pose: Floats, slack_m: Floats | None) -> tuple[Floats, Floats]:
+        """How far presses lie from taxels across and along (K, J) [m]."""
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        u, v = self.layout.centres_m.T
+        place = self.presses.place_m if slack_m is None else self.presses.place_m + slack_m
+        across = place[:, :1] - pose[0] - (u * cos - v * sin)
+        along = place[:, 1:] - pose[1] - (u * sin + v * cos)
+        return across, along
+
+    def _variances(self, pose: Floats) -> tuple[Floats, Floats]:
+        """Variances (K, J) across and along of the part of a contact that a taxel gets [m²]."""
+        size = self.layout.sizes_m**2 / 12
+        return tuple(np.exp(pose[3 + i]) * self.spread[:, None] + size[:, i] for i in (0, 1))  # type: ignore[return-value]
+
+    def _predicted(self, pose: Floats, slack_m: Floats | None = None) -> Floats:
+        """Nominal images (K, J) of any scale: a bump of the contact's width, of the force's volume."""
+        across, along = self._offsets(pose, slack_m)
+        wide, long = self._variances(pose)
+        area = np.prod(self.layout.sizes_m, axis=1)
+        bump = np.exp(-0.5 * (across**2 / wide + along**2 / long)) / np.sqrt(wide * long)
+        return self.presses.force_n[:, None] * area * bump
+
+    def _differences(self, shares: Floats, order: Ints) -> Floats:
+        """Weighted differences (K, J), places in our order, with the best scale."""
+        observed, weight = self.observed[:, order], self.weight[:, order]
+        power = float((weight * shares**2).sum())
+        scale = max(float((weight * shares * observed).sum()), 0.0) / max(power, 1e-300)
+        return np.sqrt(weight) * (scale * shares - observed)
+
+    def _matrices(self, pose: Floats, slack_m: Floats | None = None) -> tuple[Floats, Floats]:
+        """Products (J, J) of measured with predicted traces, and squares of the predicted ones as measured."""
+        shares = self._predicted(pose, slack_m)
+        shares = shares / max(float(np.sqrt((shares**2).mean())), 1e-300)
+        return (self.weight * self.observed).T @ shares, self.weight.T @ shares**2
+
+    def _posed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
+        scale = np.array([1e-3, 1e-3, 0.1, 1.0, 1.0])
+        inside = np.clip(pose, self.low + 1e-9, self.high - 1e-9)
+        got = least_squares(
+            lambda x: self._differences(self._predicted(x * scale, slack_m), order).ravel(),
+            inside / scale,
+            bounds=(self.low / scale, self.high / scale),
+            max_nfev=12,
+        )
+        return got.x * scale
+
+    def _placed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
+        """Places of the presses within their slack, by Gauss-Newton."""
+        sigma, slack = self.presses.sigma_m, slack_m
+        observed, weight = self.observed[:, order], self.weight[:, order]
+        shares = self._predicted(pose, slack)
+        off = self._differences(shares, order)
+        noise = max(float((off**2).mean()), self.noise**2, 1e-30)
+        wide, long = self._variances(pose)
+        for _ in range(4):
+            power = float((weight * shares**2).sum())
+            scale = max(float((weight * shares * observed).sum()), 0.0) / max(power, 1e-300)
+            across, along = self._offsets(pose, slack)
+            image = scale * shares
+            by = np.stack([-image * across / wide, -image * along / long], axis=-1)
+            hessian = np.einsum("kj,kja,kjb->kab", weight, by, by) / noise
+            slope = np.einsum("kj,kja->ka", weight * (image - observed), by) / noise + slack / sigma**2
+            hessian += np.eye(2) * (1 / sigma**2 + 1e-12)
+            step = -solve_small(hessian, slope)
+            bound = min(self.presses.slack_m, 3 * sigma)
+            slack = np.clip(slack + np.clip(step, -0.5 * self.pitch, 0.5 * self.pitch), -bound, bound)
+            shares = self._predicted(pose, slack)
+        return slack
+
+
+def _thinned(presses: Presses) -> Presses:
+    rows = np.linspace(0, len(presses.force_n) - 1, MOST_PRESSES).astype(np.intp)
+    return Presses(
+        presses.place_m[rows],
+        presses.force_n[rows],
+        presses.values[rows],
+        presses.weight[rows],
+        presses.sigma_m,
+        presses.slack_m,
+    )
+
+
+def _pitch(layout: TaxelLayout) -> float:
+    """Median distance of a taxel's centre from the nearest other [m]."""
+    apart = np.linalg.norm(layout.centres_m[:, None] - layout.centres_m, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return float(np.median(apart.min(axis=1)))
+
+
+def _scale(matrices: tuple[Floats, Floats]) -> float:
+    """Scale that suits the best pairs."""
+    product, square = matrices
+    order = linear_sum_assignment(product, maximize=True)
+    return float(product[order].sum()) / max(float(square[order].sum()), 1e-300)
+
+
+def _pairs(matrices: tuple[Floats, Floats]) -> Floats:
+    """Squared differences (J, J) of measured and predicted traces, less what no order changes."""
+    product, square = matrices
+    scale = _scale(matrices)
+    return scale**2 * square - 2 * scale * product
+
+
+def _assigned(matrices: tuple[Floats, Floats]) -> Ints:
+    """The measured trace that suits each place best, all places together."""
+    # Transposed, the rows are places, in order.
+    return np.asarray(linear_sum_assignment(_pairs(matrices).T)[1], dtype=np.intp)
+
+
+def _cost(matrices: tuple[Floats, Floats], orders: Ints) -> Floats:
+    """Squared differences (O,) of orders (O, J) with each its best scale, less what no order changes."""
+    product, square = matrices
+    columns: Ints = np.arange(orders.shape[-1], dtype=np.intp)
+    found, power = product[orders, columns].sum(axis=1), square[orders, columns].sum(axis=1)
+    return -(np.maximum(found, 0.0) ** 2) / np.maximum(power, 1e-300)
+
+
+def _cycles(order: Ints) -> list[Ints]:
+    """The exchanges that a permutation is made of."""
+    left, cycles = set(np.flatnonzero(order != np.arange(len(order))).tolist()), list[Ints]()
+    while left:
+        cycle = [left.pop()]
+        while (following := int(order[cycle[-1]])) != cycle[0]:
+            cycle.append(following)
+            left.discard(following)
+        cycles.append(np.array(cycle, dtype=np.intp))
+    return cycles
+
+
+def _freedom(order: Ints) -> float:
+    """Logarithm of the number of permutations that move as many taxels."""
+    moved = int((order != np.arange(len(order))).sum())
+    return moved * float(np.log(max(len(order), 2)))

@@ -1,0 +1,95 @@
+"""Orders of taxels that reading an array or plugging in a cable makes, and how a mapping file writes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.fitting.types import Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """An order of taxels.
+
+    Attributes:
+        order: (J,) index in the data of the taxel that belongs at each place.
+        mapping: lines of a mapping file that make it.
+    """
+
+    order: Ints
+    mapping: str
+
+
+def named_orders(rows: int, cols: int) -> list[Order]:
+    """Orders that have a reason, the one of the data first, each once.
+
+    The array is read by rows or by columns, straight or in a serpentine, from any of its corners; and its rows or
+    columns may be shifted, round the end.
+
+    Args:
+        rows: of the layout.
+        cols: of the layout.
+    """
+    found: dict[bytes, Order] = {}
+
+    def add(image: Ints, lines: tuple[str, ...] | None) -> None:
+        order = np.ascontiguousarray(image.ravel())
+        mapping = "\n".join(lines) if lines is not None else _listed(order)
+        found.setdefault(order.tobytes(), Order(order, mapping))
+
+    flat = np.arange(rows * cols)
+    straight: list[tuple[Ints, tuple[str, ...]]] = [
+        (flat.reshape(rows, cols), ()),
+        (flat.reshape(cols, rows).T, ("transpose = true",)),
+    ]
+    plain = list[tuple[Ints, tuple[str, ...] | None]]()
+    for image, lines in straight:
+        for flip_rows in (False, True):
+            for flip_cols in (False, True):
+                turned = image[:: -1 if flip_rows else 1, :: -1 if flip_cols else 1]
+                extra = ("flip_rows = true",) * flip_rows + ("flip_cols = true",) * flip_cols
+                plain.append((turned, (*lines, *extra)))
+    for image, lines in plain:
+        add(image, lines)
+    wound = [
+        _wound(image, first, by_rows) for image, _ in plain for first in (0, 1) for by_rows in (True, False)
+    ]
+    for image in wound:
+        add(image, None)
+    for image in [image for image, _ in plain] + wound:
+        for axis, length in ((0, rows), (1, cols)):
+            for shift in range(1, length):
+                add(np.roll(image, shift, axis=axis), None)
+    for shift in (1, -1):
+        add(np.roll(flat, shift), None)
+    return list(found.values())
+
+
+def mapping_of(order: Ints, rows: int, cols: int) -> str:
+    """Lines of a mapping file, under ``[taxels]``, that bring an order about: the shortest there are.
+
+    Args:
+        order: (J,) index in the data of the taxel that belongs at each place.
+        rows: of the layout.
+        cols: of the layout.
+    """
+    for one in named_orders(rows, cols):
+        if (one.order == order).all():
+            return one.mapping
+    return _listed(order)
+
+
+def _wound(image: Ints, first: int, by_rows: bool) -> Ints:
+    """The image with every other row (or column), from ``first`` on, the other way round."""
+    out = image.copy()
+    if by_rows:
+        out[first::2] = out[first::2, ::-1]
+    else:
+        out[:, first::2] = out[::-1, first::2]
+    return out
+
+
+def _listed(order: Ints) -> str:
+    return f"order = [{', '.join(str(j) for j in order.tolist())}]"

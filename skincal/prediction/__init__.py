@@ -1,0 +1,8 @@
+"""What a calibration says of presses: images predicted for the contacts of a dataset, its effects included."""
+
+from skincal.prediction.mismatch import Mismatch
+from skincal.prediction.places import Places, Seen, best_places
+from skincal.prediction.prediction import Prediction, predict_dataset
+from skincal.prediction.samples import pose_names
+
+__all__ = ["Mismatch", "Places", "Prediction", "Seen", "best_places", "pose_names", "predict_dataset"]

@@ -1,0 +1,111 @@
+"""Which effects of a calibration a dataset does not tell enough for, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skincal.calibration import Calibration, Effect
+from skincal.dataset import IDLE, Dataset
+from skincal.effects import COVARIATES, EFFECTS
+from skincal.effects.samples import DERIVED
+from skincal.errors import Problem
+from skincal.prediction.samples import TIMES, pose_names, session_samples
+from skincal.prediction.touches import CalibratedSkin, Touches
+
+_COLUMNS = {
+    **COVARIATES,
+    "met": "cycle and target_x_m, target_y_m, target_z_m of every press",
+    "time": f"{', '.join(TIMES)} of every press",
+    "shear": "shear_u_n and shear_v_n",
+}
+_PARTLY = {
+    "speed": ("speed_m_per_s",),
+    "temperature": ("temperature_c",),
+    "cycle": ("cycle",),
+    "shear": ("shear_u_n", "shear_v_n"),
+}
+"""Covariates of which a cell may be empty, with their columns."""
+_LEFT_OUT = "The prediction is without it."
+
+
+def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...]]:
+    """Names of effects that abstain, each with the covariates that are missing."""
+    if not on.has_effects:
+        return {}
+    touches = Touches.of_presses(on, dataset) if dataset.frames is None else Touches.of_frames(on, dataset)
+    samples = session_samples(touches, dataset, pose_names(dataset))
+    lacking = {
+        one.effect.name: tuple(name for name in one.needs if not samples.has(name))
+        for one in on.full.effects
+        if not one.neutral
+    }
+    return {name: missing for name, missing in lacking.items() if missing}
+
+
+def abstaining_problems(
+    calibration: Calibration, dataset: Dataset, lacking: Mapping[str, tuple[str, ...]]
+) -> tuple[Problem, ...]:
+    """What a person should know: effects that abstain, and hand poses that the calibration does not know.
+
+    Args:
+        calibration: the skin.
+        dataset: what was predicted.
+        lacking: effects that abstain and what they lack.
+    """
+    place = "the dataset" if dataset.folder is None else str(dataset.folder)
+    found = [
+        Problem(f"{place}, for the effect {name}", _columns(missing), "none", _LEFT_OUT)
+        for name, missing in lacking.items()
+    ]
+    found += [problem for one in calibration.effects for problem in _partly(one, dataset, place, lacking)]
+    poses = pose_names(dataset)
+    for one in calibration.effects:
+        several = any(isinstance(v, tuple) and len(v) > 1 for v in one.parameters.values())
+        new = [pose for pose in poses if pose not in one.poses]
+        if one.poses and several and new:
+            where = f"{place}, column pose, for the effect {one.name}"
+            fix = "In other poses it is neutral."
+            found.append(Problem(where, f"the poses {', '.join(one.poses)}", ", ".join(new), fix))
+    return tuple(found)
+
+
+def _columns(missing: tuple[str, ...]) -> str:
+    # Phases come with the times, frames or not; what a site has met with the count of its touches.
+    told = {"phase": "time", **DERIVED}
+    named = [name for name in missing if told.get(name) not in missing]
+    return " and ".join(np.unique([_COLUMNS[name] for name in named]).tolist())
+
+
+def _partly(
+    effect: Effect, dataset: Dataset, place: str, lacking: Mapping[str, tuple[str, ...]]
+) -> list[Problem]:
+    """Covariates of an effect that were recorded in some of the presses only."""
+    if effect.name in lacking:
+        return []
+    found: list[Problem] = []
+    frames = dataset.frames
+    one = EFFECTS[effect.name]
+    at_work = {p.name for p in one.parameters if _moves(effect, p.name, p.neutral)}
+    needs = {*one.covariates, *(need for p in one.parameters if p.name in at_work for need in p.needs)}
+    for name in sorted(needs & _PARTLY.keys()):
+        for column in _PARTLY[name]:
+            values = None if frames is None else frames.column(column)
+            what = "frames under load"
+            if values is not None and frames is not None:
+                values = values[frames.phase != IDLE]
+            else:
+                values, what = dataset.presses.column(column), "presses"
+            empty = 0 if values is None else int(np.isnan(values).sum())
+            if values is not None and 0 < empty < len(values):
+                got = f"empty in {empty} of {len(values)} {what}"
+                fix = "The effect is left out there, which makes steps: fill them in, or take the column out."
+                found.append(
+                    Problem(f"{place}, column {column}, for the effect {effect.name}", "a value", got, fix)
+                )
+    return found
+
+
+def _moves(effect: Effect, name: str, neutral: float) -> bool:
+    return name in effect.parameters and bool(np.any(np.asarray(effect.parameters[name]) != neutral))

@@ -1,0 +1,157 @@
+"""Hold images of presses at moved places, for a skin with effects.
+
+What memory makes of a hold depends on how the press went, and on the presses before it; over the slack of a press that
+hardly changes. So with loads x of a hold without memory and y with it, both at the places where the presses are taken
+to be, the loads at a place nearby, x' without memory, are
+
+    y' = g x' + (y - g x),    g = sum y x / sum x²
+
+with one gain g for each press. At the places themselves that is exact. All other effects act on the moved contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from skincal.dataset import HOLD, Dataset
+from skincal.effects import EffectSkin, MemoryEffect, Samples
+from skincal.model import SkinParameters
+from skincal.prediction.images import images_with_effects
+from skincal.prediction.samples import Floats, Ints, hold_samples, pose_names, press_order, press_times
+from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, touching
+
+
+@dataclass(frozen=True, eq=False)
+class HoldModel:
+    """Hold images at moved places.
+
+    Attributes:
+        touches: (H) presses at their measured places, in the order of time.
+        samples: (H) in the middle of their holds.
+        skin: effects but those with memory.
+        gain: (H, 1) what memory makes of the loads.
+        left_n: (H, J) what it adds to them [N].
+        level_counts: (J,) mean level of untouched taxels, which is taken off [counts].
+    """
+
+    touches: Touches
+    samples: Samples
+    skin: EffectSkin
+    gain: Floats
+    left_n: Floats
+    level_counts: Floats
+
+    @classmethod
+    def of(cls, on: CalibratedSkin, dataset: Dataset, rows: Ints, slack_m: Floats | None = None) -> HoldModel:
+        """The model of some presses.
+
+        Args:
+            on: the skin.
+            dataset: the presses.
+            rows: (H,) rows of presses in the order of time.
+            slack_m: (P, 2) places at which memory is looked at [m]; None: where they were measured.
+        """
+        touches = Touches.of_presses(on, dataset).taken(rows)
+        samples = _middles(touches, dataset, rows)
+        skin = replace(on.full, effects=tuple(e for e in on.full.effects if not e.effect.has_memory))
+        gain, left = _memory(on, dataset, slack_m)
+        return cls(touches, samples, skin, gain[rows], left[rows], _level(skin, samples))
+
+    def values(self, slack_m: Floats, press: Ints) -> Floats:
+        """Values (n, J) above the level at rest [counts] of presses (n,) at slacks (n, 2) [m]."""
+        order = np.argsort(press, kind="stable")
+        rows = press[order]
+        contacts = self.touches.taken(rows).moved(slack_m[order]).contacts()
+        contacted = self.skin.contact(replace(self.samples[rows], contacts=contacts))
+        loads = self.skin.loads(contacted) * self.gain[rows] + self.left_n[rows]
+        out = np.empty_like(loads)
+        out[order] = self.skin.after(loads, contacted.samples, {}) - self.level_counts
+        return out
+
+
+def rest_level(on: CalibratedSkin, dataset: Dataset) -> Floats:
+    """Mean level (J,) of untouched taxels over the session [counts]: what effects do to it, as far as it shows."""
+    rows = in_time(dataset, np.arange(len(dataset.presses)))
+    return _level(on.full, _middles(Touches.of_presses(on, dataset).taken(rows), dataset, rows))
+
+
+def left_at_rest(on: CalibratedSkin, dataset: Dataset) -> Floats:
+    """What memory leaves behind in the idle frames of a session, on average (J,) [counts]."""
+    frames = dataset.frames
+    if frames is None or not on.full.has_memory or touching(dataset).all():
+        return np.zeros(on.skin.patch.layout.taxels)
+    still = replace(on.full, effects=tuple(e for e in on.full.effects if not e.effect.has_memory))
+    after, before = images_with_effects(on, dataset, None, ends=(on.full, still))
+    assert after.frames is not None and before.frames is not None
+    return np.nanmean((after.frames - before.frames)[~touching(dataset)], axis=0)
+
+
+def _level(skin: EffectSkin, samples: Samples) -> Floats:
+    if not len(samples):
+        return np.zeros(skin.skin.patch.layout.taxels)
+    nothing = np.zeros(len(samples), dtype=np.bool_)
+    level = skin.values(replace(samples, touching=nothing)).mean(axis=0)
+    # A level below the converter's range does not show at rest, and is missing from every value all the same.
+    return level if skin.skin.converter.value_min is None else np.maximum(level, 0.0)
+
+
+def in_time(dataset: Dataset, rows: Ints) -> Ints:
+    """Rows of presses in the order of time."""
+    rank = np.empty(len(dataset.presses), dtype=np.intp)
+    rank[_order(dataset)] = np.arange(len(rank))
+    return rows[np.argsort(rank[rows], kind="stable")]
+
+
+def _order(dataset: Dataset) -> Ints:
+    middle = _middle_times(dataset)
+    return press_order(dataset) if middle is None else np.argsort(middle, kind="stable")
+
+
+def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
+    """One sample a press (H,) in the middle of its hold."""
+    middle = _middle_times(dataset)
+    more: dict[str, Any] = {} if middle is None else {"time_s": middle[rows], "phase": HOLD}
+    samples = hold_samples(touches, dataset, rows, pose_names(dataset), **more)
+    if middle is None:
+        return samples
+    given, clock = press_times(dataset)
+    frames = dataset.frames
+    start = frames.time_s[0] if frames is not None else given[0].min() if clock else middle.min()
+    return replace(samples, start_s=float(start))
+
+
+def _middle_times(dataset: Dataset) -> Floats | None:
+    """Middle of the hold of each press (P,) [s]; None where there is no clock."""
+    given, clock = press_times(dataset)
+    frames = dataset.frames
+    if frames is None:
+        return (given[1] + given[2]) / 2 if clock else None
+    owner = np.where(touching(dataset), frame_presses(dataset), -1)
+    middle = np.full(len(dataset.presses), np.nan)
+    for wanted in (owner >= 0, (owner >= 0) & (frames.phase == HOLD)):
+        many = np.bincount(owner[wanted], minlength=len(middle))
+        total = np.bincount(owner[wanted], frames.time_s[wanted], len(middle))
+        middle[many > 0] = total[many > 0] / many[many > 0]
+    if clock:
+        middle = np.where(np.isfinite(middle), middle, (given[1] + given[2]) / 2)
+    # A press without a frame and times: as if in the middle of the session.
+    return np.where(np.isfinite(middle), middle, np.median(frames.time_s))
+
+
+def _memory(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None) -> tuple[Floats, Floats]:
+    """Gain (P, 1) that memory gives the loads of each hold, and what it adds (P, J) [N]."""
+    count, taxels = len(dataset.presses), on.skin.patch.layout.taxels
+    if not on.full.has_memory:
+        return np.ones((count, 1)), np.zeros((count, taxels))
+    parameters = SkinParameters(on.skin.parameters.elasticity_pa_per_m, 1.0)
+    unit = replace(on.full, skin=replace(on.full.skin, parameters=parameters))
+    remembering = replace(unit, effects=tuple(e for e in unit.effects if isinstance(e.effect, MemoryEffect)))
+    ends = (remembering, replace(unit, effects=()))
+    y, x = (np.nan_to_num(i.presses) for i in images_with_effects(on, dataset, slack_m, ends=ends))
+    power = (x**2).sum(axis=1, keepdims=True)
+    some = power > 0
+    gain = np.where(some, (y * x).sum(axis=1, keepdims=True) / np.where(some, power, 1.0), 1.0)
+    return gain, y - gain * x

@@ -1,0 +1,126 @@
+"""Images of presses and frames by a skin with effects: frames in the order of time, presses from their holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import HOLD, Dataset
+from skincal.effects import EffectSkin, Samples
+from skincal.effects.base import State
+from skincal.model.arrays import FloatArray
+from skincal.prediction.samples import Floats, Ints, frame_samples, played_presses, pose_names, press_order
+from skincal.prediction.touches import CHUNK, CalibratedSkin, Touches, frame_presses, touching
+
+Progress = Callable[[int, int], None]
+Readout = Callable[[FloatArray], Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Predicted values.
+
+    Attributes:
+        presses: (P, J) values of the presses [counts]; NaN where a place is not known.
+        frames: (M, J) values of the frames [counts]; None where there are none.
+    """
+
+    presses: Floats
+    frames: Floats | None
+
+
+def images_with_effects(
+    on: CalibratedSkin,
+    dataset: Dataset,
+    slack_m: Floats | None,
+    readout: Readout | None = None,
+    progress: Progress | None = None,
+    ends: tuple[EffectSkin, ...] = (),
+) -> tuple[Images, ...]:
+    """What a skin with effects says of a dataset.
+
+    Frames come one after the other, so that effects with memory know what went before. A press is the mean of the
+    frames of its hold; one that has none, and all presses of a dataset without frames, are played as standard presses
+    that know nothing of each other.
+
+    Args:
+        on: the skin.
+        dataset: the presses.
+        slack_m: (P, 2) how far presses are moved across and along [m]; None: they stay.
+        readout: what clips values (N, J) as the converter does; left out, they are not clipped.
+        progress: told how many samples are done, and of how many.
+        ends: skins for the stages after the contact, each with images of its own; left out, the skin itself.
+    """
+    ends, poses, count = ends or (on.full,), pose_names(dataset), len(dataset.presses)
+    presses = [np.full((count, on.skin.patch.layout.taxels), np.nan) for _ in ends]
+    frames: list[Floats | None] = [None for _ in ends]
+    held = np.zeros(count, dtype=np.bool_)
+    if dataset.frames is not None:
+        touches = Touches.of_frames(on, dataset)
+        owner, contact = frame_presses(dataset), touching(dataset)
+        if slack_m is not None:
+            touches = touches.moved(np.where(contact[:, None], slack_m[owner], 0.0))
+        own = np.flatnonzero(contact & (dataset.frames.phase == HOLD))
+        samples = frame_samples(touches, dataset, poses)
+        for k, values in enumerate(_values(on.full, ends, samples, progress)):
+            clipped = readout(values) if readout else values
+            frames[k] = clipped
+            presses[k], held = _means(clipped[own], owner[own], count)
+    others = press_order(dataset)
+    others = others[~held[others]]
+    if len(others):
+        touches = Touches.of_presses(on, dataset)
+        touches = touches if slack_m is None else touches.moved(slack_m)
+        played = played_presses(touches.taken(others), dataset, others, poses)
+        samples = played.samples
+        if dataset.frames is not None and len(dataset.frames) and samples.time_s is not None:
+            # Drifts count from the beginning of the session.
+            samples = replace(samples, start_s=min(float(dataset.frames.time_s[0]), samples.start_s))
+        each = len(samples) // len(others)
+        for k, values in enumerate(_values(on.full, ends, samples, progress, each)):
+            presses[k][others] = played.means(
+                np.asarray(readout(values) if readout else values, dtype=np.float64)
+            )
+    return tuple(Images(of_presses, of_frames) for of_presses, of_frames in zip(presses, frames, strict=True))
+
+
+def _values(
+    skin: EffectSkin, ends: tuple[EffectSkin, ...], samples: Samples, progress: Progress | None, each: int = 0
+) -> list[FloatArray]:
+    """Values (K, J) of a session for each end, in pieces.
+
+    Args:
+        skin: for the stages up to the contact.
+        ends: for the stages after it.
+        samples: the session.
+        progress: told how far it is.
+        each: number of samples after which memory begins anew; 0: never.
+    """
+    out = [np.empty((len(samples), skin.skin.patch.layout.taxels)) for _ in ends]
+    each = each if any(end.has_memory for end in ends) else 0
+    step = each * max(1, CHUNK // each) if each else CHUNK
+    states: list[dict[int, State]] = [{} for _ in ends]
+    for first in range(0, len(samples), step):
+        contacted = skin.contact(samples[first : first + step])
+        loads, felt = skin.loads(contacted), contacted.samples
+        for begin in range(0, len(loads), each or step):
+            part = slice(begin, begin + (each or step))
+            for values, end, state in zip(out, ends, states, strict=True):
+                if each:
+                    state.clear()
+                values[first : first + step][part] = end.after(loads[part], felt[part], state)
+        if progress is not None:
+            progress(min(first + step, len(samples)), len(samples))
+    return out
+
+
+def _means(values: Floats, owner: Ints, count: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """Means (P, J) of values (N, J) that are known, by their press; and which presses have any."""
+    known = np.isfinite(values).all(axis=1)
+    total = np.zeros((count, values.shape[1]))
+    np.add.at(total, owner[known], values[known])
+    many = np.bincount(owner[known], minlength=count)
+    return total / np.where(many > 0, many, np.nan)[:, None], many > 0

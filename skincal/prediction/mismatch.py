@@ -1,0 +1,86 @@
+"""How far predicted counts are from measured ones, with and without the level at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset, idle_means
+from skincal.fitting.observe import Observed, Readout, expected_counts, observe
+
+Floats = NDArray[np.floating[Any]]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """Root mean square difference per taxel between measured and predicted counts, where there is contact.
+
+    Attributes:
+        rmse_counts: as the columns stand. A prediction has no noise; where the converter clips noise at rest, an
+            untouched taxel reads a little above 0 on average, and this counts as a difference.
+        rmse_with_rest_counts: after what the session's own noise and level at rest add to a mean count has been
+            added to the prediction: to be compared with the loss of a fit, and with the noise.
+    """
+
+    rmse_counts: float
+    rmse_with_rest_counts: float
+
+
+def _readout(dataset: Dataset) -> Readout:
+    sensor = dataset.meta.sensor
+    return Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
+
+
+def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
+    """Measured images as unclipped values above rest, the level at rest from idle frames where there are enough.
+
+    Args:
+        dataset: gives the images.
+        left_counts: (J,) what touches leave behind in idle frames on average: no level at rest [counts].
+    """
+    idle = idle_means(dataset)
+    return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
+
+
+def within_range(dataset: Dataset, values: Floats) -> Floats:
+    """Values (N, J) clipped to the range of the dataset's converter, not rounded [counts]."""
+    return replace(dataset.converter(), integer=False).apply(values)
+
+
+def mismatch(
+    dataset: Dataset,
+    measured: Floats,
+    predicted: Floats,
+    contact: Bools,
+    seen: Observed,
+    level_counts: Floats | float = 0.0,
+) -> Mismatch:
+    """The mismatch of presses or frames.
+
+    Args:
+        dataset: they are of; gives the converter.
+        measured: (N, J) measured counts.
+        predicted: (N, J) predicted counts.
+        contact: (N,) rows that count.
+        seen: what the session tells of its noise and its level at rest.
+        level_counts: (J,) level at rest that the prediction has already; the session's takes its place [counts].
+    """
+    counts, values = measured[contact], predicted[contact]
+    above_rest = values - np.maximum(level_counts, 0.0)
+    if np.isfinite(seen.frame_sigma_counts):
+        readout = _readout(dataset)
+        above = seen.rest_counts + (readout.value_min or 0.0)
+        with_rest = expected_counts(above_rest + above, seen.frame_sigma_counts, readout)
+    else:
+        with_rest = within_range(dataset, above_rest + np.nan_to_num(seen.rest_counts))
+    return Mismatch(rms(counts - values), rms(counts - with_rest))
+
+
+def rms(values: Floats) -> float:
+    """Root mean square of the values that are known; NaN where there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

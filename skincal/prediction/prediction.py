@@ -1,0 +1,160 @@
+"""A dataset as a calibration predicts it, and how far that is from what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.calibration import Calibration, check_same_sensor
+from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
+from skincal.errors import Problem
+from skincal.prediction.abstaining import abstaining, abstaining_problems
+from skincal.prediction.holds import left_at_rest, rest_level
+from skincal.prediction.images import Images, images_with_effects
+from skincal.prediction.mismatch import Mismatch, mismatch, observed_images, rms, within_range
+from skincal.prediction.samples import pose_names
+from skincal.prediction.slack import best_slack
+from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, touching
+from skincal.version import __version__
+
+Floats = NDArray[np.floating[Any]]
+Table = TypeVar("Table", Presses, Frames)
+
+Progress = Callable[[str, int, int], None]
+"""Told the stage, how much of it is done, and of how much."""
+
+
+def _silent(_stage: str, _done: int, _total: int) -> None:
+    return
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a calibration says of a dataset.
+
+    Attributes:
+        dataset: like the one that was predicted, with predicted values in the taxel columns.
+        presses: mismatch of the presses.
+        frames: mismatch of the frames with contact; None where there are none.
+        slack_m: (K, 2) chosen slack of the presses, across and along [m]; None where positions are as measured.
+        abstaining: effects that are left out, as the dataset does not tell what they need: their covariates by name.
+        warnings: the same in words, and what else a person should know.
+    """
+
+    dataset: Dataset
+    presses: Mismatch
+    frames: Mismatch | None
+    slack_m: Floats | None
+    abstaining: Mapping[str, tuple[str, ...]]
+    warnings: tuple[Problem, ...]
+
+    @property
+    def slack_rms_m(self) -> float | None:
+        """Root mean square slack along one direction [m]."""
+        return None if self.slack_m is None else rms(self.slack_m)
+
+
+def predict_dataset(
+    calibration: Calibration, dataset: Dataset, *, slack: bool = False, progress: Progress = _silent
+) -> Prediction:
+    """Predicts the images of all presses and frames of a dataset (contract, section 6).
+
+    Values are those of the model, clipped to the range of the dataset's converter, neither rounded nor noisy and
+    without a level at rest: an untouched taxel is 0. The indenter is the dataset's, a press's own radius first; the
+    force is the measured one. A frame has its own position and force; an idle one has no load.
+
+    Effects of the calibration act on frames in the order of time. A press is then the mean over the frames of its hold;
+    without frames a standard press is played. An effect that needs what the dataset does not have is left out, and the
+    result says so.
+
+    Args:
+        calibration: the skin.
+        dataset: contacts to predict.
+        slack: whether each press, with all its frames, is moved to the best position within its slack: least
+            squares of the absolute hold image, plus what the measured position is worth. The result then has the
+            moved positions.
+        progress: told how far the work is.
+
+    Returns:
+        The predicted dataset and how far it is from the measured one.
+
+    Raises:
+        InputError: the dataset is of another sensor, or of another surface.
+        WorkError: the calibration cannot be simulated.
+    """
+    check_same_sensor(calibration, dataset)
+    on = CalibratedSkin.of(calibration, dataset, pose_names(dataset))
+    seen = observed_images(dataset, left_at_rest(on, dataset))
+    slack_m = best_slack(on, dataset, seen, _of("slack", progress)) if slack else None
+    images = (_with_effects if on.has_effects else _base)(on, dataset, slack_m, progress)
+    level = rest_level(on, dataset) if on.has_effects else 0.0
+    presses = _moved(dataset.presses, Touches.of_presses(on, dataset), slack_m, images.presses)
+    measured, pressed = dataset.presses.counts, dataset.presses.force_n > 0
+    of_presses = mismatch(dataset, measured, presses.counts, pressed, seen, level)
+    frames, of_frames = None, None
+    if dataset.frames is not None and images.frames is not None:
+        contact = touching(dataset)
+        moves = None if slack_m is None else np.where(contact[:, None], slack_m[frame_presses(dataset)], 0.0)
+        frames = _moved(dataset.frames, Touches.of_frames(on, dataset), moves, images.frames)
+        of_frames = mismatch(dataset, dataset.frames.counts, frames.counts, contact, seen, level)
+    lacking = abstaining(on, dataset)
+    added = [one.effect.name for one in on.full.effects if not one.neutral and one.effect.name not in lacking]
+    meta = _meta(calibration, dataset, added, slack)
+    new = replace(dataset, meta=meta, presses=presses, frames=frames, folder=None, sha256=None, warnings=())
+    warnings = abstaining_problems(calibration, dataset, lacking)
+    return Prediction(new, of_presses, of_frames, slack_m, lacking, warnings)
+
+
+def _of(stage: str, progress: Progress) -> Callable[[int, int], None]:
+    return lambda done, total: progress(stage, done, total)
+
+
+def _with_effects(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
+    stage = "presses" if dataset.frames is None else "frames"
+
+    def readout(values: Floats) -> Floats:
+        return within_range(dataset, values)
+
+    return images_with_effects(on, dataset, slack_m, readout, _of(stage, progress))[0]
+
+
+def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
+    """Images by the base model: each press and each frame for itself."""
+    touches = Touches.of_presses(on, dataset)
+    touches = touches if slack_m is None else touches.moved(slack_m)
+    presses = within_range(dataset, touches.values(_of("presses", progress)))
+    if dataset.frames is None:
+        return Images(presses, None)
+    touches = Touches.of_frames(on, dataset)
+    if slack_m is not None:
+        contact = touching(dataset)[:, None]
+        touches = touches.moved(np.where(contact, slack_m[frame_presses(dataset)], 0.0))
+    return Images(presses, within_range(dataset, touches.values(_of("frames", progress))))
+
+
+def _moved(table: Table, touches: Touches, slack_m: Floats | None, counts: Floats) -> Table:
+    """A table of presses or frames with predicted values, and where there is slack, with moved positions."""
+    if slack_m is not None:
+        moved = (slack_m != 0).any(axis=1)[:, None]
+        points = touches.moved(slack_m).points_m
+        table = replace(table, position_m=np.where(moved, points, table.position_m))
+    return replace(table, counts=counts)
+
+
+def _meta(calibration: Calibration, dataset: Dataset, added: list[str], slack: bool) -> DatasetMeta:
+    meta, origin = dataset.meta, calibration.provenance
+    name = "a calibration" if calibration.folder is None else f"the calibration {calibration.folder.name}"
+    fitted = f" (fitted to {origin.dataset or 'a dataset'} {origin.dataset_sha256[:12]})".rstrip()
+    places = (
+        "contact positions moved to the best within their slack" if slack else "contact positions as measured"
+    )
+    effects = f"effects {', '.join(added)}, " if added else ""
+    source = (
+        f"taxel values predicted by {name}{fitted} with skincal {__version__}, {effects}{places}; "
+        f"of: {meta.source or '–'}"
+    )
+    return replace(meta, source=source, sensor=replace(meta.sensor, integer=False))

@@ -1,0 +1,196 @@
+"""The presses and frames of a dataset as samples of a session, with all that effects may ask for.
+
+A frame has its own covariates; where it has none, those of its press, and at rest those of the press before. A dataset
+without frames has presses only: of each a standard one is played (:func:`skincal.effects.hold_session`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import IDLE, Dataset
+from skincal.effects import HoldSession, Samples, hold_session, hold_times
+from skincal.effects.samples import UNKNOWN
+from skincal.prediction.sites import met_forces
+from skincal.prediction.touches import Touches, frame_presses, touching
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.intp]
+Column = Callable[[str], NDArray[Any] | None]
+
+TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
+_NUMBERS = ("speed_m_per_s", "cycle", "temperature_c", "shear_u_n", "shear_v_n")
+
+
+def pose_names(dataset: Dataset) -> tuple[str, ...]:
+    """Names of the hand poses of a dataset, sorted."""
+    tables = [table for table in (dataset.presses, dataset.frames) if table is not None]
+    columns = [column for table in tables if (column := table.column("pose")) is not None]
+    return tuple(sorted({name for column in columns for name in np.unique(_names(column)).tolist()} - {""}))
+
+
+def pose_numbers(column: NDArray[Any], poses: Sequence[str]) -> Ints:
+    """Numbers of poses by their names; -1 where none is given.
+
+    Args:
+        column: (N,) names.
+        poses: names in the order of their numbers.
+    """
+    number = {name: i for i, name in enumerate(poses)}
+    names, which = np.unique(_names(column), return_inverse=True)
+    return np.array([number.get(name, UNKNOWN) for name in names.tolist()], dtype=np.intp)[which.reshape(-1)]
+
+
+def _names(column: NDArray[Any]) -> NDArray[np.str_]:
+    text = column.astype(str)
+    return np.where(np.isin(text, ["nan", "None"]), "", text)
+
+
+def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
+    """One sample a frame.
+
+    Args:
+        touches: of all frames.
+        dataset: that they are of.
+        poses: names of the hand poses in the order of their numbers.
+    """
+    frames, touch = dataset.frames, touching(dataset)
+    assert frames is not None
+    owner = last_press(frame_presses(dataset), touch)
+    # A press whose place is not known has no image, unless it has no force either.
+    touch = touch & ((touches.force_n > 0) | np.isfinite(touches.points_m).all(axis=1))
+    return _samples(
+        touches,
+        lambda name: frame_column(dataset, owner, name),
+        met_forces(dataset, owner),
+        poses,
+        touching=touch,
+        press=np.where(touch, frames.press, -1),
+        time_s=frames.time_s,
+        phase=np.where(touching(dataset), frames.phase, IDLE),
+    )
+
+
+def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | None:
+    """A column (M,) of the frames, and that of their presses where frames have none or lack the value.
+
+    Args:
+        dataset: with frames.
+        owner: (M,) row of the press of each frame, of :func:`last_press`.
+        name: of the column.
+    """
+    assert dataset.frames is not None
+    own, of = dataset.frames.column(name), dataset.presses.column(name)
+    if own is None or of is None:
+        return own if of is None else of[owner]
+    missing = ~np.isfinite(own) if own.dtype.kind == "f" else _names(own) == ""
+    return np.where(missing, of[owner], own)
+
+
+def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
+    """Row of the press (M,) that each frame is of; at rest that of the press before, at first that of the next.
+
+    Args:
+        owner: (M,) row of the press, where something touches.
+        touch: (M,) where that is.
+    """
+    if not touch.any():
+        return np.zeros(len(touch), dtype=np.intp)
+    last = np.maximum.accumulate(np.where(touch, np.arange(len(touch)), -1))
+    return owner[np.where(last < 0, int(np.argmax(touch)), last)]
+
+
+def hold_samples(
+    touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
+) -> Samples:
+    """One sample a press, in its hold.
+
+    Args:
+        touches: of the presses ``rows``.
+        dataset: that they are of.
+        rows: (H,) rows of presses.
+        poses: names of the hand poses in the order of their numbers.
+        more: further columns of :meth:`skincal.effects.Samples.of`.
+    """
+
+    def column(name: str) -> NDArray[Any] | None:
+        of = dataset.presses.column(name)
+        return None if of is None else of[rows]
+
+    known = np.isfinite(touches.points_m).all(axis=1)
+    return _samples(
+        touches,
+        column,
+        met_forces(dataset, rows),
+        poses,
+        touching=(touches.force_n > 0) | known,
+        press=dataset.presses.press[rows],
+        **more,
+    )
+
+
+def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
+    """Standard presses about the holds of a dataset. Without a clock their samples have neither times nor phases.
+
+    Args:
+        touches: of the presses ``rows``.
+        dataset: that they are of.
+        rows: (H,) rows of presses in the order of :func:`press_order`, or some of them.
+        poses: names of the hand poses in the order of their numbers.
+    """
+    given, clock = press_times(dataset)
+    times = hold_times(len(rows), *((g[rows] for g in given) if clock else ()))
+    branch = dataset.presses.column("branch")
+    down = None if branch is None else branch[rows] == "down"
+    played = hold_session(hold_samples(touches, dataset, rows, poses), times, down=down)
+    if clock:
+        return played
+    return replace(played, samples=replace(played.samples, time_s=None, phase=None, start_s=float("nan")))
+
+
+def press_order(dataset: Dataset) -> Ints:
+    """Rows of the table of presses in the order of time; as they stand, where times are not known."""
+    given, clock = press_times(dataset)
+    return np.argsort(given[0], kind="stable") if clock else np.arange(len(dataset.presses))
+
+
+def press_times(dataset: Dataset) -> tuple[list[Floats], bool]:
+    """Start, hold, release and end of all presses [s], and whether all of them are known."""
+    found = [column for name in TIMES if (column := dataset.presses.column(name)) is not None]
+    known = len(found) == len(TIMES) and all(bool(np.isfinite(column).all()) for column in found)
+    return found, known
+
+
+def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
+    """Samples of the presses of a dataset, for what is known of them: frames, or the steps of standard presses.
+
+    Args:
+        touches: of all frames, or of all presses where there are no frames.
+        dataset: that they are of.
+        poses: names of the hand poses in the order of their numbers.
+    """
+    if dataset.frames is not None:
+        return frame_samples(touches, dataset, poses)
+    rows = press_order(dataset)
+    return played_presses(touches.taken(rows), dataset, rows, poses).samples
+
+
+def _samples(
+    touches: Touches, column: Column, met_n: Floats | None, poses: Sequence[str], **more: Any
+) -> Samples:
+    known = {name: values for name in _NUMBERS if (values := column(name)) is not None and _any(values)}
+    if not {"shear_u_n", "shear_v_n"} <= set(known):
+        known = {name: values for name, values in known.items() if not name.startswith("shear")}
+    pose = column("pose")
+    if pose is not None and poses:
+        known["pose"] = pose_numbers(pose, poses)
+    return Samples.of(touches.contacts(), touches.indenters(), met_n=met_n, **known, **more)
+
+
+def _any(values: NDArray[Any]) -> bool:
+    return bool(np.isfinite(values).any())

@@ -1,0 +1,78 @@
+"""Which presses of a dataset are of one site, and what a site has met before."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset
+from skincal.effects import met_before
+from skincal.prediction.touches import frame_presses, touching
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+SAME_SITE_M = 1e-4
+"""Targets that are no further apart are one site [m]."""
+
+
+def sites(dataset: Dataset) -> Ints:
+    """Number of the site (P,) of each press: equal targets, or equal measured places where none is recorded."""
+    presses = dataset.presses
+    targets = [presses.column(f"target_{axis}_m") for axis in "xyz"]
+    given = [t for t in targets if t is not None]
+    points, meant = presses.position_m, np.zeros(len(presses), dtype=np.bool_)
+    if len(given) == 3:
+        target = np.stack(given, axis=1)
+        meant = np.asarray(np.isfinite(target).all(axis=1))
+        points = np.where(meant[:, None], target, points)
+    cells = np.round(np.nan_to_num(points) / SAME_SITE_M).astype(np.int64)
+    return (
+        np.unique(np.column_stack([meant, cells]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.intp)
+    )
+
+
+def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
+    """Largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
+
+    None where touches are not counted, or where no press tells of an earlier one of its site: without targets, measured
+    places are mostly all different.
+
+    Args:
+        dataset: all presses of the session.
+        rows: (M,) of the table of presses.
+    """
+    cycle = _cycles(dataset)
+    if cycle is None:
+        return None
+    order, met = _in_time(dataset), np.empty(len(cycle))
+    met[order] = met_before(sites(dataset)[order], cycle[order], dataset.presses.force_n[order])
+    return None if np.isnan(met[cycle > 0]).any() else met[rows]
+
+
+def _cycles(dataset: Dataset) -> Floats | None:
+    """Earlier touches of the site of each press (P,), by the first frame of each where the table has no column."""
+    own, frames = dataset.presses.column("cycle"), dataset.frames
+    of_frames = None if frames is None else frames.column("cycle")
+    if own is not None or of_frames is None:
+        return own
+    return _of_first_frames(dataset, of_frames)
+
+
+def _in_time(dataset: Dataset) -> Ints:
+    """Rows of presses in the order in which they begin, as far as that is recorded."""
+    start = dataset.presses.column("t_start_s")
+    if start is None or not np.isfinite(start).all():
+        if dataset.frames is None:
+            return np.arange(len(dataset.presses))
+        start = _of_first_frames(dataset, dataset.frames.time_s)
+    return np.argsort(start, kind="stable")
+
+
+def _of_first_frames(dataset: Dataset, values: Floats) -> Floats:
+    """What the first touching frame of each press has (P,), of values of frames (M,); NaN where there is no frame."""
+    touch = np.flatnonzero(touching(dataset))
+    rows, first = np.unique(frame_presses(dataset)[touch], return_index=True)
+    found = np.full(len(dataset.presses), np.nan)
+    found[rows] = values[touch[first]]
+    return found

@@ -1,0 +1,77 @@
+"""The slack of the presses of a dataset: where each was, as far as its hold image tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.dataset import Dataset
+from skincal.fitting.observe import Observed
+from skincal.prediction.holds import HoldModel, in_time
+from skincal.prediction.places import Places, Seen, Simulate, best_places
+from skincal.prediction.touches import CalibratedSkin, Touches
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.intp]
+
+
+def best_slack(
+    on: CalibratedSkin, dataset: Dataset, seen: Observed, progress: Callable[[int, int], None]
+) -> Floats:
+    """The best slack (P, 2) of the presses; one whose position is not known, or that has no force, stays.
+
+    Args:
+        on: the skin.
+        dataset: the presses.
+        seen: their images above the level at rest.
+        progress: told that the work begins and ends.
+    """
+    progress(0, 1)
+    known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
+    free = np.flatnonzero(known)
+    slack = np.zeros((len(known), 2))
+    if on.has_effects:
+        free = in_time(dataset, free)
+        found = _found(HoldModel.of(on, dataset, free).values, on, dataset, seen, free)
+        slack[free] = found.slack_m
+        if on.full.has_memory:
+            # What memory does at the places found is not quite what it did where they were measured.
+            again = HoldModel.of(on, dataset, free, slack)
+            slack[free] = _found(again.values, on, dataset, seen, free, found).slack_m
+    else:
+        measured = Touches.of_presses(on, dataset).taken(free)
+
+        def simulate(slack_m: Floats, press: Ints) -> Floats:
+            return measured.taken(press).moved(slack_m).values()
+
+        slack[free] = _found(simulate, on, dataset, seen, free).slack_m
+    progress(1, 1)
+    return slack
+
+
+def _found(
+    simulate: Simulate,
+    on: CalibratedSkin,
+    dataset: Dataset,
+    seen: Observed,
+    free: Ints,
+    start: Places | None = None,
+) -> Places:
+    """The best places of some presses (n,)."""
+    read = np.isfinite(seen.values[free])
+    scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
+    values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
+    lit = read & (values > max(4 * scatter, 0.5))
+    images = Seen(values, weight, seen.saturated[free] & read, lit, max(scatter, 0.05))
+    spec = dataset.meta.position
+    bound = spec.slack_m if np.isfinite(spec.slack_m) else _patch_size_m(on)
+    return best_places(simulate, images, spec.sigma_m, bound, start)
+
+
+def _patch_size_m(on: CalibratedSkin) -> float:
+    """Half of the patch's longer side: where the slack is not bounded, a press still lies on the patch."""
+    low, high = on.skin.patch.layout.bounds_m
+    return float((high - low).max()) / 2

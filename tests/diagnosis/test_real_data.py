@@ -1,0 +1,27 @@
+"""Measured data: what a person sees in them without skincal is what it says of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skincal.calibrate import calibrate_uniform
+from skincal.dataset import read_dataset
+from skincal.diagnosis.summary import summary
+from skincal.diagnosis.workflow import diagnose
+
+
+@pytest.mark.slow
+def test_the_insole_has_levels_at_rest_a_memory_and_faults(shared: Path) -> None:
+    """Falling pressure reads up to four counts higher than rising; a quarter of the taxels is noisy."""
+    data = read_dataset(shared / "real" / "insole")
+    found = summary(diagnose(data, calibrate_uniform(data).calibration))
+    assert found["verdict"] == "effects"
+    first, second = found["effects"][:2]
+    assert first["name"] == "taxel_offset"
+    assert second["name"] in ("creep", "hysteresis")
+    assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel", "noisy_taxel"}
+    gap = found["gap"]
+    assert gap["closed"] > 0.95
+    assert gap["heldout_rmse_after"] < 1.15 * gap["noise_floor_rmse"]

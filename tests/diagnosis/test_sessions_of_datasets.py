@@ -1,0 +1,109 @@
+"""A dataset as the diagnosis sees it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.diagnose_data import moving, still
+
+from skincal.dataset import Dataset
+from skincal.diagnosis.session import gap_session, pose_names, readout_of, repeats, sites
+from skincal.effects.samples import HOLD, IDLE
+
+
+def test_frames_become_bins_with_their_covariates():
+    data = moving()
+    session = gap_session(data)
+    assert session.has_frames and session.presses == len(data.presses)
+    assert session.frames.sum() == len(data.frames)
+    assert session.counts is not None and session.counts.shape == (len(session), 16)
+    samples = session.samples
+    assert samples.pose is not None and samples.cycle is not None and samples.temperature_c is None
+    first = samples.pose[(session.press == 1)]
+    assert set(first.tolist()) == {["A", "B"].index(str(data.presses.columns["pose"][1]))}
+    held = (session.press == 3) & (session.phase == HOLD)
+    mean = (session.counts[held] * session.frames[held, None]).sum(axis=0) / session.frames[held].sum()
+    assert np.allclose(mean, data.presses.counts[3])
+    assert (session.press[session.phase == IDLE] == -1).all()
+
+
+def test_presses_are_told_by_their_number_not_by_their_row():
+    data = moving()
+    order = np.random.default_rng(0).permutation(len(data.presses))
+    mixed = replace(data, presses=data.presses.select(order))
+    one, two = gap_session(data), gap_session(mixed)
+    pressed = one.press >= 0
+    assert np.array_equal(order[two.press[pressed]], one.press[pressed])
+    assert np.allclose(two.samples.cycle[pressed], one.samples.cycle[pressed])
+
+
+def test_presses_without_frames_are_hold_means():
+    session = gap_session(still())
+    assert not session.has_frames and len(session) == len(still().presses)
+    assert session.samples.time_s is None and session.samples.phase is None
+    assert gap_session(still(clock=True)).samples.time_s is not None
+
+
+def test_presses_in_another_order_than_time_keep_their_rows():
+    data = still(clock=True)
+    order = np.random.default_rng(0).permutation(len(data.presses))
+    session = gap_session(replace(data, presses=data.presses.select(order)))
+    assert np.array_equal(order[session.press], np.arange(len(order)))
+    assert (np.diff(session.remembered.time_s) >= 0).all()
+
+
+def test_a_press_without_place_is_left_out():
+    data = still()
+    place = data.presses.position_m.copy()
+    place[2] = np.nan
+    session = gap_session(replace(data, presses=replace(data.presses, position_m=place)))
+    assert 2 not in session.press and len(session) == len(data.presses) - 1
+
+
+def test_sites_and_repeats():
+    data = moving()
+    assert len(set(sites(data)[::4].tolist())) == 1
+    first, second = repeats(data)
+    assert first.tolist() == [0, 4, 8] and second.tolist() == [4, 8, 12]
+    assert len(repeats(still())[0]) == 0
+
+
+def test_poses_are_numbered_by_name_those_of_presses_that_are_not_used_as_well():
+    data = still()
+    poses = np.array(["A", "B", *["C"] * (len(data.presses) - 2)])
+    force = data.presses.force_n.copy()
+    force[0] = 0.0
+    presses = replace(data.presses, force_n=force, columns={**data.presses.columns, "pose": poses})
+    data = replace(data, presses=presses)
+    session = gap_session(data)
+    assert pose_names(data) == ("A", "B", "C")
+    assert set(session.samples.pose[session.samples.touching].tolist()) == {1, 2}
+
+
+def test_rest_has_the_covariates_of_the_press_before():
+    data = moving()
+    warmer = 20.0 + np.arange(len(data.presses))
+    presses = replace(data.presses, columns={**data.presses.columns, "temperature_c": warmer})
+    session = gap_session(replace(data, presses=presses))
+    samples = session.samples
+    before = np.maximum.accumulate(np.where(session.row >= 0, session.row, 0))
+    assert samples.temperature_c == pytest.approx(warmer[before])
+
+
+def test_where_rest_was_taken_off_nobody_knows_the_bounds():
+    data = moving()
+    sensor = replace(data.meta.sensor, baseline="subtracted")
+    readout = readout_of(replace(data, meta=replace(data.meta, sensor=sensor)))
+    assert (readout.value_min, readout.value_max, readout.rest_subtracted) == (None, None, True)
+    assert readout_of(data).value_min == 0
+
+
+def raised(counts: float, least: int) -> Dataset:
+    """The dataset with another level at rest, of a converter that begins there."""
+    data = moving()
+    sensor = replace(data.meta.sensor, value_min=least, value_max=4095)
+    presses = replace(data.presses, counts=data.presses.counts + counts)
+    frames = replace(data.frames, counts=data.frames.counts + counts)
+    return replace(data, meta=replace(data.meta, sensor=sensor), presses=presses, frames=frames)

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from skincal.fitting.grid import MacroGrid, evaluate_slab, span
+from skincal.fitting.micro import MicroSettings, amplitude, gauss_newton, image_mismatch
+from skincal.fitting.problem import pose_problem
+from tests.fitting.conftest import Truth, make_session, rig
+
+SETTINGS = MicroSettings(0.5, 1e-3, 2e-3)
+
+
+def test_span_holds_both_ends_and_is_no_coarser_than_asked() -> None:
+    values = span(-2.4e-3, 2.4e-3, 1e-3)
+    assert values[0] == -2.4e-3 and values[-1] == 2.4e-3
+    assert np.diff(values).max() <= 1e-3 + 1e-12
+    assert list(span(1.0, 1.0, 0.5)) == [1.0]
+    assert len(span(0.0, 1.0, 0.25)) == 5
+
+
+def test_mismatch_ignores_the_scale_of_the_simulated_image() -> None:
+    rng = np.random.default_rng(0)
+    observed, shares = rng.uniform(0, 50, (2, 8, 16))
+    assert image_mismatch(observed, shares) == pytest.approx(image_mismatch(observed, 37.0 * shares))
+    assert image_mismatch(observed, observed * 0.1) == pytest.approx(np.zeros(8), abs=1e-8)
+    best = amplitude(observed, shares)[:, None] * shares
+    assert image_mismatch(observed, shares) == pytest.approx(((best - observed) ** 2).sum(axis=1))
+
+
+def test_gauss_newton_never_leaves_the_slack_and_never_gets_worse() -> None:
+    rng = np.random.default_rng(0)
+    centres = rng.uniform(-3e-3, 3e-3, (50, 16, 2))
+    truth = rng.uniform(-3e-3, 3e-3, (50, 2))
+
+    def images(slack: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        away = slack[:, None, :] - centres[rows]
+        value = np.exp(-(away**2).sum(axis=2) / 3e-6)
+        return value, value * -2 * away[..., 0] / 3e-6, value * -2 * away[..., 1] / 3e-6
+
+    everything = np.arange(50)
+    observed = 80 * images(truth, everything)[0]
+    start = np.clip(truth + rng.normal(0, 0.3e-3, (50, 2)), -2e-3, 2e-3)
+    settings = MicroSettings(0.5, math.inf, 2e-3, iterations=12)
+    slack, q = gauss_newton(observed, start, images, settings)
+    assert np.abs(slack).max() <= 2e-3
+    before = image_mismatch(observed, images(start, everything)[0]) / 0.25
+    assert (q <= before + 1e-9).all()
+    inside = np.abs(truth).max(axis=1) < 2e-3
+    assert np.median(np.abs(slack - truth)[inside]) < 1e-6
+
+
+def test_the_grid_finds_the_truth_where_there_is_no_noise(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=20, noise=0.0, position_sigma_m=0.0)
+    problem = pose_problem(rig(), presses)
+    grid = MacroGrid(
+        np.array([-1.0e-3, truth.across_m, 1.8e-3]),
+        np.array([truth.y_m - 1e-3, truth.y_m, truth.y_m + 1e-3]),
+        np.array([truth.alpha_rad]),
+        np.log(truth.elasticity_pa_per_m) + np.array([-1.0, 0.0, 1.0]),
+    )
+    slab = evaluate_slab(problem, grid, 0, SETTINGS)
+    assert slab.mse_counts2.shape == (3, 3, 3)
+    e = np.unravel_index(slab.mse_counts2.argmin(), slab.mse_counts2.shape)[0]
+    assert e == 1
+    assert slab.mse_counts2[1, 1, 1] < 0.3
+    assert slab.scale_per_n[1, 1, 1] == pytest.approx(truth.scale_per_n, rel=0.01)
+    # The slack takes up a shift of the sensor: position is told by how little of it is needed.
+    assert np.unravel_index(slab.slack_rms_m[1].argmin(), (3, 3)) == (1, 1)
+
+
+def test_a_window_of_the_search_lattice_belongs_to_its_own_centre(truth: Truth) -> None:
+    """With the sensor's centre and the presses moved alike, every combination gives the same loss."""
+    presses, _ = make_session(truth, presses=12, noise=0.0)
+    problem = pose_problem(rig(), presses)
+    log_e = np.log(truth.elasticity_pa_per_m)
+    across = np.array([-0.6e-3, 0.4e-3, 1.4e-3])
+    y = np.array([0.0228, 0.0238])
+    whole = evaluate_slab(
+        problem, MacroGrid(across, y, np.array([truth.alpha_rad]), np.array([log_e])), 0, SETTINGS
+    )
+    for i, x in enumerate(across):
+        for j, centre in enumerate(y):
+            one = MacroGrid(np.array([x]), np.array([centre]), np.array([truth.alpha_rad]), np.array([log_e]))
+            alone = evaluate_slab(problem, one, 0, SETTINGS)
+            assert alone.mse_counts2[0, 0, 0] == pytest.approx(whole.mse_counts2[0, i, j], rel=0.05, abs=0.02)
+
+
+def test_presses_are_chosen_by_their_active_taxels(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=40)
+    problem = pose_problem(rig(), presses)
+    active = (presses.counts > 5.4).sum(axis=1)
+    assert abs(len(problem) - (active >= 2).sum()) <= 1
+    assert len(problem.status) == 40
+    dropped = [s for s in problem.status if s != "used"]
+    assert dropped and all("active taxel" in s for s in dropped)
+    stricter = pose_problem(rig(), presses, min_active=3)
+    assert len(stricter) < len(problem)
+
+
+def test_presses_without_force_position_or_image_are_dropped_and_said(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=30)
+    force, across, counts = presses.force_n.copy(), presses.across_m.copy(), presses.counts.copy()
+    force[0], force[1], across[2], counts[3] = -1.0, np.nan, np.nan, np.nan
+    spoilt = type(presses)(presses.press, across, presses.along_m, force, counts, presses.indenter)
+    status = pose_problem(rig(), spoilt).status
+    assert status[:4] == ("no positive force", "no positive force", "no position", "no taxel read")

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skincal.fitting.errors import FitError
+from skincal.fitting.law import LawSpread, weigh_laws
+from skincal.fitting.posterior import Bounds, climb
+from skincal.fitting.presses import evaluate, settle
+from skincal.fitting.problem import FitProblem, pose_problem
+from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
+from skincal.fitting.sampling import Draws, sample
+from skincal.fitting.seen import from_patch, to_patch
+from skincal.fitting.tasks import Neighbourhood
+from tests.fitting.conftest import Truth, make_session, rig
+
+
+def _macro(truth: Truth) -> np.ndarray:
+    return np.array(
+        [
+            truth.across_m,
+            truth.y_m,
+            truth.alpha_rad,
+            math.log(truth.elasticity_pa_per_m),
+            math.log(truth.scale_per_n),
+        ]
+    )
+
+
+REST = (0.002, 0.01, 2e-5)
+"""Relative misfit, spread of gains, smooth error of positions [m]."""
+
+BOUNDS = Bounds(
+    np.array([-3e-3, 0.02, -0.4, math.log(1e8), 0.0]), np.array([3e-3, 0.027, 0.4, math.log(2e9), 8.0])
+)
+
+
+@pytest.fixture(scope="module")
+def problem(truth: Truth) -> FitProblem:
+    return pose_problem(rig(), make_session(truth, presses=45, seed=4)[0])
+
+
+def test_patch_coordinates_and_back() -> None:
+    rng = np.random.default_rng(0)
+    offset, alpha = rng.normal(size=(20, 2)), rng.uniform(-3, 3, 20)
+    uv = to_patch(offset[:, 0], offset[:, 1], alpha)
+    assert from_patch(uv, alpha) == pytest.approx(offset)
+    # Contract: across = u cos a - v sin a, along = u sin a + v cos a.
+    assert from_patch(np.array([[1.0, 0.0]]), np.array([math.pi / 2])) == pytest.approx(
+        np.array([[0.0, 1.0]])
+    )
+
+
+def test_slopes_of_a_press_agree_with_finite_differences(problem: FitProblem, truth: Truth) -> None:
+    macro, n = _macro(truth), len(problem)
+    images = Neighbourhood.around(macro).images(problem)
+    press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 1.0, *REST], (n, 6))
+    many, nuisance = np.broadcast_to(macro, (n, 5)), np.full((n, 3), [1e-4, -2e-4, 0.01])
+    at = evaluate(problem, images, many, sigmas, press, nuisance)
+    for d, h in enumerate((2e-6, 2e-6, 5e-4, 1e-3, 1e-4)):
+        step = np.eye(5)[d] * h
+        ahead = evaluate(problem, images, many + step, sigmas, press, nuisance).residual
+        behind = evaluate(problem, images, many - step, sigmas, press, nuisance).residual
+        slope = (ahead - behind) / (2 * h)
+        assert np.abs(slope - at.macro_slope[:, :, d]).max() < 0.03 * np.abs(slope).max(), d
+    for d, h in enumerate((2e-6, 2e-6, 1e-3)):
+        step = np.eye(3)[d] * h
+        ahead = evaluate(problem, images, many, sigmas, press, nuisance + step).residual
+        behind = evaluate(problem, images, many, sigmas, press, nuisance - step).residual
+        slope = (ahead - behind) / (2 * h)
+        assert np.abs(slope - at.nuisance_slope[:, :, d]).max() < 0.03 * np.abs(slope).max(), d
+
+
+def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Truth) -> None:
+    macro, n = _macro(truth), len(problem)
+    images = Neighbourhood.around(macro).images(problem)
+    press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 0.3, *REST], (n, 6)).copy()
+    start, many = np.zeros((n, 3)), np.broadcast_to(macro, (n, 5)).copy()
+    before = evaluate(problem, images, many, sigmas, press, start).objective
+    after = settle(problem, images, many, sigmas, press, start, iterations=10)
+    assert (after.objective <= before + 1e-9).all()
+    assert np.abs(after.nuisance[:, :2]).max() <= 2e-3
+
+
+def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: Truth) -> None:
+    start = _macro(truth) + np.array([0.4e-3, -0.4e-3, 0.06, 0.3, 0.05])
+    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+    error = np.abs(peak.macro - _macro(truth)) / np.sqrt(np.diag(peak.covariance))
+    assert (error < 4.0).all()
+    assert peak.sigmas[0] == pytest.approx(0.5e-3, rel=0.35)
+    assert np.isfinite(peak.log_evidence)
+
+
+def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=45, seed=5)
+    counts = presses.counts.copy()
+    honest = pose_problem(rig(), presses)
+    row = int(honest.rows[3])
+    counts[row] = counts[row][::-1] * 0.5 + 20.0
+    spoilt = pose_problem(
+        rig(),
+        type(presses)(
+            presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
+        ),
+    )
+    start = _macro(truth)
+    peak = climb(spoilt, Neighbourhood.around(start).images(spoilt), BOUNDS, start)
+    assert list(spoilt.rows[glitches(spoilt, peak)]) == [row]
+    clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
+    assert not glitches(honest, clean).any()
+
+
+def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=60, seed=6)
+    counts = presses.counts.copy()
+    counts[:, 5] = 0.4
+    spoilt = pose_problem(
+        rig(),
+        type(presses)(
+            presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
+        ),
+    )
+    start = _macro(truth)
+    weak = weak_taxels(spoilt)
+    assert list(np.flatnonzero(weak)) == [5]
+    others = spoilt.without_taxels(weak)
+    peak = climb(others, Neighbourhood.around(start).images(others), BOUNDS, start)
+    assert list(np.flatnonzero(dead_taxels(spoilt, peak.states))) == [5]
+    assert (spoilt.without_taxels(np.arange(16) == 5).weight[:, 5] == 0).all()
+
+
+def test_importance_sampling_finds_a_known_density(problem: FitProblem, truth: Truth) -> None:
+    """A correlated Gaussian of other width and centre than the first proposal."""
+    start = _macro(truth)
+    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+    rng = np.random.default_rng(0)
+    sd = np.concatenate([np.sqrt(np.diag(peak.covariance)), [0.1, 0.5, 0.1, 0.5, 0.5, 0.5]])
+    mean = np.concatenate([peak.macro, np.log(peak.sigmas)]) + 0.8 * sd
+    mixing = np.eye(11)
+    mixing[3, 4] = mixing[0, 2] = 0.8
+    root = sd[:, None] * mixing * 0.7
+
+    def density(points: np.ndarray) -> np.ndarray:
+        return -0.5 * (np.linalg.solve(root, (points - mean).T) ** 2).sum(axis=0)
+
+    draws = sample(peak, problem, density, rng, size=400, enough=lambda done, d: done >= 8)
+    assert draws.effective > 500
+    found = draws.weight @ draws.points
+    assert np.abs((found - mean) / sd).max() < 0.15
+    spread = np.sqrt(draws.weight @ (draws.points - found) ** 2)
+    assert spread / np.sqrt(np.diag(root @ root.T)) == pytest.approx(np.ones(11), abs=0.12)
+    again = draws.resampled(rng, 4000)
+    assert np.abs((again.mean(axis=0) - mean) / sd).max() < 0.2
+
+
+def test_equal_weights_are_worth_their_number() -> None:
+    assert Draws(np.zeros((50, 11)), np.full(50, 0.02)).effective == pytest.approx(50)
+
+
+def test_the_contact_law_widens_elasticity_and_scale_but_not_the_pose(
+    problem: FitProblem, truth: Truth
+) -> None:
+    start = _macro(truth)
+    peaks = [
+        climb(problem, Neighbourhood.around(start, s).images(problem), BOUNDS, start)
+        for s in (0.0, 0.2e-3, 0.4e-3)
+    ]
+    law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), peaks)
+    assert law.density.sum() == pytest.approx(1.0)
+    assert (law.shift[:, :3] == 0).all()
+    assert law.shift[-1, 3] > 0.05
+    draws = np.zeros((2000, 5))
+    wide = law.shifted(draws, np.random.default_rng(0))
+    assert wide[:, 3].max() > 0 and (wide[:, :3] == 0).all()
+    # These data come from the foundation itself: a wide spread is the worse law.
+    assert law.density[0] > 3 * law.density[-1]
+    assert (
+        LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5))).shifted(draws, np.random.default_rng(0)) == draws
+    ).all()
+
+
+def test_a_law_without_density_is_ruled_out(problem: FitProblem, truth: Truth) -> None:
+    start = _macro(truth)
+    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+    nowhere = replace(peak, log_density=-math.inf)
+    law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), [peak, peak, nowhere])
+    assert law.widths_m[-1] == 0.2e-3 and np.isfinite(law.shift).all()
+    with pytest.raises(FitError, match="no pose, elasticity and scale"):
+        weigh_laws(np.array([0.0, 0.2e-3]), [nowhere, peak])
+
+
+def test_a_density_that_is_nowhere_finite_is_a_failure_of_the_fit(problem: FitProblem, truth: Truth) -> None:
+    start = _macro(truth)
+    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+
+    def nowhere(points: np.ndarray) -> np.ndarray:
+        return np.full(len(points), np.nan)
+
+    with pytest.raises(FitError, match="do not belong together"):
+        sample(peak, problem, nowhere, np.random.default_rng(0), size=20, enough=lambda _n, _draws: True)

@@ -1,0 +1,93 @@
+"""Evidence of single presses against integrals by brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from skincal.fitting.places import Places, find_places, mirrored, settled_twice, starting_nuisance
+from skincal.fitting.presses import evaluate, settle
+from skincal.fitting.problem import FitProblem, pose_problem
+from skincal.fitting.seen import Images
+from skincal.fitting.tasks import Neighbourhood
+from skincal.fitting.volume import Fold, fold_of, log_volume
+from tests.fitting.conftest import Truth, make_session, rig
+
+SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
+
+
+def by_brute_force(problem: FitProblem, images: Images, macro: np.ndarray, press: int) -> float:
+    """Log of the integral over slack and force, on a lattice refined to 2.5 um where it matters."""
+
+    def told(slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        n = len(slack)
+        nuisance = np.column_stack([slack, np.zeros(n)])
+        many, sigmas = np.tile(macro, (n, 1)), np.tile(SIGMAS, (n, 1))
+        state = evaluate(problem, images, many, sigmas, np.full(n, press), nuisance)
+        # The force acts almost linearly: its integral is a Gaussian's.
+        slope = state.nuisance_slope[:, :, 2]
+        stiffness = (slope**2).sum(axis=1) + 1 / SIGMAS[1] ** 2
+        gradient = (slope * state.residual).sum(axis=1)
+        return state.objective - gradient**2 / stiffness, stiffness
+
+    def lattice(centres: np.ndarray, step: float, parts: int) -> np.ndarray:
+        inner = ((np.arange(parts) + 0.5) / parts - 0.5) * step
+        return (centres[:, None] + np.stack(np.meshgrid(inner, inner), axis=-1).reshape(1, -1, 2)).reshape(
+            -1, 2
+        )
+
+    step = problem.rig.slack_m * 2
+    slack = np.zeros((1, 2))
+    for parts, margin in ((80, 2500.0), (4, 300.0), (5, np.inf)):
+        slack, step = lattice(slack, step, parts), step / parts
+        objective, stiffness = told(slack)
+        slack = slack[objective < objective.min() + margin]
+    integral = logsumexp(-objective / 2 - np.log(stiffness) / 2) + 2 * math.log(step)
+    return float(integral - math.log(2 * math.pi))
+
+
+def by_places(problem: FitProblem, images: Images, macro: np.ndarray, places: Places) -> np.ndarray:
+    count = len(places.press)
+    many, sigmas = np.tile(macro, (count, 1)), np.tile(SIGMAS, (count, 1))
+    start = starting_nuisance(problem, places, many, places.press, 1)
+    state = settle(problem, images, many, sigmas, places.press, start, iterations=12)
+    fold = fold_of(problem, images, many, sigmas, places.press, state)
+    paired = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, 1)
+    evidence = -0.5 * state.objective + log_volume(fold, paired)
+    evidence[settled_twice(places.press, state.uv_m[None], fold)[0]] = -np.inf
+    return np.array([logsumexp(evidence[places.press == k]) for k in range(len(problem))])
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.98])
+def test_places_have_the_mass_of_the_integral(scale: float) -> None:
+    truth = Truth(scale_per_n=68.0 * scale)
+    problem = pose_problem(rig(), make_session(Truth(), presses=30, seed=21, position_sigma_m=0.7e-3)[0])
+    macro = np.array([
+        truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
+    ])  # fmt: skip
+    images = Neighbourhood.around(macro).images(problem)
+    places = find_places(problem, images, macro, SIGMAS)
+    assert len(places.press) > len(problem)
+    exact = np.array([by_brute_force(problem, images, macro, k) for k in range(len(problem))])
+    off = by_places(problem, images, macro, places) - exact
+    assert np.median(np.abs(off)) < 0.05
+    assert np.abs(off).max() < 0.75
+    assert abs(off.sum()) < 1.5
+
+
+def fold(a: list[float]) -> Fold:
+    n = len(a)
+    ones = np.ones(n)
+    return Fold(ones, ones, ones, ones, np.array(a), np.zeros((n, 2)))
+
+
+def test_a_place_counts_once() -> None:
+    press = np.array([0, 0, 0, 1])
+    uv = np.array([[[0.0, 0.0], [0.01e-3, 0.0], [0.2e-3, 0.0], [0.0, 0.0]]])
+    apart = settled_twice(press, uv, fold([3.0, 3.0, 3.0, 3.0]))
+    assert apart.tolist() == [[False, True, False, False]]
+    at_the_fold = settled_twice(press, uv, fold([-1.0, -1.0, -1.0, -1.0]))
+    assert at_the_fold.tolist() == [[False, True, True, False]]

@@ -1,0 +1,109 @@
+"""Fits of sensors whose level at rest is not clipped: any level, any noise, any unit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skincal.fitting.observe import Readout
+from skincal.fitting.problem import PressTable, pose_problem
+from skincal.fitting.readings import Link
+from skincal.fitting.result import PARAMETERS, FitResult
+from skincal.fitting.shared import smooth_basis
+from skincal.fitting.solve import plan_fit, solve
+from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
+
+FLOAT = Readout(None, None, False)
+SUBTRACTED = Readout(None, None, False, rest_subtracted=True)
+
+
+def values_of(seed: int, presses: int = 50) -> PressTable:
+    """Presses with the exact values of the skin above rest, and positions off by half a millimetre."""
+    return make_session(presses=presses, seed=seed, noise=0.0)[0]
+
+
+def fit(table: PressTable, readout: Readout) -> FitResult:
+    problem = pose_problem(rig(readout), table)
+    return solve(plan_fit(problem, BOX, QUICK), BOX, QUICK, np.random.default_rng(0))
+
+
+def check(result: FitResult, scale: float = 1.0) -> None:
+    """All intervals are there, narrow, and hold the truth."""
+    truth = Truth()
+    told = [getattr(truth, name) for name in PARAMETERS]
+    told[-1] *= scale
+    assert result.effective_draws >= 100
+    assert not {"few_draws", "force_scatter", "misfit", "positions_bent"} & {f.code for f in result.findings}
+    for name, value in zip(PARAMETERS, told, strict=True):
+        low, high = result.intervals[name]
+        slack = 0.02 * (high - low)
+        assert low - slack <= value <= high + slack, name
+    low, high = result.intervals["scale_per_n"]
+    assert high / low < 1.25
+
+
+def test_single_frames_that_rest_at_twenty_counts() -> None:
+    table = values_of(1)
+    rng = np.random.default_rng(2)
+    counts = np.rint(table.counts + 20.0 + rng.standard_normal(table.counts.shape))
+    result = fit(replace(table, counts=counts), Readout(0, 300, True))
+    check(result)
+    assert result.rest_interval[0] <= 20.0 <= result.rest_interval[1]
+    assert result.sigmas.noise_counts == pytest.approx(1.04, rel=0.15)
+
+
+def test_subtracted_readings_in_volts() -> None:
+    table = values_of(3)
+    rng = np.random.default_rng(4)
+    counts = 1e-3 * (table.counts + rng.standard_normal(table.counts.shape))
+    result = fit(replace(table, counts=counts), SUBTRACTED)
+    check(result, 1e-3)
+    assert result.rest_counts == 0.0
+
+
+def test_a_simulator_without_noise() -> None:
+    table = values_of(5)
+    check(fit(replace(table, counts=table.counts + 600.0), FLOAT))
+
+
+def test_a_busy_taxel_rests_elsewhere_than_the_others() -> None:
+    table = values_of(6)
+    rng = np.random.default_rng(7)
+    levels = 600.0 + 20.0 * rng.standard_normal(16)
+    busy = int(np.argmax((table.counts > 5).sum(axis=0)))
+    touched = table.counts[:, busy] > 5
+    levels[busy] = 560.0
+    counts = (table.counts + levels + rng.standard_normal(table.counts.shape))[touched]
+    rows = {
+        name: getattr(table, name)[touched]
+        for name in ("press", "across_m", "along_m", "force_n", "indenter")
+    }
+    problem = pose_problem(rig(FLOAT), replace(table, counts=counts, **rows))
+    assert not problem.observed.level_known[busy]
+    assert problem.observed.level_known.sum() >= 12
+    # How far the levels lie apart is all that is known of it, and that reaches to where it is.
+    assert 15.0 < problem.shared.level_sigma[busy] < 120.0
+    assert abs(problem.observation.offset[busy] - 560.0) < 2.5 * problem.shared.level_sigma[busy]
+
+
+def test_a_link_has_the_mean_and_slope_of_clipped_noise() -> None:
+    link = Link.of(Readout(0, 255, True), 1.0)
+    values = np.array([0.0, 0.7, 30.0])
+    rng = np.random.default_rng(0)
+    frames = np.clip(np.rint(values + rng.standard_normal((200_000, 3))), 0, None)
+    mean, slope = link(values)
+    assert mean == pytest.approx(frames.mean(axis=0), abs=0.01)
+    assert slope[2] == pytest.approx(1.0, abs=0.01)
+    assert link.scatter(values) * np.hypot(1.0, 12**-0.5) == pytest.approx(frames.std(axis=0), rel=0.02)
+    assert not Link.of(FLOAT, float("nan")).clips
+
+
+def test_smooth_errors_have_no_part_that_a_pose_takes_up() -> None:
+    rng = np.random.default_rng(0)
+    basis = smooth_basis(*rng.uniform(-7e-3, 7e-3, (2, 40)))
+    assert basis.shape == (40, 5)
+    assert np.abs(basis.mean(axis=0)).max() < 1e-12
+    assert basis.T @ basis / 40 == pytest.approx(np.eye(5), abs=1e-9)
+    assert smooth_basis(np.zeros(40), np.zeros(40)).shape == (40, 0)

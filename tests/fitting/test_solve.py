@@ -1,0 +1,265 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skincal.fitting.errors import FitError
+from skincal.fitting.findings import find
+from skincal.fitting.options import GridSteps, SearchBox
+from skincal.fitting.problem import FitProblem, PressTable, pose_problem
+from skincal.fitting.result import PARAMETERS, FitResult
+from skincal.fitting.solve import plan_fit, solve
+from skincal.fitting.valley import OPEN, POSE, at_one_place
+from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
+
+
+def _fit(
+    problem: FitProblem, box: SearchBox = BOX, options: Any = QUICK, seed: int = 0, **more: Any
+) -> FitResult:
+    return solve(plan_fit(problem, box, options), box, options, np.random.default_rng(seed), **more)
+
+
+@pytest.fixture(scope="module")
+def fitted(truth: Truth) -> FitResult:
+    return _fit(pose_problem(rig(), make_session(truth, seed=11)[0]))
+
+
+def _codes(result: FitResult) -> set[str]:
+    return {finding.code for finding in result.findings}
+
+
+def test_the_intervals_hold_the_truth_and_are_narrow(fitted: FitResult, truth: Truth) -> None:
+    for name in PARAMETERS:
+        low, high = fitted.intervals[name]
+        assert low <= getattr(truth, name) <= high, name
+        assert low <= fitted.best[name] <= high
+    assert np.ptp(fitted.intervals["y_m"]) < 1.2e-3
+    assert fitted.intervals["elasticity_pa_per_m"][1] / fitted.intervals["elasticity_pa_per_m"][0] < 1.6
+    assert not _codes(fitted) & {"misfit", "range_edge", "not_identified", "few_draws"}
+
+
+def test_the_loss_at_the_best_point_is_that_of_the_noise(fitted: FitResult) -> None:
+    # 25 frames of one count, rounded: 0.2 counts where a taxel is lit, about half where it rests on its bound.
+    assert 0.08**2 < fitted.mse_counts2 < 0.25**2
+    assert fitted.mse_counts2 <= fitted.valley_mse_counts2 * 1.3
+    assert fitted.presses.good.mean() > 0.9
+    assert fitted.sigmas.position_m == pytest.approx(0.5e-3, rel=0.35)
+
+
+def test_the_loss_of_the_grid_is_another_one_than_the_noise_bounds(fitted: FitResult) -> None:
+    grid = fitted.grid
+    # Normalised images leave one direction of most presses to the rig's positions: counts, where noise is some tenths.
+    assert grid.mse_counts2.min() > 10 * fitted.valley_mse_counts2
+    assert grid.mse_at_best_counts2 > 10 * fitted.mse_counts2
+    assert grid.mse_at_best_counts2 < np.quantile(grid.mse_counts2, 0.2)
+    assert not grid.in_valley.any(), "no combination of the grid is in a valley of another loss"
+
+
+def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
+    assert fitted.grid.mse_counts2.shape == fitted.grid.grid.shape
+    assert fitted.draws.shape == (QUICK.draws, 5)
+    assert np.isfinite(fitted.draws).all()
+
+
+def test_the_same_seed_gives_the_same_result_and_workers_do_not_matter(
+    fitted: FitResult, truth: Truth
+) -> None:
+    order: list[int] = []
+
+    def backwards(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
+        results = [function(argument) for argument in reversed(arguments)]
+        order.append(len(results))
+        return results[::-1]
+
+    again = _fit(pose_problem(rig(), make_session(truth, seed=11)[0]), mapper=backwards)
+    assert order
+    assert again.best == fitted.best
+    assert again.intervals == fitted.intervals
+    assert (again.draws == fitted.draws).all()
+
+
+def test_evaluated_turns_are_taken_up_again(fitted: FitResult, truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, seed=11)[0])
+    plan = plan_fit(problem, BOX, QUICK)
+    kept: dict[int, Any] = {}
+
+    class InterruptError(Exception):
+        pass
+
+    def stop(turn: int, slab: Any) -> None:
+        kept[turn] = slab
+        if len(kept) == 2:
+            raise InterruptError
+
+    with pytest.raises(InterruptError):
+        solve(plan, BOX, QUICK, np.random.default_rng(0), on_slab=stop)
+    evaluated: list[int] = []
+    again = solve(
+        plan,
+        BOX,
+        QUICK,
+        np.random.default_rng(0),
+        slabs=kept,
+        on_slab=lambda turn, _slab: evaluated.append(turn),
+    )
+    assert not set(evaluated) & set(kept)
+    assert again.intervals == fitted.intervals
+
+
+def test_the_papers_bound_gives_the_box_of_all_combinations_below_it(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, seed=11)[0])
+    result = _fit(problem, options=replace(QUICK, bound_counts2=25.0))
+    grid, inside = result.grid.grid, result.grid.mse_counts2 <= 25.0
+    assert result.bound == "fixed" and result.valley_mse_counts2 == 25.0
+    y = grid.y_m[inside.any(axis=(0, 1, 2))]
+    low, high = result.intervals["y_m"]
+    assert (low, high) == (-np.inf, np.inf) or (low <= y.min() and high >= y.max())
+    assert result.intervals["scale_per_n"][0] == pytest.approx(
+        min(result.grid.scale_per_n[inside].min(), result.best["scale_per_n"])
+    )
+
+
+def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, seed=12)[0])
+    box = replace(BOX, y_m=(0.0242, 0.0262))
+    result = _fit(problem, box)
+    assert "range_edge" in _codes(result)
+    told = next(f for f in result.findings if f.code == "range_edge")
+    assert "lower end" in told.text and "Widen" in told.advice
+
+
+def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:
+    presses, where = make_session(truth, presses=1500, seed=13, position_sigma_m=0.1e-3)
+    # Between two taxels, so that both answer.
+    between = np.array([truth.across_m, truth.y_m + 2e-3])
+    near = np.abs(where - between).max(axis=1) < 0.7e-3
+    problem = pose_problem(rig(), _some(presses, near))
+    assert len(problem) >= 6
+    problem = problem.subset(np.arange(len(problem)) < 6, "left out")
+    assert problem.unknowns == 17 and problem.readings <= 17
+    result = _fit(problem)
+    assert _codes(result) >= {"too_few_presses", "one_place"}
+    assert not _codes(result) & {"few_presses", "not_identified", "range_edge"}
+    assert set(result.intervals.values()) == {(-np.inf, np.inf)}
+    told = next(f for f in result.findings if f.code == "too_few_presses")
+    assert "for 17 unknowns" in told.text and "Do not use this calibration." in told.advice
+
+
+def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
+    problem = fitted.problem
+    close = replace(problem, across_m=0.1 * problem.across_m, along_m=0.1 * problem.along_m)
+    assert at_one_place(close) and not at_one_place(problem)
+    open_pose = {**fitted.intervals, **dict.fromkeys(POSE, OPEN)}
+    found = find(replace(fitted, problem=close, intervals=open_pose), dropped=0)
+    told = [f for f in found.findings if f.code in ("one_place", "not_identified", "range_edge")]
+    assert [f.code for f in told] == ["one_place"], "it is said once"
+    assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
+
+
+@pytest.mark.slow
+def test_a_fit_of_one_place_gives_its_pose_no_interval(truth: Truth) -> None:
+    presses, where = make_session(truth, presses=3000, seed=13)
+    between = np.array([truth.across_m, truth.y_m + 2e-3])
+    near = np.flatnonzero(np.abs(where - between).max(axis=1) < 0.4e-3)[:30]
+    close = _some(presses, near)
+    close.across_m[:], close.along_m[:] = where[near].T
+    result = _fit(pose_problem(rig(), close))
+    assert "one_place" in _codes(result)
+    assert all(result.intervals[name] == OPEN for name in POSE)
+
+
+def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, presses=200, seed=13)[0])
+    keep = np.isin(np.arange(len(problem)), np.argsort(-problem.lit.sum(axis=1))[:6])
+    few = problem.subset(keep, "left out")
+    assert few.determined
+    result = _fit(few)
+    assert "few_presses" in _codes(result) and "too_few_presses" not in _codes(result)
+    assert np.isfinite(list(result.intervals.values())).all()
+    once = find(replace(result, effective_draws=1.2), dropped=0)
+    assert not once.told
+    told = next(f for f in once.findings if f.code == "few_draws")
+    assert "worth only 1 independent one: they do not tell" in told.text
+
+
+def _some(presses: PressTable, rows: np.ndarray) -> PressTable:
+    return PressTable(
+        presses.press[rows],
+        presses.across_m[rows],
+        presses.along_m[rows],
+        presses.force_n[rows],
+        presses.counts[rows],
+        presses.indenter[rows],
+    )
+
+
+def test_no_press_at_all_is_an_error(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=10)
+    silent = PressTable(
+        presses.press,
+        presses.across_m,
+        presses.along_m,
+        presses.force_n,
+        presses.counts * 0,
+        presses.indenter,
+    )
+    with pytest.raises(FitError, match="no press"):
+        plan_fit(pose_problem(rig(), silent), BOX, QUICK)
+
+
+def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=20)
+    once, twice = pose_problem(rig(), presses), pose_problem(rig(), _some(presses, np.r_[0:20, 0:20]))
+    np.testing.assert_array_equal(twice.rows, once.rows)
+    assert twice.status[20:] == ("the very numbers of another press",) * 20
+    # The same press made again is another measurement.
+    again = _some(presses, np.r_[0:20, 0:20])
+    again.force_n[20:] *= 1.001
+    assert len(pose_problem(rig(), again)) == 2 * len(once)
+
+
+def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=120, seed=14)
+    counts = presses.counts.copy()
+    counts[:, 6] = (counts[:, 6] - 0.4) * 0.8 + 0.4
+    weak = PressTable(
+        presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
+    )
+    result = _fit(pose_problem(rig(), weak), options=replace(QUICK, per_taxel=True))
+    scales = result.scale_per_taxel_per_n
+    assert scales is not None
+    others = np.delete(scales, 6)
+    assert scales[6] < others.min()
+    assert scales[6] / np.median(others) == pytest.approx(0.8, abs=0.1)
+
+
+def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
+    turned = replace(truth, alpha_rad=math.radians(12.0))
+    result = _fit(pose_problem(rig(), make_session(turned, seed=15)[0]))
+    low, high = result.intervals["alpha_rad"]
+    assert low <= math.radians(12.0) <= high
+
+
+def test_a_scale_of_the_forces_that_is_not_known_widens_elasticity_and_scale_alone(truth: Truth) -> None:
+    sure = pose_problem(rig(), make_session(truth, seed=11)[0])
+    unsure = replace(sure, rig=replace(sure.rig, force_scale_sigma=0.05))
+    exact, wide = _fit(sure), _fit(unsure)
+    assert wide.best == exact.best
+    for name in ("across_m", "y_m", "alpha_rad"):
+        assert wide.intervals[name] == exact.intervals[name]
+    for name in ("elasticity_pa_per_m", "scale_per_n"):
+        relative = np.ptp(np.log(wide.intervals[name])) ** 2 - np.ptp(np.log(exact.intervals[name])) ** 2
+        # 98 % of a Gaussian of 5 %.
+        assert 0.15 < math.sqrt(relative) < 0.31
+
+
+def test_a_grid_without_end_is_refused(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, presses=30)[0])
+    fine = replace(QUICK, steps=GridSteps(1e-5, 1e-5, math.radians(0.05), 24))
+    with pytest.raises(FitError, match="coarser steps"):
+        plan_fit(problem, BOX, fine)

@@ -1,0 +1,95 @@
+"""Taxels in another order than the data say are recognised, and nothing else is taken for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skincal.fitting.problem import PressTable, pose_problem
+from skincal.fitting.wiring import TaxelOrder, order_of_problem
+from skincal.fitting.wiring_orders import mapping_of, named_orders
+from tests.fitting.conftest import BOX, make_session, rig
+
+IMAGE = np.arange(16).reshape(4, 4)
+
+
+def exchanged(*pairs: tuple[int, int]) -> np.ndarray:
+    order = np.arange(16)
+    for a, b in pairs:
+        order[[a, b]] = order[[b, a]]
+    return order
+
+
+def wound() -> np.ndarray:
+    image = IMAGE.copy()
+    image[1::2] = image[1::2, ::-1]
+    return image.ravel()
+
+
+def order_of(table: PressTable, slack_m: float = 2e-3) -> TaxelOrder | None:
+    return order_of_problem(pose_problem(replace(rig(), slack_m=slack_m), table), BOX)
+
+
+WIRED = {
+    "flip_cols = true": IMAGE[:, ::-1].ravel(),
+    "flip_rows = true": IMAGE[::-1].ravel(),
+    "flip_rows = true\nflip_cols = true": IMAGE[::-1, ::-1].ravel(),
+    "transpose = true": IMAGE.T.ravel(),
+    "order = [0, 1, 2, 3, 7, 6, 5, 4, 8, 9, 10, 11, 15, 14, 13, 12]": wound(),
+    "order = [0, 1, 2, 3, 4, 6, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15]": exchanged((5, 6)),
+    "order = [0, 1, 2, 3, 8, 9, 10, 11, 4, 5, 6, 7, 12, 13, 14, 15]": IMAGE[[0, 2, 1, 3]].ravel(),
+    "order = [12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]": np.roll(IMAGE, 1, axis=0).ravel(),
+}
+
+
+@pytest.mark.parametrize("mapping", list(WIRED))
+def test_wiring_is_recognised(mapping: str):
+    table, _ = make_session(presses=60)
+    undone = np.argsort(WIRED[mapping])
+    found = order_of(replace(table, counts=table.counts[:, undone]))
+    assert found is not None
+    assert found.order.tolist() == WIRED[mapping].tolist()
+    assert found.mapping == mapping
+    assert found.rms_after < 0.5 * found.rms_before
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_permutation_is_found(seed: int):
+    table, _ = make_session(presses=60, seed=seed)
+    order = np.random.default_rng(seed).permutation(16)
+    found = order_of(replace(table, counts=table.counts[:, np.argsort(order)]))
+    assert found is not None
+    assert found.order.tolist() == order.tolist()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_good_data_are_left_alone(seed: int):
+    table, _ = make_session(presses=12 + 8 * seed, seed=seed, position_sigma_m=1e-3)
+    assert order_of(table) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gains_dead_and_leaking_taxels_are_no_order(seed: int):
+    table, _ = make_session(presses=40, seed=seed)
+    rng = np.random.default_rng(seed)
+    counts = table.counts * np.exp(0.25 * rng.standard_normal(16))
+    counts[:, rng.choice(16, 2, replace=False)] = 0.0
+    counts += 0.1 * np.roll(counts, 1, axis=1)
+    assert order_of(replace(table, counts=counts)) is None
+
+
+def test_a_taxel_that_is_not_read_is_no_order():
+    table, _ = make_session(presses=40)
+    counts = table.counts.copy()
+    counts[:, 6] = np.nan
+    assert order_of(replace(table, counts=counts)) is None
+
+
+def test_named_orders_are_different_permutations():
+    for rows, cols in ((4, 4), (3, 5), (1, 6)):
+        orders = np.stack([one.order for one in named_orders(rows, cols)])
+        assert len(np.unique(orders, axis=0)) == len(orders)
+        assert (np.sort(orders, axis=1) == np.arange(rows * cols)).all()
+        assert mapping_of(np.arange(rows * cols), rows, cols) == ""
