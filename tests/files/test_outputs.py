@@ -109,7 +109,7 @@ def test_a_place_without_a_name_is_refused_even_by_force(
         refuse_existing(Path(place), force=True, marker="calibration.toml")
 
 
-def test_a_place_that_cannot_be_written_to_is_refused_before_any_work(
+def test_an_unwritable_place_is_refused_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = os.mkdir

@@ -90,7 +90,7 @@ WRITERS: dict[str, Callable[..., None]] = {
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_folders_without_a_list_are_replaced_where_all_is_skincals(tmp_path: Path, kind: str) -> None:
+def test_folders_of_older_versions_are_replaced(tmp_path: Path, kind: str) -> None:
     """As versions wrote them before there were lists."""
     out = tmp_path / "out"
     WRITERS[kind](out)

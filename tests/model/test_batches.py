@@ -57,7 +57,7 @@ def test_samples_that_are_not_known_split_nothing_else():
     assert np.array_equal(found[sound], whole[sound])
 
 
-def test_a_load_does_not_depend_on_the_other_samples_of_its_press():
+def test_a_load_is_independent_of_other_samples():
     contacts = up_and_down(3)
     some = np.arange(len(contacts)) % 3 > 0
     indenter = indenters()["sphere"]
