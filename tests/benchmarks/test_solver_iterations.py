@@ -1,4 +1,4 @@
-"""What iterations of the contact solver cost, and that the table has those that are the defaults."""
+"""Cost of the contact solver's iterations; the table marks the defaults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What holds for every effect of the registry, those to come included."""
+"""Properties of every effect of the registry; a new effect is tested without a change here."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_sample_by_sample_is_the_session(name: str, pieces: int):
 
 
 def test_forms_with_further_needs_state_them():
-    """What a form needs is needed as soon as it is not at its default."""
+    """The needs of a form apply as soon as its parameter leaves the default."""
     given = {"amplitude": 0.4, "cycles": 6.0, "fading_per_n": 0.7, "tail": 0.5}
     skin = BASE.with_effects({"first_cycle": given})
     stream, values = SkinStream(skin), skin.values(SHORT)

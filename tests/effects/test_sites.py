@@ -1,4 +1,4 @@
-"""What sites have met before."""
+"""Histories of sites over a session."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What is randomized: all of the table, from ranges that are checked."""
+"""Domain randomization draws every parameter of the table from checked ranges."""
 
 from __future__ import annotations
 

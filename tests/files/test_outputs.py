@@ -52,7 +52,7 @@ def test_what_exists_is_refused_before_any_work(tmp_path: Path) -> None:
 
 
 def test_a_link_to_an_earlier_output_is_refused_before_any_work(tmp_path: Path) -> None:
-    """It could not be put in its place at the end."""
+    """A link could not be replaced at the end."""
     earlier, link = tmp_path / "earlier", tmp_path / "link"
     earlier.mkdir()
     (earlier / "m").touch()

@@ -40,7 +40,7 @@ class _Both:
 
     @property
     def worse(self) -> np.ndarray:
-        """By how much the fast way's places are worse than those of nlopt (K,)."""
+        """Excess of the compiled solver's objective over that of nlopt (K,)."""
         return self.fast_objective - self.nlopt.objective
 
     @property

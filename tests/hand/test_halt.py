@@ -1,4 +1,4 @@
-"""Whether a hand was stopped is known, and said, whoever presses Ctrl-C how often."""
+"""The state of a hand after Ctrl-C is known and reported, however often it is pressed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the engine says of made sessions: names, silence where nothing is hidden, and invariants of all its answers."""
+"""Diagnoses of generated sessions: named effects, no false alarms, and invariants of all answers."""
 
 from __future__ import annotations
 

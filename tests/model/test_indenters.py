@@ -1,4 +1,4 @@
-"""What every indenter must do; a new kind is added to model_shapes.indenters() and inherits all of it."""
+"""Properties of every indenter; a kind added to model_shapes.indenters() gets all of these tests."""
 
 from __future__ import annotations
 

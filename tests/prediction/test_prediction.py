@@ -34,7 +34,7 @@ Session = Callable[..., Dataset]
 def by_hand(
     calibration: Calibration, dataset: Dataset, points: np.ndarray, force: np.ndarray, radius: float = 0.006
 ) -> np.ndarray:
-    """What the skin says of contacts, one by one."""
+    """Compute the skin's values contact by contact."""
     skin, surface = calibration.skin(), dataset.surface()
     rows = []
     for point, f in zip(points, force, strict=True):

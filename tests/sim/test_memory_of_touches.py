@@ -1,4 +1,4 @@
-"""What a simulated skin remembers when its session goes on in another process."""
+"""A simulated skin keeps its history when a session is resumed in another process."""
 
 from __future__ import annotations
 
