@@ -61,7 +61,7 @@ def run_one(reader: Reader, folder: Path, name: str, content: bytes) -> str | No
 
 
 def kind_of(trace: str) -> str:
-    """What tells a fault from others: the exception, and the last line of skincal that it came through."""
+    """Return the key of a fault: its exception, and the last line of skincal in its traceback."""
     own = [line.strip() for line in trace.splitlines() if "/skincal/" in line]
     kind = trace.strip().splitlines()[-1].partition(":")[0]
     return f"{kind} at {own[-1].split('/skincal/')[-1] if own else '?'}"

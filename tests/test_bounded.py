@@ -1,4 +1,4 @@
-"""What comes from files is bounded: no input ends in another error than one that names the file."""
+"""Every malformed input ends in an error that names its file, with bounded time and memory."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def test_a_command_beyond_travel_or_speed_is_not_sent(to_m: list[float]) -> None
     assert stage._wanted == pytest.approx([0.0, 0.0, 0.01])  # pyright: ignore[reportPrivateUsage]
 
 
-def test_checks_pass_for_the_example_and_fail_for_a_stage_that_does_not_stop() -> None:
+def test_checks_fail_for_a_stage_that_does_not_stop() -> None:
     class Restless(StageSim):
         def stop(self) -> None:
             raise OSError("no")

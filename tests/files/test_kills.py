@@ -61,7 +61,7 @@ def _recording(folder: Path) -> None:
 
 
 def _fit(_: Path, force: bool) -> None:
-    """What ``skincal fit`` does with the turns of its grid, and when it has its result."""
+    """Store grid results and the output as ``skincal fit`` does."""
     kept = Checkpoint(Path(".out.fit"), "key")
     slabs = kept.load()
     for turn in range(4):
@@ -73,7 +73,7 @@ def _fit(_: Path, force: bool) -> None:
 
 
 def _diagnosis(_: Path, force: bool) -> None:
-    """What ``skincal diagnose`` does when it has its result; the search itself writes nothing but its cache."""
+    """Write the output as ``skincal diagnose`` does; its search writes nothing but its cache."""
 
     def beside(folder: Path) -> None:
         for name in ("diagnosis.json", "gap.png", "report.html"):
@@ -84,7 +84,7 @@ def _diagnosis(_: Path, force: bool) -> None:
 
 
 def _evaluation(_: Path, force: bool) -> None:
-    """What ``skincal eval`` does when it has its runs."""
+    """Write the output as ``skincal eval`` does."""
     from skincal.cli import eval as cli
     from skincal.files import whole_folder
 
@@ -106,7 +106,7 @@ PLAN = Plan(
 
 
 def _collected(path: Path) -> Content:
-    """Where a session is interrupted, its clock goes on; its presses are where they were planned."""
+    """Return the presses and their targets; the clock of an interrupted session goes on, so times differ."""
     presses = read_dataset(path).presses
     return {"presses": presses.press.tolist(), "targets": presses.columns["target_force_n"].tolist()}
 

@@ -116,7 +116,7 @@ def test_the_error_carries_joint_value_and_limit() -> None:
     assert error.exit_status == 1
 
 
-def test_a_clock_that_stands_still_stops_the_hand_within_the_stated_time() -> None:
+def test_a_stopped_clock_stops_the_hand_in_time() -> None:
     driver = FakeHand(changed(time_s=0.03, taxel_time_s=np.full(4, 0.03)), pace_s=0.005)
     error, after_s = run(driver, periods=100)
     assert error.kind == "clock"

@@ -140,7 +140,7 @@ def test_a_remote_hand_is_as_one_that_is_here() -> None:
     assert len(hands.made) == 2
 
 
-def test_messages_lost_late_doubled_and_out_of_order_change_nothing() -> None:
+def test_disordered_messages_change_nothing() -> None:
     generator = random.Random(5)
 
     def fate(message: Message, forth: bool) -> list[float]:
@@ -175,7 +175,7 @@ def test_latency_is_borne() -> None:
         assert len(hands.last.commands) == 5
 
 
-def test_a_command_that_was_long_under_way_is_refused_and_the_hand_stopped() -> None:
+def test_a_late_command_is_refused_and_stops_the_hand() -> None:
     hands = Hands()
 
     def fate(message: Message, forth: bool) -> list[float]:
