@@ -108,7 +108,7 @@ class Calibration:
         provenance: Provenance,
         **rest: Any,
     ) -> Self:
-        """A calibration of the sensor that a dataset describes.
+        """Return a calibration of the sensor that a dataset describes.
 
         Args:
             dataset: gives sensor, surface, indenter, mount, position, and the files that they name.
@@ -135,7 +135,7 @@ class Calibration:
         )
 
     def pose(self) -> SensorPose:
-        """The best pose of the patch."""
+        """Return the best pose of the patch."""
         model = self.model
         return SensorPose(
             y_m=model.y_m,
@@ -145,11 +145,11 @@ class Calibration:
         )
 
     def layout(self) -> TaxelLayout:
-        """The taxels' layout."""
+        """Return the taxels' layout."""
         return layout_of(self.sensor, self.positions)
 
     def surface_model(self) -> Surface:
-        """The surface that carries the sensor."""
+        """Return the surface that carries the sensor."""
         return surface_of(self.surface, self.meshes)
 
     def indenter_model(self, radius_m: float | None = None) -> Indenter:
@@ -157,11 +157,11 @@ class Calibration:
         return indenter_of(self.indenter, self.meshes, radius_m)
 
     def converter(self) -> Converter:
-        """The sensor's converter."""
+        """Return the sensor's converter."""
         return converter_of(self.sensor)
 
     def parameters(self) -> SkinParameters:
-        """E and the scale of the best skin."""
+        """Return E and the scale of the best skin."""
         scale = self.model.scale_per_taxel_per_n
         return SkinParameters(
             elasticity_pa_per_m=self.model.elasticity_pa_per_m,
@@ -169,7 +169,7 @@ class Calibration:
         )
 
     def skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
-        """The best skin, of a calibration without effects; :func:`skincal.calibration.skin_of` takes any.
+        """Return the best skin, of a calibration without effects; :func:`skincal.calibration.skin_of` takes any.
 
         Args:
             resolution_m: longest edge of a tactile point's cell [m].
@@ -187,7 +187,7 @@ class Calibration:
         return self.base_skin(resolution_m, margin_m)
 
     def base_skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
-        """The best skin without its effects.
+        """Return the best skin without its effects.
 
         Args:
             resolution_m: longest edge of a tactile point's cell [m].
@@ -209,7 +209,7 @@ class Calibration:
 
 
 def _read_only(column: NDArray[Any]) -> NDArray[Any]:
-    """A read-only view; the caller's own array stays as writable as it was."""
+    """Return a read-only view; the caller's own array stays as writable as it was."""
     view = np.asarray(column).view()
     view.flags.writeable = False
     return view

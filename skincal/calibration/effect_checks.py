@@ -33,7 +33,7 @@ def check_name(table: TomlTable, name: str, earlier: Sequence[str]) -> bool:
 
 
 def check_effect(table: TomlTable, effect: Effect, taxels: int) -> None:
-    """Adds an error for everything that the effect's parameters cannot be.
+    """Add an error for everything that the effect's parameters cannot be.
 
     Args:
         table: the entry.

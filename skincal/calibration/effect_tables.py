@@ -18,7 +18,7 @@ Range = tuple[Numbers, Numbers]
 
 
 def plain_effect(effect: Effect) -> dict[str, Any]:
-    """One entry of ``[[effects]]`` as TOML writes it."""
+    """Return one entry of ``[[effects]]`` as TOML writes it."""
     plain: dict[str, Any] = {
         "name": effect.name,
         "parameters": {name: _plain(value) for name, value in effect.parameters.items()},
@@ -35,7 +35,7 @@ def _plain(numbers: Numbers) -> float | list[float]:
 
 
 def effects_from(top: TomlTable, findings: Findings, file: str, taxels: int) -> tuple[Effect, ...]:
-    """The effects; what is wrong adds an error.
+    """Return the effects; what is wrong adds an error.
 
     Args:
         top: the file.
@@ -53,7 +53,7 @@ def effects_from(top: TomlTable, findings: Findings, file: str, taxels: int) -> 
 
 
 def findings_from(top: TomlTable, findings: Findings, file: str) -> tuple[Finding, ...]:
-    """The findings of the fit; what is wrong adds an error."""
+    """Return the findings of the fit; what is wrong adds an error."""
     return tuple(
         Finding(
             code=table.text("code", "a word"),
@@ -69,7 +69,7 @@ def findings_from(top: TomlTable, findings: Findings, file: str) -> tuple[Findin
 def _entries(
     top: TomlTable, findings: Findings, file: str, name: str, known: tuple[str, ...]
 ) -> Iterator[tuple[TomlTable, dict[str, Any]]]:
-    """The tables of a list of tables, each named by its number, and what they hold beside the known keys."""
+    """Return the tables of a list of tables, each named by its number, and what they hold beside the known keys."""
     entries = top.raw(name)
     if entries is None:
         return
@@ -99,7 +99,7 @@ def _effect(table: TomlTable, extra: Mapping[str, Any]) -> Effect:
 
 
 def _poses(table: TomlTable) -> tuple[str, ...]:
-    """Names of the hand poses, each once."""
+    """Return the names of the hand poses, each once."""
     value = table.raw("poses")
     if value is None:
         return ()
@@ -145,7 +145,7 @@ def _range(table: TomlTable, key: str, value: object, parameters: Mapping[str, N
 
 
 def _side(value: object, like: Numbers) -> tuple[float, ...] | None:
-    """One end of an interval as numbers of the parameter's shape; None where it is something else."""
+    """Return one end of an interval as numbers of the parameter's shape; None where it is something else."""
     numbers = number_list(value if isinstance(like, tuple) else [value], infinite=True)
     size = len(like) if isinstance(like, tuple) else 1
     return numbers if numbers is not None and len(numbers) == size else None

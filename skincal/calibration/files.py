@@ -19,7 +19,7 @@ from skincal.files import whole_folder
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Reads a calibration's folder (contract ``skincal-calibration/1``) and checks all of it.
+    """Read a calibration's folder (contract ``skincal-calibration/1``) and checks all of it.
 
     Args:
         path: the folder, or the ``calibration.toml`` in it. Grid, slack and draws may be missing.
@@ -64,7 +64,7 @@ def write_calibration(
     force: bool = False,
     beside: Callable[[Path], None] | None = None,
 ) -> None:
-    """Writes a calibration as a folder (contract ``skincal-calibration/1``); numbers come back exactly.
+    """Write a calibration as a folder (contract ``skincal-calibration/1``); numbers come back exactly.
 
     Args:
         calibration: what to write. It is checked as a file would be, so that it can be read back.

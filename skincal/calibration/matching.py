@@ -19,7 +19,7 @@ _FIX = "Use a calibration of this sensor."
 
 
 def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
-    """Checks that a dataset's sensor and surface are the calibrated ones, and that the sensor may lie where it did.
+    """Check that a dataset's sensor and surface are the calibrated ones, and that the sensor may lie where it did.
 
     Raises:
         InputError: they are not; says everything in which they differ.
@@ -45,7 +45,7 @@ def sensor_differences(
     *,
     place: str,
 ) -> list[Problem]:
-    """Everything in which a sensor is not the calibrated one.
+    """Return everything in which a sensor is not the calibrated one.
 
     Args:
         calibration: of a sensor.
@@ -76,7 +76,7 @@ def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout, p
 
 
 def _converter(ours: SensorSpec, other: SensorSpec, place: str) -> list[Problem]:
-    """Bounds of the converter, where both are known: another one counts in other units."""
+    """Return the bounds of the converter, where both are known: another one counts in other units."""
     pairs = [(name, getattr(ours, name), getattr(other, name)) for name in ("value_min", "value_max")]
     return [
         Problem(f"{place}, [sensor] {name}", f"{mine:g} counts, as calibrated", f"{its:g}", _FIX)

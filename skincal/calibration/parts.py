@@ -45,7 +45,7 @@ class ModelParameters:
     rest_counts: float | None = None
 
     def best(self) -> dict[str, float]:
-        """The single figures by name, in the order of the contract: the pose, E, S."""
+        """Return the single figures by name, in the order of the contract: the pose, E, S."""
         across = {"x_m": self.x_m} if self.beta_deg is None else {"beta_deg": self.beta_deg}
         values = {
             "y_m": self.y_m,

@@ -22,7 +22,7 @@ def skin_of(
     missing: Missing = "error",
     poses: Sequence[str] | None = None,
 ) -> EffectSkin:
-    """The skin that a calibration stands for, effects included.
+    """Return the skin that a calibration stands for, effects included.
 
     Args:
         calibration: the best parameters, and what was added beyond the base model.
@@ -55,7 +55,7 @@ def stream_of(
 def effects_of(
     calibration: Calibration, poses: Sequence[str] | None = None
 ) -> dict[str, dict[str, FloatArray]]:
-    """Parameters by effect, as :meth:`skincal.effects.EffectSkin.with_effects` takes them.
+    """Return parameters by effect, as :meth:`skincal.effects.EffectSkin.with_effects` takes them.
 
     Args:
         calibration: with effects or without.
@@ -85,7 +85,7 @@ def effect_from(
     taxels: int,
     poses: Sequence[str] = (),
 ) -> Effect:
-    """An effect of a calibration from the parameters of a skin with effects.
+    """Return an effect of a calibration from the parameters of a skin with effects.
 
     Args:
         name: of the effect.

@@ -49,7 +49,7 @@ class Tables:
 
 
 def read_tables(folder: Path, findings: Findings) -> Tables:
-    """The tables in a calibration's folder; what is wrong with them adds errors."""
+    """Return the tables in a calibration's folder; what is wrong with them adds errors."""
     tables: dict[str, Columns | None] = {}
     for name, file in TABLE_FILES.items():
         path = folder / file
@@ -59,7 +59,7 @@ def read_tables(folder: Path, findings: Findings) -> Tables:
 
 
 def check_tables(tables: Tables, findings: Findings) -> None:
-    """Adds an error for everything in tables in memory that could not be read back."""
+    """Add an error for everything in tables in memory that could not be read back."""
     for name, file in TABLE_FILES.items():
         columns: Columns | None = getattr(tables, name)
         if columns is None:
@@ -72,13 +72,13 @@ def check_tables(tables: Tables, findings: Findings) -> None:
 
 
 def check_grid(table: RawTable) -> Columns:
-    """The evaluated grid: numbers only."""
+    """Return the evaluated grid: numbers only."""
     reader = ColumnReader(table)
     return {name: reader.numbers(name) for name in table.columns}
 
 
 def check_draws(table: RawTable) -> Columns:
-    """Draws from the valley: known parameters, finite numbers, one row or more."""
+    """Draw from the valley: known parameters, finite numbers, one row or more."""
     reader = ColumnReader(table)
     unknown = [name for name in table.columns if not _is_parameter(name)]
     if unknown or not table.columns:
@@ -90,7 +90,7 @@ def check_draws(table: RawTable) -> Columns:
 
 
 def check_slack(table: RawTable) -> Columns:
-    """One row a press, with :data:`SLACK_COLUMNS`; other columns are kept as they are."""
+    """Return one row a press, with :data:`SLACK_COLUMNS`; other columns are kept as they are."""
     reader = ColumnReader(table)
     reader.require(tuple(SLACK_COLUMNS))
     columns: dict[str, NDArray[Any]] = {}

@@ -65,7 +65,7 @@ class Meta:
 
 
 def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
-    """The content of ``calibration.toml``.
+    """Return the content of ``calibration.toml``.
 
     Args:
         values: the file as TOML.
@@ -102,7 +102,7 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
 
 
 def plain_meta(calibration: Calibration) -> dict[str, Any]:
-    """The content of ``calibration.toml`` as plain tables; what is None is left out."""
+    """Return the content of ``calibration.toml`` as plain tables; what is None is left out."""
     shared = {name: getattr(calibration, name) for name in _SHARED}
     plain: dict[str, Any] = {
         "format": FORMAT,
@@ -132,7 +132,7 @@ def _plain_provenance(provenance: Provenance) -> dict[str, Any]:
 
 
 def _own(top: TomlTable, findings: Findings, name: str, known: tuple[str, ...]) -> TomlTable:
-    """A table that only calibrations have; an empty one, and an error, where it is missing."""
+    """Return a table that only calibrations have; an empty one, and an error, where it is missing."""
     values = top.raw(name)
     if isinstance(values, dict):
         table = cast("dict[str, Any]", values)
@@ -168,7 +168,7 @@ def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
 
 
 def _check_best(model: ModelParameters, intervals: Mapping[str, Interval], findings: Findings) -> None:
-    """Warns of values that lie further outside their interval than it is wide: one of the two has been changed."""
+    """Warn of values that lie further outside their interval than it is wide: one of the two has been changed."""
     for name, value in model.best().items():
         low, high = intervals.get(name, (-math.inf, math.inf))
         beyond = max(low - value, value - high)

@@ -11,7 +11,7 @@ import numpy as np
 
 
 def number_list(value: object, *, infinite: bool = False) -> tuple[float, ...] | None:
-    """A list of numbers as floats; None where it is something else.
+    """Return a list of numbers as floats; None where it is something else.
 
     Args:
         value: the value as TOML has it.
@@ -33,7 +33,7 @@ def is_number(value: object, *, infinite: bool = False) -> bool:
 
 
 def toml_value(value: Any) -> Any:
-    """A value as TOML has it: numpy's numbers and arrays, tuples and paths turned, what is None left out."""
+    """Return a value as TOML has it: numpy's numbers and arrays, tuples and paths turned, what is None left out."""
     if isinstance(value, Mapping):
         items = cast("Mapping[Any, Any]", value).items()
         return {str(key): toml_value(item) for key, item in items if item is not None}
@@ -47,6 +47,6 @@ def toml_value(value: Any) -> Any:
 
 
 def shown(value: Any) -> str:
-    """A value for a message, cut where it is long."""
+    """Return a value for a message, cut where it is long."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

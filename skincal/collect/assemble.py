@@ -27,7 +27,7 @@ LAST = ("missed_target", "slip_m", "status", "kind")
 
 
 def dataset_of(journal: Journal, meta: DatasetMeta, source: str, created: datetime) -> Dataset:
-    """The dataset of all finished presses and the frames around them.
+    """Return the dataset of all finished presses and the frames around them.
 
     Args:
         journal: of the session.
@@ -77,7 +77,7 @@ def _frames(stretches: Sequence[Arrays]) -> Frames:
 
 
 def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The frames (M,) that are kept: one in which a taxel failed to answer for a moment is no image."""
+    """Return the frames (M,) that are kept: one in which a taxel failed to answer for a moment is no image."""
     kept = np.ones(len(counts), dtype=bool)
     while True:
         missing = np.isnan(counts[kept])
@@ -89,17 +89,17 @@ def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _names(rows: Sequence[Arrays]) -> list[str]:
-    """Names of all columns, in the order in which they first come."""
+    """Return the names of all columns, in the order in which they first come."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def _column(rows: Sequence[Arrays], name: str) -> NDArray[Any]:
-    """A column of the rows; NaN where a row does not have it."""
+    """Return a column of the rows; NaN where a row does not have it."""
     return np.array([row.get(name, np.nan) for row in rows])
 
 
 def _given(table: Arrays) -> Arrays:
-    """The columns with text as objects, without those of which nothing was measured."""
+    """Return the columns with text as objects, without those of which nothing was measured."""
     return {
         name: column.astype(object) if column.dtype.kind == "U" else column
         for name, column in table.items()

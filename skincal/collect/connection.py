@@ -43,13 +43,13 @@ class Owner(Protocol):
     last_frame_s: float
 
     def connected(self, first: int, shift_s: float) -> None:
-        """Keeps that the hand has been connected."""
+        """Keep that the hand has been connected."""
 
     def keep(self, number: int, arrays: Arrays) -> None:
-        """Keeps a finished press."""
+        """Keep a finished press."""
 
     def keep_rest(self, arrays: Arrays) -> None:
-        """Keeps frames of no press."""
+        """Keep frames of no press."""
 
 
 class Connection:
@@ -71,14 +71,14 @@ class Connection:
         self._found: dict[str, list[float]] = {}
 
     def run(self) -> None:
-        """Makes the presses, and brings the hand home."""
+        """Make the presses, and brings the hand home."""
         self._begin()
         for number in self._numbers:
             self._make(number)
         self._end()
 
     def _begin(self) -> None:
-        """Starts the clock, frees the indenter if it touches, and records the skin at rest."""
+        """Start the clock, frees the indenter if it touches, and records the skin at rest."""
         session, loop = self._session, self._loop
         loop.doing = "idle"
         state = loop.look().state
@@ -106,7 +106,7 @@ class Connection:
         return max(went_on, last + GAP_S)
 
     def _lifted(self, links: FloatArray) -> FloatArray:
-        """Lifts an indenter that touches straight off the skin; returns the angles of the links there."""
+        """Lift an indenter that touches straight off the skin; returns the angles of the links there."""
         loop, sample = self._loop, self._loop.now
         normal = self._fingers.mount.surface.normal_at(sample.point_m[None])[0]
         away = sample.point_m + (self._radius_m + self._options.clearance_m) * normal
@@ -143,7 +143,7 @@ class Connection:
         )
 
     def _near(self, pose: str) -> float:
-        """Height below which the skin may begin [m]: the joints' errors differ from pose to pose, less within one."""
+        """Return the height below which the skin may begin [m]: the joints' errors differ from pose to pose, less within one."""
         found = self._found.get(pose, [])
         if len(found) < FEWEST_FOUND:
             return self._options.near_m
@@ -155,7 +155,7 @@ class Connection:
         return self._fingers.posture(planned.site, skin, self._radius_m, heights(self._options), start)
 
     def _go(self, planned: PlannedPress, posture: Posture) -> None:
-        """Brings the indenter over a site, at travelling height."""
+        """Bring the indenter over a site, at travelling height."""
         top, end = float(posture.heights_m[-1]), posture.links_rad[-1]
         skin = np.array(self._session.plan.poses[planned.pose])
         length = 0.0
@@ -177,7 +177,7 @@ class Connection:
         return way_through_joints(self._fingers, start, end, self._radius_m, least)
 
     def _end(self) -> None:
-        """Brings the hand home, and records the skin at rest once more."""
+        """Bring the hand home, and records the skin at rest once more."""
         loop, session = self._loop, self._session
         home = self._fingers.kinematics.description.home_rad
         loop.doing = "travel"

@@ -16,7 +16,7 @@ POSE_S = 1.0
 
 
 def duration_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> float:
-    """An estimate of a session's length on the hand's clock [s]; it comes within a tenth or so.
+    """Return an estimate of a session's length on the hand's clock [s]; it comes within a tenth or so.
 
     Args:
         plan: with angles for its poses.

@@ -41,7 +41,7 @@ class Journal:
 
     @classmethod
     def open(cls, folder: Path, key: Mapping[str, Any], notes: Mapping[str, Any], *, restart: bool) -> Self:
-        """Begins a session, or opens one that was interrupted.
+        """Begin a session, or opens one that was interrupted.
 
         Args:
             folder: where.
@@ -70,7 +70,7 @@ class Journal:
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
-        """The session in a folder; None where there is none.
+        """Return the session in a folder; None where there is none.
 
         Raises:
             InputError: the folder is there, and is no session's.
@@ -106,24 +106,24 @@ class Journal:
         return [_connection(path) for path in sorted(self.folder.glob("connection-*.json"))]
 
     def connected(self, what: Mapping[str, Any]) -> None:
-        """Keeps that the hand was connected, and what is to be known of it."""
+        """Keep that the hand was connected, and what is to be known of it."""
         number = len(self.connections())
         _durably(self.folder / f"connection-{number:04d}.json", json.dumps(dict(what)).encode())
 
     def keep_press(self, number: int, arrays: Arrays) -> None:
-        """Keeps a finished press; when this returns, it is on the disk."""
+        """Keep a finished press; when this returns, it is on the disk."""
         self._keep(f"press-{number:05d}.npz", arrays)
 
     def keep_rest(self, arrays: Arrays) -> None:
-        """Keeps frames of no press."""
+        """Keep frames of no press."""
         self._keep(f"rest-{len(list(self.folder.glob('rest-*.npz'))):05d}.npz", arrays)
 
     def keep_text(self, name: str, text: str) -> None:
-        """Keeps a text file."""
+        """Keep a text file."""
         _durably(self.folder / name, text.encode())
 
     def remove(self) -> None:
-        """Removes the folder; the session is whole."""
+        """Remove the folder; the session is whole."""
         _remove(self.folder)
 
     def _keep(self, name: str, arrays: Arrays) -> None:
@@ -134,7 +134,7 @@ class Journal:
         _durably(self.folder / name, buffer.getvalue())
 
     def _read(self, kind: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
-        """The files that are whole, in the order of their names."""
+        """Return the files that are whole, in the order of their names."""
         found: list[tuple[Path, dict[str, NDArray[Any]]]] = []
         for path in sorted(self.folder.glob(f"{kind}-*.npz")):
             if not path.stem.removeprefix(f"{kind}-").isdecimal():
@@ -170,18 +170,18 @@ def journal_folder(out: Path) -> Path:
 
 
 def digest_of(text: str) -> str:
-    """A short hash of a text."""
+    """Return a short hash of a text."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _durably(path: Path, content: bytes) -> None:
-    """Writes a file that is whole or not there, whatever happens, and on the disk when this returns."""
+    """Write a file that is whole or not there, whatever happens, and on the disk when this returns."""
     with whole_file(path, force=True) as temporary:
         temporary.write_bytes(content)
 
 
 def _plain(key: Mapping[str, Any]) -> dict[str, Any]:
-    """The key as it comes back from JSON."""
+    """Return the key as it comes back from JSON."""
     return json.loads(json.dumps(dict(key)))
 
 
@@ -200,7 +200,7 @@ def _another(
 
 
 def _remove(folder: Path) -> None:
-    """Moves the folder away as a whole first: none is left that could go on with presses missing."""
+    """Move the folder away as a whole first: none is left that could go on with presses missing."""
     away = folder.with_name(f"{folder.name}.old")
     shutil.rmtree(away, ignore_errors=True)
     if folder.is_dir():

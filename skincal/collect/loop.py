@@ -38,7 +38,7 @@ class Loop:
         return self.samples[-1]
 
     def look(self) -> Sample:
-        """The next sample, without a command."""
+        """Return the next sample, without a command."""
         sample = self.senses.sample(self.hand.observe())
         self.samples.append(sample)
         if self._watch is not None:
@@ -46,12 +46,12 @@ class Loop:
         return sample
 
     def step(self, command_rad: FloatArray) -> Sample:
-        """Sends commanded angles (n,) [rad], cut to what the joints may do, and returns the next sample."""
+        """Send commanded angles (n,) [rad], cut to what the joints may do, and returns the next sample."""
         self.hand.act(self.hand.nearest(command_rad))
         return self.look()
 
     def hold(self, command_rad: FloatArray, time_s: float) -> list[Sample]:
-        """Holds commanded angles for a time; returns its samples."""
+        """Hold commanded angles for a time; returns its samples."""
         return [self.step(command_rad) for _ in range(self.steps(time_s))]
 
     def steps(self, time_s: float) -> int:
@@ -59,6 +59,6 @@ class Loop:
         return max(1, round(time_s / self.period_s))
 
     def take(self) -> list[Sample]:
-        """The samples since the last time, which are not kept any longer."""
+        """Return the samples since the last time, which are not kept any longer."""
         taken, self.samples = self.samples, []
         return taken

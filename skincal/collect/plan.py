@@ -95,7 +95,7 @@ class Plan:
         return tuple(cycles)
 
     def sites_m(self) -> NDArray[np.float64]:
-        """Patch coordinates of the presses, shape (K, 2) [m]."""
+        """Return the patch coordinates of the presses, shape (K, 2) [m]."""
         return np.array([press.site for press in self.presses], dtype=np.float64).reshape(-1, 2)
 
     def count(self, kind: Kind) -> int:

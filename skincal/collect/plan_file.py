@@ -32,7 +32,7 @@ MOST_PRESSES, MOST_COLUMNS = 20_000, 100
 
 
 def read_plan(path: Path, mount: Mount) -> Plan:
-    """Reads a plan.
+    """Read a plan.
 
     A TOML file has ``format = "skincal-plan/1"``, a ``[[press]]`` each and optionally ``[poses]``; a CSV file a row a
     press. A press has its site (``u_m`` and ``v_m``, or ``beta_deg`` and ``y_m``, on a plane ``x_m`` and ``y_m``) and
@@ -70,7 +70,7 @@ def read_plan(path: Path, mount: Mount) -> Plan:
 
 
 def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
-    """Writes a plan, TOML or CSV after the suffix; numbers come back exactly.
+    """Write a plan, TOML or CSV after the suffix; numbers come back exactly.
 
     Args:
         plan: the plan.
@@ -89,7 +89,7 @@ def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
 
 
 def plan_as_toml(plan: Plan) -> str:
-    """The content of a plan's TOML file."""
+    """Return the content of a plan's TOML file."""
     import tomli_w
 
     content: dict[str, Any] = {"format": FORMAT, "name": plan.name}
@@ -219,7 +219,7 @@ def _cell(name: str, cell: str) -> Any:
 
 
 def _known(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """The keys that a press may have: those of one way to say where it is."""
+    """Return the keys that a press may have: those of one way to say where it is."""
     other = tuple(key for key in OTHER_SITES if key in row)
     return COLUMNS if not other else (*other, *(name for name in COLUMNS if name not in SITE))
 
@@ -251,7 +251,7 @@ def _press(table: TomlTable, mount: Mount) -> PlannedPress:
 
 
 def _site(table: TomlTable, mount: Mount) -> tuple[float, float]:
-    """The site in patch coordinates, whichever way it is given."""
+    """Return the site in patch coordinates, whichever way it is given."""
     if not any(table.has(key) for key in OTHER_SITES):
         reach = mount.reach_m
         expected = f"a length [m] within ±{reach:g} of the patch's centre"

@@ -44,7 +44,7 @@ class Reach:
 
 
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
-    """The plan with angles for all its poses.
+    """Return the plan with angles for all its poses.
 
     Args:
         plan: the plan.
@@ -102,7 +102,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
 
 
 def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
-    """Looks whether every press of a plan can be made, before anything moves.
+    """Look whether every press of a plan can be made, before anything moves.
 
     Raises:
         InputError: for every press that cannot be made.
@@ -143,19 +143,19 @@ def _press_problems(
 
 
 def heights(options: CollectOptions) -> tuple[float, float]:
-    """Lowest and highest height of the indenter above the nominal skin in a press [m]."""
+    """Return the lowest and highest height of the indenter above the nominal skin in a press [m]."""
     return -options.search_m, options.clearance_m
 
 
 def radius_of(fingers: Fingers) -> float:
-    """Radius of the hand's own indenter [m]."""
+    """Return the radius of the hand's own indenter [m]."""
     radius = fingers.kinematics.description.meta.indenter.radius_m
     assert radius is not None
     return radius
 
 
 def reach_of(fingers: Fingers, posture: Posture, force_n: float) -> Reach:
-    """Room of a posture for a force."""
+    """Return the room of a posture for a force."""
     limits = fingers.kinematics.description.limits
     pressed = posture.links_rad[:-1] + force_n * posture.give_rad[:, 0]
     commands = np.concatenate([posture.links_rad, pressed])
@@ -170,7 +170,7 @@ def _reach(
     plan: Plan,
     options: CollectOptions,
 ) -> Reach | None:
-    """The worst of some sites; None where one is out of reach or has too little room."""
+    """Return the worst of some sites; None where one is out of reach or has too little room."""
     margin, share = np.inf, 0.0
     for site in sites:
         try:
@@ -185,7 +185,7 @@ def _reach(
 
 
 def _corners(sites_m: FloatArray) -> list[tuple[float, float]]:
-    """The corners of the field of the sites, the middles of its sides and its middle."""
+    """Return the corners of the field of the sites, the middles of its sides and its middle."""
     low, high = sites_m.min(axis=0), sites_m.max(axis=0)
     shares = [(0.5, 0.5), *itertools.product((0.0, 1.0), repeat=2), (0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)]
     points = [low + np.array(share) * (high - low) for share in shares]

@@ -40,7 +40,7 @@ class Posture:
     normal: FloatArray
 
     def links_at(self, height_m: float) -> FloatArray:
-        """Angles of the links at a height, (n,) [rad]."""
+        """Return the angles of the links at a height, (n,) [rad]."""
         heights = self.heights_m
         step = heights[1] - heights[0]
         place = min(max((height_m - heights[0]) / step, 0.0), len(heights) - 1.0)
@@ -49,7 +49,7 @@ class Posture:
         return (1 - share) * self.links_rad[i] + share * self.links_rad[i + 1]
 
     def command(self, height_m: float, force_n: FloatArray) -> FloatArray:
-        """Commanded angles at which a hand without friction stands at a height and presses.
+        """Return the commanded angles at which a hand without friction stands at a height and presses.
 
         Args:
             height_m: of the indenter above the skin [m].
@@ -81,7 +81,7 @@ class Fingers:
         range_m: tuple[float, float],
         start_rad: FloatArray | None = None,
     ) -> Posture:
-        """The posture over a site.
+        """Return the posture over a site.
 
         Args:
             site: patch coordinates [m].
@@ -115,7 +115,7 @@ class Fingers:
         return Posture(heights, links, torques[:, 0], give, stiffness, points[0], normals[0])
 
     def unit_torques(self, links_rad: FloatArray, point_m: FloatArray, normal: FloatArray) -> FloatArray:
-        """Torques of all joints at rest, for a force on the skin of 1 N at a point.
+        """Return the torques of all joints at rest, for a force on the skin of 1 N at a point.
 
         Args:
             links_rad: angles of the links (n,) [rad].

@@ -84,7 +84,7 @@ class Press:
         return self._command() - self._posture.links_at(self._height_m)
 
     def run(self) -> Moments:
-        """Makes the press.
+        """Make the press.
 
         Returns:
             When its parts began. The samples are in the loop.
@@ -106,7 +106,7 @@ class Press:
         return self._posture.command(self._height_m, self._regulator.command_n) + self._trim
 
     def _still(self) -> None:
-        """Waits above the site until the fingers rest there, and takes the torques at rest."""
+        """Wait above the site until the fingers rest there, and takes the torques at rest."""
         self._loop.doing = "idle"
         steps = self._loop.steps(self._options.still_s)
         seen: list[Sample] = []
@@ -120,7 +120,7 @@ class Press:
         self._regulator.measured_n = np.zeros(3)
 
     def _correct(self, sample: Sample) -> None:
-        """Moves the commanded angles on until the measured ones are right; nothing touches yet.
+        """Move the commanded angles on until the measured ones are right; nothing touches yet.
 
         Right is where a hand without friction would be by now, which follows its commands with a lag.
         """
@@ -131,7 +131,7 @@ class Press:
         self._trim = np.clip(self._trim + step * off, -TRIM_BOUND_RAD, TRIM_BOUND_RAD)
 
     def _approach(self) -> bool:
-        """Goes down until the skin is felt; False: it was not found."""
+        """Go down until the skin is felt; False: it was not found."""
         options, period = self._options, self._loop.period_s
         felt = 0
         self._loop.doing = "approach"
@@ -150,7 +150,7 @@ class Press:
         return False
 
     def _load(self) -> None:
-        """Raises the force to the target at the planned speed of the commanded indenter."""
+        """Raise the force to the target at the planned speed of the commanded indenter."""
         self._loop.doing = "load"
         target, regulator = self._planned.force_n, self._regulator
         regulator.begin()
@@ -162,7 +162,7 @@ class Press:
             self._regulated(target)
 
     def _ramp(self, begin_n: float, end_n: float) -> None:
-        """Leads the force from one value to another, up gently at the end: joints that stick keep what overshoots."""
+        """Lead the force from one value to another, up gently at the end: joints that stick keep what overshoots."""
         rate = self._posture.stiffness_n_per_m * self._planned.speed_m_per_s
         period, force = self._loop.period_s, begin_n
         while abs(end_n - force) > NEARLY_N:
@@ -187,12 +187,12 @@ class Press:
         self.moments.release_s = self._loop.now.time_s
 
     def _unload(self) -> None:
-        """Takes the force away at the planned speed."""
+        """Take the force away at the planned speed."""
         self._loop.doing = "unload"
         self._ramp(self._regulator.normal_n, 0.0)
 
     def _lift(self) -> None:
-        """Raises the indenter to the height at which it travels, and waits there."""
+        """Raise the indenter to the height at which it travels, and waits there."""
         options = self._options
         top = float(self._posture.heights_m[-1])
         fast = FAST * options.approach_m_per_s * self._loop.period_s

@@ -73,7 +73,7 @@ class FullProtocol:
 
 
 def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
-    """Draws the paper's session.
+    """Draw the paper's session.
 
     Args:
         rng: the only source of chance.
@@ -108,7 +108,7 @@ def full_plan(
     options: FullProtocol | None = None,
     second_indenter_m: float | None = None,
 ) -> Plan:
-    """Draws a session in which no effect hides behind another.
+    """Draw a session in which no effect hides behind another.
 
     Args:
         rng: the only source of chance.
@@ -134,7 +134,7 @@ def full_plan(
 
 
 def patch_grid(layout: TaxelLayout) -> Floats:
-    """Places of a 1 mm grid over the taxels, shape (N, 2) [m], symmetric about the patch's centre."""
+    """Return the places of a 1 mm grid over the taxels, shape (N, 2) [m], symmetric about the patch's centre."""
     axes: list[Floats] = []
     for k in range(2):
         low, high = layout.bounds_m[:, k]
@@ -146,7 +146,7 @@ def patch_grid(layout: TaxelLayout) -> Floats:
 def spread_sites(
     rng: np.random.Generator, layout: TaxelLayout, count: int, *, without: Site | None = None
 ) -> list[Site]:
-    """Sites on the grid that cover the patch evenly: each next one of some random ones is the farthest from the rest.
+    """Return sites on the grid that cover the patch evenly: each next one of some random ones is the farthest from the rest.
 
     Args:
         rng: the only source of chance.
@@ -178,7 +178,7 @@ def _nearest_m(points: Floats, others: Floats) -> Floats:
 
 
 def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol) -> list[PlannedPress]:
-    """One press a site: forces even over their range, and every pace and pose equally often, independent of them."""
+    """Return one press a site: forces even over their range, and every pace and pose equally often, independent of them."""
     count = len(sites)
     forces = _even_forces(rng, count, options.forces_n)
     speed = _balanced(rng, count, len(options.speeds_m_per_s))
@@ -197,14 +197,14 @@ def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol)
 
 
 def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, float]) -> Floats:
-    """One force of each of ``count`` equal parts of the range, even in the root: low forces are the more frequent."""
+    """Return one force of each of ``count`` equal parts of the range, even in the root: low forces are the more frequent."""
     low, high = np.sqrt(range_n)
     share = (rng.permutation(count) + rng.uniform(0, 1, count)) / max(count, 1)
     return (low + (high - low) * share) ** 2
 
 
 def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
-    """Choices (count,), each as often as the others, in random order."""
+    """Return choices (count,), each as often as the others, in random order."""
     return _ints(rng.permutation(np.arange(count) % choices))
 
 
@@ -220,7 +220,7 @@ def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) 
 def _revisits(
     rng: np.random.Generator, regular: list[PlannedPress], options: FullProtocol
 ) -> list[PlannedPress]:
-    """Sites of regular presses with another force, pace and pose."""
+    """Return the sites of regular presses with another force, pace and pose."""
     count = min(options.revisits, len(regular))
     chosen = rng.choice(len(regular), count, replace=False)
     others = _regular(rng, [regular[i].site for i in _ints(chosen)], options)
@@ -230,7 +230,7 @@ def _revisits(
 def _in_blocks(
     rng: np.random.Generator, pool: list[PlannedPress], options: FullProtocol
 ) -> list[PlannedPress]:
-    """The presses in random order, in blocks of one pose that lie between two anchors each, poses in turn."""
+    """Return the presses in random order, in blocks of one pose that lie between two anchors each, poses in turn."""
     length = ANCHOR_EVERY - 1
     blocks: list[list[list[PlannedPress]]] = []
     for pose in options.poses:
@@ -242,7 +242,7 @@ def _in_blocks(
 
 
 def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
-    """The presses with their kinds as the order makes them.
+    """Return the presses with their kinds as the order makes them.
 
     The first press of a site is regular; a later one that is just like an earlier one a repeat, else a revisit.
     """
@@ -259,14 +259,14 @@ def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
 
 
 def _anchor(layout: TaxelLayout, options: FullProtocol) -> PlannedPress:
-    """The press that comes back: at the middle of the patch, at a middle force, slowly."""
+    """Return the press that comes back: at the middle of the patch, at a middle force, slowly."""
     middle = cast("Floats", layout.bounds_m.mean(axis=0)).round(9)
     pace = (options.speeds_m_per_s[-1], options.holds_s[0])
     return PlannedPress(*_site(middle), options.anchor_force_n, *pace, options.poses[0], "anchor")
 
 
 def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[PlannedPress]:
-    """An anchor first, after every nine presses, and last; presses at its own site keep their kind."""
+    """Return an anchor first, after every nine presses, and last; presses at its own site keep their kind."""
     presses: list[PlannedPress] = []
     for press in order:
         if len(presses) % ANCHOR_EVERY == 0:
@@ -280,5 +280,5 @@ def _site(place: Floats) -> Site:
 
 
 def _force(force_n: float) -> float:
-    """Whole thousandths of a newton: what a person reads in a plan is what is pressed."""
+    """Return the whole thousandths of a newton: what a person reads in a plan is what is pressed."""
     return round(float(force_n), 3)

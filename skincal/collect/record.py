@@ -39,7 +39,7 @@ class Series:
 
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> Series:
-        """The samples of a stretch of time."""
+        """Return the samples of a stretch of time."""
         table = np.array(
             [
                 [s.time_s, s.force_n, s.shear_u_n, s.shear_v_n, *s.point_m, s.state.temperature_c,
@@ -53,12 +53,12 @@ class Series:
         return cls(table[:, 0], dict(zip(names, table[:, 1:].T, strict=True)))
 
     def at(self, times_s: FloatArray) -> dict[str, FloatArray]:
-        """The values at other times (M,), straight between the samples."""
+        """Return the values at other times (M,), straight between the samples."""
         return {name: np.interp(times_s, self.time_s, column) for name, column in self.values.items()}
 
 
 def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Arrays:
-    """Taxels as they came, thinned to a rate, each with the joints' values at the moment it was read.
+    """Return taxels as they came, thinned to a rate, each with the joints' values at the moment it was read.
 
     Args:
         samples: of a stretch of time, at least one.
@@ -93,7 +93,7 @@ def press_arrays(
     tare_nm: FloatArray,
     options: CollectOptions,
 ) -> Arrays:
-    """Everything that is kept of a press.
+    """Return everything that is kept of a press.
 
     Args:
         number: of the press.
@@ -193,7 +193,7 @@ def _status(
 
 
 def _phases(time_s: FloatArray, moments: Moments) -> NDArray[np.int8]:
-    """The phase of each frame; all idle where the skin was not found."""
+    """Return the phase of each frame; all idle where the skin was not found."""
     phase = np.full(len(time_s), IDLE, dtype=np.int8)
     for begin, code in (
         (moments.start_s, LOAD),
@@ -207,7 +207,7 @@ def _phases(time_s: FloatArray, moments: Moments) -> NDArray[np.int8]:
 
 
 def _steady(time_s: FloatArray, moments: Moments, settle_s: float) -> NDArray[np.bool_]:
-    """The samples of the hold after it has settled, or of its last moments where it did not last."""
+    """Return the samples of the hold after it has settled, or of its last moments where it did not last."""
     if not np.isfinite(moments.hold_s):
         lowest = time_s[-1] if not np.isfinite(moments.start_s) else moments.start_s
         return (time_s >= lowest - SHORTEST_S) & (time_s <= lowest)
@@ -228,7 +228,7 @@ def _slip(series: Series, moments: Moments) -> float:
 
 
 def _mean_image(frames: Arrays, times_s: FloatArray) -> FloatArray:
-    """Mean of the images read in a stretch of time (J,) [counts]; of the nearest one where there is none."""
+    """Return the mean of the images read in a stretch of time (J,) [counts]; of the nearest one where there is none."""
     time_s, counts = frames["time_s"], frames["counts"]
     inside = (time_s >= times_s[0]) & (time_s <= times_s[-1])
     if not inside.any():

@@ -40,19 +40,19 @@ class Regulator:
         return float(self.measured_n[0])
 
     def see(self, sample: Sample) -> None:
-        """Takes a measurement."""
+        """Take a measurement."""
         force = (sample.force_n, sample.shear_u_n, sample.shear_v_n)
         self.measured_n = self.measured_n + self._smooth * (np.array(force) - self.measured_n)
 
     def begin(self) -> None:
-        """Begins at the present force: it is what the present command gives."""
+        """Begin at the present force: it is what the present command gives."""
         self._start = self.measured_n.copy()
         self._start[1:] = 0.0
         self._expected = self._start.copy()
         self._sum = np.zeros(3)
 
     def regulate(self, normal_n: float, bound_n: float) -> None:
-        """Makes the next command.
+        """Make the next command.
 
         The measured force is compared with what it would be by now if nothing stuck. Else a ramp would fill the sum,
         and the force pass its target.

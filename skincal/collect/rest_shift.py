@@ -25,7 +25,7 @@ FIX = (
 
 
 def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
-    """Presses after which taxels rest at another level than before, and stay there.
+    """Return presses after which taxels rest at another level than before, and stay there.
 
     Args:
         dataset: with frames in the pauses between presses.
@@ -53,12 +53,12 @@ def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
 
 
 def _median(levels: FloatArray) -> FloatArray:
-    """Median over pauses (J,); NaN for a taxel that is silent in one of them."""
+    """Return the median over pauses (J,); NaN for a taxel that is silent in one of them."""
     return np.median(levels, axis=0)
 
 
 def _pauses(dataset: Dataset) -> tuple[list[int], FloatArray, FloatArray]:
-    """Presses that lie between pauses, and of each pause level at rest and its standard error, each (pauses, J)."""
+    """Return the presses that lie between pauses, and of each pause level at rest and its standard error, each (pauses, J)."""
     frames = dataset.frames
     assert frames is not None
     idle = frames.phase == IDLE

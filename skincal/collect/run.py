@@ -84,7 +84,7 @@ def collect(
     restart: bool = False,
     watch: Watch | None = None,
 ) -> Collected:
-    """Makes the presses of a plan and writes the dataset.
+    """Make the presses of a plan and writes the dataset.
 
     Every finished press is kept in a folder beside ``out`` (``.NAME.collect``) until the dataset is written; called
     again after an interruption, of whatever kind, the session goes on with the press that was not finished.
@@ -136,7 +136,7 @@ def keep_session(
     force: bool,
     restart: bool,
 ) -> Collected:
-    """Makes what is missing of a session, and writes its dataset when it is whole.
+    """Make what is missing of a session, and writes its dataset when it is whole.
 
     Args:
         out: folder of the dataset.
@@ -169,7 +169,7 @@ def keep_session(
 
 
 def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
-    """Makes the presses that are missing; of a session that never reached its rig nothing is left."""
+    """Make the presses that are missing; of a session that never reached its rig nothing is left."""
     try:
         make(journal)
     except BaseException:
@@ -183,7 +183,7 @@ def _named(plan: Plan) -> str:
 
 
 def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOptions) -> Plan:
-    """The plan with the angles of its poses, which are found once and then stay the same."""
+    """Return the plan with the angles of its poses, which are found once and then stay the same."""
     path = journal.folder / PLAN
     if path.is_file():
         return read_plan(path, fingers.mount)

@@ -61,7 +61,7 @@ class Senses:
         self.tare_nm: FloatArray = np.zeros(len(kinematics.description.joints))
 
     def start_clock(self, state: HandState, session_s: float) -> None:
-        """Lets the session's clock stand at ``session_s`` at a state."""
+        """Let the session's clock stand at ``session_s`` at a state."""
         self._shift_s = session_s - state.time_s
         self._last = None
 
@@ -71,12 +71,12 @@ class Senses:
         return self._shift_s
 
     def contact_force(self, state: HandState) -> float:
-        """The size of the contact force of a state [N], with its shear: for the guard."""
+        """Return the size of the contact force of a state [N], with its shear: for the guard."""
         sample = self.sample(state)
         return math.hypot(sample.force_n, sample.shear_u_n, sample.shear_v_n)
 
     def sample(self, state: HandState) -> Sample:
-        """The sample of a state; computed once."""
+        """Return the sample of a state; computed once."""
         if self._last is not None and self._last.state is state:
             return self._last
         torque = state.tau_nm - self.tare_nm
@@ -96,7 +96,7 @@ class Senses:
         return self._last
 
     def take_tare(self, samples: list[Sample]) -> None:
-        """Takes the mean torques of samples in which nothing touches as those at rest.
+        """Take the mean torques of samples in which nothing touches as those at rest.
 
         Raises:
             WorkError: they look like a force that no offset explains.
@@ -118,7 +118,7 @@ class Senses:
 
 
 def _frame_time(state: HandState) -> float:
-    """The middle of the moments at which the taxels that answer were read [s]."""
+    """Return the middle of the moments at which the taxels that answer were read [s]."""
     times = state.taxel_time_s
     mean = float(times.mean())
     if np.isfinite(mean):

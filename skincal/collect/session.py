@@ -96,7 +96,7 @@ class Session:
         self.last_frame_s = max((float(times[-1]) for times in stretches if len(times)), default=-np.inf)
 
     def run(self) -> None:
-        """Makes the presses that are missing.
+        """Make the presses that are missing.
 
         Raises:
             InputError: the hand is one that follows no commands.
@@ -119,18 +119,18 @@ class Session:
                 Connection(self, loop, radius or radius_of(self.fingers), numbers).run()
 
     def connected(self, first: int, shift_s: float) -> None:
-        """Keeps that the hand has been connected, before it moves."""
+        """Keep that the hand has been connected, before it moves."""
         self.journal.connected({"first": first, "resumed": self._resumed, "shift_s": shift_s})
         self._resumed = False
 
     def keep(self, number: int, arrays: Arrays) -> None:
-        """Keeps a finished press; when this returns, it is on the disk."""
+        """Keep a finished press; when this returns, it is on the disk."""
         self.journal.keep_press(number, arrays)
         self.todo.remove(number)
         self._saw(arrays)
 
     def keep_rest(self, arrays: Arrays) -> None:
-        """Keeps frames of no press."""
+        """Keep frames of no press."""
         self.journal.keep_rest(arrays)
         self._saw(arrays)
 
@@ -147,12 +147,12 @@ class Session:
 
 
 def _cuts(journal: Journal) -> list[int]:
-    """The presses at which the session went on after an interruption."""
+    """Return the presses at which the session went on after an interruption."""
     return [int(connection["first"]) for connection in journal.connections() if connection["resumed"]]
 
 
 def _touches(plan: Plan, cuts: list[int]) -> list[int]:
-    """Earlier touches of the site of each press, those by presses that were cut off with them."""
+    """Return the earlier touches of the site of each press, those by presses that were cut off with them."""
     cycles = list(plan.cycles())
     for cut in cuts:
         for number in range(cut, len(plan)):

@@ -36,7 +36,7 @@ class Mount:
 
     @classmethod
     def of(cls, meta: DatasetMeta) -> Self:
-        """The mount of a hand, of which a dataset would say ``meta``; the layout has to be a grid."""
+        """Return the mount of a hand, of which a dataset would say ``meta``; the layout has to be a grid."""
         mount = meta.mount
         pose = SensorPose(
             mount.y_m, rad(mount.alpha_deg), beta_rad=rad(mount.beta_deg or 0.0), x_m=mount.x_m or 0.0
@@ -54,11 +54,11 @@ class Mount:
         return isinstance(self.surface, Plane)
 
     def place(self, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Points (K, 3) [m] and outward normals (K, 3) of sites (K, 2) [m]; NaN where the surface has none."""
+        """Return points (K, 3) [m] and outward normals (K, 3) of sites (K, 2) [m]; NaN where the surface has none."""
         return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
 
     def site_at(self, across: float, y_m: float) -> tuple[float, float]:
-        """The site of a place on the surface.
+        """Return the site of a place on the surface.
 
         Args:
             across: beta [rad], on a plane x [m].

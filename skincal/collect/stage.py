@@ -38,7 +38,7 @@ GAP_S = 1.0
 
 
 def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
-    """A plan as a stage can carry it out: it has no poses of a hand, and no more speed than its own.
+    """Return a plan as a stage can carry it out: it has no poses of a hand, and no more speed than its own.
 
     Raises:
         InputError: the surface is no plane, a site lies outside the travel, or a force or an indenter is not to be had.
@@ -82,7 +82,7 @@ def collect_stage(
     restart: bool = False,
     watch: StageWatch = lambda _done, _total: None,
 ) -> Collected:
-    """Makes the presses of a plan with a stage and writes the dataset; an interrupted session goes on.
+    """Make the presses of a plan with a stage and writes the dataset; an interrupted session goes on.
 
     Args:
         plan: from :func:`stage_plan`.
@@ -215,13 +215,13 @@ class _Session:
         self._keep(number, planned, point, tare, times)
 
     def _ramp_s(self, planned: PlannedPress) -> float:
-        """Time that the way into a soft skin takes at the planned speed, and half a second to come to rest."""
+        """Return the time that the way into a soft skin takes at the planned speed, and half a second to come to rest."""
         return self._options.search_m / planned.speed_m_per_s + 0.5
 
     def _regulate(
         self, target_n: float, tare: float, found_m: float, planned: PlannedPress, phase: int, seconds: float
     ) -> None:
-        """Moves the tip until the force is right; in the load it ends there, in the hold it stays."""
+        """Move the tip until the force is right; in the load it ends there, in the hold it stays."""
         dt, lowest = self._stage.period_s, self._stage.description.lower_m[2]
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
         right = 0

@@ -46,7 +46,7 @@ class Place:
 def way_over_skin(
     fingers: Fingers, start: Place, site: tuple[float, float], skin_rad: FloatArray, centre_height_m: float
 ) -> FloatArray:
-    """Waypoints between two sites, over the skin at one height, both fingers moving: it is never dragged over.
+    """Return waypoints between two sites, over the skin at one height, both fingers moving: it is never dragged over.
 
     Args:
         fingers: the hand.
@@ -81,7 +81,7 @@ def way_over_skin(
 def way_through_joints(
     fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
 ) -> FloatArray:
-    """A straight way in the angles, if the indenter stays off the skin on it; else one that goes up first.
+    """Return a straight way in the angles, if the indenter stays off the skin on it; else one that goes up first.
 
     Args:
         fingers: the hand.
@@ -125,7 +125,7 @@ def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> f
 def follow(
     loop: Loop, way_rad: FloatArray, offset_rad: FloatArray, options: CollectOptions, length_m: float = 0.0
 ) -> None:
-    """Moves along a way, slowly at both ends; an offset of the commanded angles fades on it.
+    """Move along a way, slowly at both ends; an offset of the commanded angles fades on it.
 
     Args:
         loop: the hand.
@@ -144,7 +144,7 @@ def follow(
 
 
 def _spaced(way_rad: FloatArray, places: FloatArray) -> FloatArray:
-    """Angles at places along a way, in numbers of waypoints."""
+    """Return the angles at places along a way, in numbers of waypoints."""
     low = np.minimum(places.astype(int), len(way_rad) - 2)
     share = (places - low)[:, None]
     return (1 - share) * way_rad[low] + share * way_rad[low + 1]

@@ -84,7 +84,7 @@ class ColumnReader:
         return name in self._table.columns
 
     def require(self, names: Sequence[str]) -> None:
-        """Adds one error for the required columns that are missing."""
+        """Add one error for the required columns that are missing."""
         missing = [name for name in names if not self.has(name)]
         if not missing:
             return
@@ -101,11 +101,11 @@ class ColumnReader:
         )
 
     def numbers(self, name: str) -> FloatArray:
-        """A column as numbers, shape (rows,), an empty cell being NaN; an error for cells that are none."""
+        """Return a column as numbers, shape (rows,), an empty cell being NaN; an error for cells that are none."""
         return self._numbers(name)[0]
 
     def checked(self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True) -> FloatArray:
-        """A column as numbers of a kind; NaN (not measured) only where ``may_be_nan`` holds."""
+        """Return a column as numbers of a kind; NaN (not measured) only where ``may_be_nan`` holds."""
         values, text = self._numbers(name)
         if self.has(name):
             bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text
@@ -115,7 +115,7 @@ class ColumnReader:
         return values
 
     def whole(self, name: str, expected: str, low: int, fix: str = "") -> NDArray[np.int64]:
-        """A column of whole numbers from ``low`` on, shape (rows,); ``low`` - 1 stands where a cell is none."""
+        """Return a column of whole numbers from ``low`` on, shape (rows,); ``low`` - 1 stands where a cell is none."""
         values, text = self._numbers(name)
         if not self.has(name):
             return np.zeros(self.rows, dtype=np.int64)
@@ -124,7 +124,7 @@ class ColumnReader:
         return np.where(good, values, low - 1).astype(np.int64)
 
     def text(self, name: str) -> NDArray[Any]:
-        """A column as text, shape (rows,); '' where a cell is empty or NaN."""
+        """Return a column as text, shape (rows,); '' where a cell is empty or NaN."""
         column = self._table.columns[name]
         known: dict[object, str] = {}  # a column of a million rows has few different words
         cells = np.empty(self.rows, dtype=object)
@@ -137,7 +137,7 @@ class ColumnReader:
         return cells
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
-        """Several columns side by side, shape (rows, columns); missing ones are NaN."""
+        """Return several columns side by side, shape (rows, columns); missing ones are NaN."""
         matrix = np.empty((self.rows, len(names)), dtype=np.float64)
         for j, name in enumerate(names):
             matrix[:, j] = self.numbers(name)
@@ -148,7 +148,7 @@ class ColumnReader:
         return self._said.get(name, np.zeros(self.rows, dtype=bool))
 
     def taxel_columns(self) -> list[str]:
-        """The columns that are named as taxels are, for where the description does not say which there are."""
+        """Return the columns that are named as taxels are, for where the description does not say which there are."""
         return [name for name in self._table.columns if TAXEL.fullmatch(name)]
 
     def optional(
@@ -165,7 +165,7 @@ class ColumnReader:
             yield name, self.one_optional(name, known)
 
     def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
-        """One column: checked where it is known, as it is where not."""
+        """Return one column: checked where it is known, as it is where not."""
         kind = self._kind(name, known)
         if kind is None:
             return self._table.columns[name]
@@ -190,7 +190,7 @@ class ColumnReader:
             findings.warn(place, "a known column", "an unknown one", fix)
 
     def _numbers(self, name: str) -> tuple[FloatArray, BoolArray]:
-        """A column as numbers, and which cells are none at all (they are reported here)."""
+        """Return a column as numbers, and which cells are none at all (they are reported here)."""
         column = self._table.columns.get(name)
         text = np.zeros(self.rows, dtype=bool)
         if column is None:
@@ -215,7 +215,7 @@ class ColumnReader:
 
 
 def _number(cell: object) -> float | None:
-    """A cell as a number, NaN where it is empty; None where it is something else."""
+    """Return a cell as a number, NaN where it is empty; None where it is something else."""
     if cell is None or cell == "":
         return np.nan
     try:
@@ -235,6 +235,6 @@ def _first(names: Sequence[str], shown: int = 6) -> str:
 
 
 def _as_whole(text: str) -> str:
-    """A cell without the decimals that a program writes where a column of whole numbers has gaps: ``1.0`` is ``1``."""
+    """Return a cell without the decimals that a program writes where a column of whole numbers has gaps: ``1.0`` is ``1``."""
     whole, point, rest = text.partition(".")
     return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else text

@@ -22,7 +22,7 @@ EXPORT = "Export the mesh anew; was the file cut short?"
 
 
 def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findings) -> TaxelPositions | None:
-    """The taxels' positions that ``[sensor] positions`` names; None for a grid, or with an error."""
+    """Return the taxels' positions that ``[sensor] positions`` names; None for a grid, or with an error."""
     name = sensor.positions
     if not name:
         if (folder / "taxels.csv").is_file():
@@ -43,7 +43,7 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
 def read_meshes(
     folder: Path, file: str, surface: SurfaceSpec, indenter: IndenterSpec, findings: Findings
 ) -> dict[str, bytes]:
-    """Content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
+    """Return the content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
     found: dict[str, bytes] = {}
     for table, spec in (("surface", surface), ("indenter", indenter)):
         content = _mesh(folder, f"{file}, [{table}] file", spec, findings)

@@ -25,7 +25,7 @@ DEAD_STRETCH = 3
 def check_counts(
     reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
 ) -> None:
-    """Adds what is wrong with the counts, one column after the other.
+    """Add what is wrong with the counts, one column after the other.
 
     Args:
         reader: the table.
@@ -61,7 +61,7 @@ def check_counts(
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:
-    """Least and greatest counts; where the level at rest was taken off, only their span is known."""
+    """Return the least and greatest counts; where the level at rest was taken off, only their span is known."""
     low = -np.inf if sensor.value_min is None else sensor.value_min
     high = np.inf if sensor.value_max is None else sensor.value_max
     return (low, high) if sensor.baseline == "raw" else (low - high, high - low)
@@ -74,13 +74,13 @@ def _warn_dead(sheet: Sheet, names: list[str], dead: BoolArray, what: str, fix: 
 
 
 def named(names: list[str], index: NDArray[np.int64], shown: int = 6) -> str:
-    """The first names at some indices, and how many more there are."""
+    """Return the first names at some indices, and how many more there are."""
     more = f" and {len(index) - shown} more" if len(index) > shown else ""
     return ", ".join(names[i] for i in index[:shown]) + more
 
 
 def long_stretches(mask: BoolArray, length: int) -> BoolArray:
-    """The cells of ``mask``, shape (rows,), that belong to a run of at least ``length``."""
+    """Return the cells of ``mask``, shape (rows,), that belong to a run of at least ``length``."""
     result = np.zeros_like(mask)
     starts_at = len(mask) - length + 1
     if starts_at < 1:

@@ -45,11 +45,11 @@ class Dataset:
     warnings: tuple[Problem, ...] = ()
 
     def layout(self) -> TaxelLayout:
-        """The taxels' layout: the grid of ``[sensor]``, or the table of positions."""
+        """Return the taxels' layout: the grid of ``[sensor]``, or the table of positions."""
         return layout_of(self.meta.sensor, self.positions)
 
     def surface(self) -> Surface:
-        """The surface that carries the sensor."""
+        """Return the surface that carries the sensor."""
         return surface_of(self.meta.surface, self.meshes)
 
     def indenter(self, radius_m: float | None = None) -> Indenter:
@@ -62,7 +62,7 @@ class Dataset:
         return indenter_of(self.meta.indenter, self.meshes, radius_m)
 
     def indenter_radii_m(self) -> NDArray[np.float64]:
-        """Radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
+        """Return the radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
         own = self.presses.column("indenter_radius_m")
         default = self.meta.indenter.radius_m
         radii = np.full(len(self.presses), np.nan if default is None else default)
@@ -71,7 +71,7 @@ class Dataset:
         return np.where(np.isnan(own), radii, own)
 
     def nominal_pose(self) -> SensorPose:
-        """The pose that ``[mount]`` takes to be the sensor's."""
+        """Return the pose that ``[mount]`` takes to be the sensor's."""
         from skincal.model import SensorPose
 
         mount = self.meta.mount
@@ -83,5 +83,5 @@ class Dataset:
         )
 
     def converter(self) -> Converter:
-        """The converter of ``[sensor]``."""
+        """Return the converter of ``[sensor]``."""
         return converter_of(self.meta.sensor)

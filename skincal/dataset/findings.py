@@ -42,23 +42,23 @@ class Findings:
     def error(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds an error."""
+        """Add an error."""
         self._add(self.errors, Problem(self._whole(place), expected, str(got), fix, code, details=details))
 
     def warn(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds a warning."""
+        """Add a warning."""
         self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, details=details))
 
     def note(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds a warning of the mildest kind: it may well be meant so."""
+        """Add a warning of the mildest kind: it may well be meant so."""
         self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details))
 
     def _add(self, problems: list[Problem], problem: Problem) -> None:
-        """Adds one to the others, as long as somebody may read them."""
+        """Add one to the others, as long as somebody may read them."""
         if len(problems) < MOST_PROBLEMS:
             problems.append(problem)
 
@@ -69,7 +69,7 @@ class Findings:
         return str(Path(folder) / place)
 
     def raise_errors(self) -> None:
-        """Raises all errors as one.
+        """Raise all errors as one.
 
         Raises:
             InputError: there are any.
@@ -93,11 +93,11 @@ class Sheet:
         self._header_lines = header_lines
 
     def column(self, name: str) -> str:
-        """The place of a column."""
+        """Return the place of a column."""
         return f"{self.file}, column {name}"
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
-        """The place of some rows (counted from 0) of a column, the first of ``total``; people count from 1."""
+        """Return the place of some rows (counted from 0) of a column, the first of ``total``; people count from 1."""
         index = np.asarray(rows)
         count = index.size if total is None else total
         if count == 1:
@@ -118,7 +118,7 @@ class Sheet:
         *,
         warning: bool = False,
     ) -> None:
-        """Adds one problem for all rows of a column where ``bad`` holds, shape (rows,)."""
+        """Add one problem for all rows of a column where ``bad`` holds, shape (rows,)."""
         index = np.flatnonzero(np.asarray(bad))
         if index.size:
             add = self.findings.warn if warning else self.findings.error
@@ -127,7 +127,7 @@ class Sheet:
     def bad_cells(
         self, cells: BadCells, expected: str, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds one problem for all cells of some columns that are wrong in the same way."""
+        """Add one problem for all cells of some columns that are wrong in the same way."""
         if not cells.counts:
             return
         total, first = sum(cells.counts.values()), sorted(cells.first)[:SHOWN]
@@ -151,7 +151,7 @@ class BadCells:
         self.first: list[tuple[int, int, str, Any]] = []
 
     def add(self, name: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> None:
-        """Adds the rows of a column where ``bad`` holds, shape (rows,)."""
+        """Add the rows of a column where ``bad`` holds, shape (rows,)."""
         if bad.any():
             index = np.flatnonzero(bad)
             self.first += [(int(row), len(self.counts), name, values[row]) for row in index[:SHOWN]]
@@ -159,7 +159,7 @@ class BadCells:
 
 
 def listed(values: Iterable[Any], count: int) -> str:
-    """The first values of a kind, with dots where there are more."""
+    """Return the first values of a kind, with dots where there are more."""
     shown = [
         repr(v) if isinstance(v, str) else f"{v:.6g}" if isinstance(v, float) else str(v) for v in values
     ]
@@ -167,7 +167,7 @@ def listed(values: Iterable[Any], count: int) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
-    """The known name that a mistyped one comes closest to; None where none is close."""
+    """Return the known name that a mistyped one comes closest to; None where none is close."""
     if len(name) > LONGEST_NAME:
         return None
     # One wrong letter weighs more in a short word.

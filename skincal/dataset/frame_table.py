@@ -18,7 +18,7 @@ REQUIRED = ("press", "phase", "time_s", "force_n", *POSITION)
 
 
 def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> Frames:
-    """Takes the frames out of a table as read; what is wrong is added to the table's findings.
+    """Take the frames out of a table as read; what is wrong is added to the table's findings.
 
     Args:
         table: the table as read.
@@ -59,7 +59,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
 
 
 def _phase(reader: ColumnReader) -> np.ndarray:
-    """Index into PHASES, shape (rows,); idle stands where it is none of them."""
+    """Return the index into PHASES, shape (rows,); idle stands where it is none of them."""
     if not reader.has("phase"):
         return np.zeros(reader.rows, dtype=np.int8)
     codes, words = {word: i for i, word in enumerate(PHASES)}, reader.text("phase")
@@ -90,7 +90,7 @@ class StoredColumns(FrameColumns):
     names: tuple[str, ...]
 
     def taxel(self, j: int) -> np.ndarray:
-        """Counts of the taxel of flat index ``j``, shape (M,)."""
+        """Return the counts of the taxel of flat index ``j``, shape (M,)."""
         return ColumnReader(self.table).numbers(self.taxels[j])
 
     def __getitem__(self, name: str) -> np.ndarray:

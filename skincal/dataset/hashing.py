@@ -12,7 +12,7 @@ from skincal.files import open_input
 
 
 def dataset_hash(path: str | Path) -> str:
-    """SHA-256 over names and contents of the files that belong to a dataset.
+    """Return the SHA-256 over names and contents of the files that belong to a dataset.
 
     Those are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. A README beside them
     does not count.

@@ -19,7 +19,7 @@ TOP_KEYS = ("format", "created", "source", "assumed", *TABLES)
 
 
 def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
-    """Reads ``dataset.toml``.
+    """Read ``dataset.toml``.
 
     Where something in it is wrong, an error is added and a placeholder stands in its place, so that the
     tables can still be checked against the rest.
@@ -36,7 +36,7 @@ def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
 
 
 def write_meta(meta: DatasetMeta, path: Path) -> None:
-    """Writes ``dataset.toml``; what is None is left out."""
+    """Write ``dataset.toml``; what is None is left out."""
     import tomli_w
 
     top: dict[str, Any] = {

@@ -46,7 +46,7 @@ KNOWN = {
 def load_toml(
     path: Path, findings: Findings, what: str, within: Path | None = None
 ) -> Mapping[str, Any] | None:
-    """The content of a TOML file that describes ``what``; None, and an error, where there is none."""
+    """Return the content of a TOML file that describes ``what``; None, and an error, where there is none."""
     try:
         return parse_toml(read_text(path, within=within))
     except FileNotFoundError:
@@ -62,7 +62,7 @@ def load_toml(
 
 
 def tables_of(top: TomlTable, findings: Findings, file: str) -> dict[str, TomlTable]:
-    """All shared tables of a file; an error for each that is missing and must be there."""
+    """Return all shared tables of a file; an error for each that is missing and must be there."""
     return {name: table_of(top, findings, file, name, optional=name in OPTIONAL_TABLES) for name in TABLES}
 
 
@@ -83,7 +83,7 @@ def meta_from(top: TomlTable, tables: Mapping[str, TomlTable]) -> DatasetMeta:
 def table_of(
     top: TomlTable, findings: Findings, file: str, name: str, *, optional: bool = False
 ) -> TomlTable:
-    """One of the shared tables of a file; an empty one, and an error, where it is missing or no table."""
+    """Return one of the shared tables of a file; an empty one, and an error, where it is missing or no table."""
     values = top.raw(name)
     if values is None and not optional:
         top.error(f"[{name}]", f"a table [{name}]", "nothing", "Add it, as in data/paper-like.")
@@ -96,7 +96,7 @@ def table_of(
 
 
 def check_format(top: TomlTable, expected: str) -> None:
-    """Adds an error unless the key ``format`` is the expected one."""
+    """Add an error unless the key ``format`` is the expected one."""
     value = top.text("format", f'"{expected}"')
     if value and value != expected:
         top.error(
@@ -108,7 +108,7 @@ def check_format(top: TomlTable, expected: str) -> None:
 
 
 def plain_table(spec: Any) -> dict[str, Any]:
-    """A table as TOML writes it; a square size is one number."""
+    """Return a table as TOML writes it; a square size is one number."""
     values = asdict(spec)
     extra = values.pop("extra")
     for key in ("taxel_size_m", "pitch_m"):

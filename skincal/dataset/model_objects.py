@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayout:
-    """The taxels' layout: the grid of ``[sensor]``, or the table of positions where there is one."""
+    """Return the taxels' layout: the grid of ``[sensor]``, or the table of positions where there is one."""
     from skincal.model import TaxelLayout
 
     if positions is not None:
@@ -32,7 +32,7 @@ def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayo
 
 
 def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
-    """The surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
+    """Return the surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
     from skincal.model import Cylinder, MeshSurface, Plane
 
     if spec.kind == "mesh":
@@ -63,7 +63,7 @@ def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float
 
 
 def converter_of(sensor: SensorSpec) -> Converter:
-    """The converter of ``[sensor]``.
+    """Return the converter of ``[sensor]``.
 
     Where the level at rest has been taken off the counts, it is not known where on their scale the converter
     clips, nor are they whole numbers any more: then nothing is clipped or rounded.
@@ -80,7 +80,7 @@ MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
 
 
 def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices [m], shape (V, 3), and faces, shape (F, 3), of a mesh file.
+    """Return vertices [m], shape (V, 3), and faces, shape (F, 3), of a mesh file.
 
     Args:
         content: the file's bytes.

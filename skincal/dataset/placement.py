@@ -22,7 +22,7 @@ DIFFERENCE_M = 1e-5
 def patch_coordinates(
     surface: Surface, pose: SensorPose, points_m: ArrayLike, reach_m: float = 0.02
 ) -> FloatArray:
-    """Patch coordinates of contact points (contract, section 1, solved for u and v).
+    """Return the patch coordinates of contact points (contract, section 1, solved for u and v).
 
     Args:
         surface: the surface.
@@ -52,7 +52,7 @@ def _turned_back(pose: SensorPose, across: FloatArray, along: FloatArray) -> Flo
 
 
 def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: float) -> FloatArray:
-    """The nearest of a coarse grid of points of the patch, then Gauss-Newton steps from there."""
+    """Return the nearest of a coarse grid of points of the patch, then Gauss-Newton steps from there."""
     from scipy.spatial import cKDTree
 
     side = np.linspace(-reach_m, reach_m, GRID)
@@ -71,7 +71,7 @@ def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: fl
 
 
 def _refined(surface: Surface, pose: SensorPose, points: FloatArray, uv: FloatArray) -> FloatArray:
-    """One Gauss-Newton step towards the points, by differences along u and v; none where the patch ends."""
+    """Return one Gauss-Newton step towards the points, by differences along u and v; none where the patch ends."""
     here = surface.wrap(pose, uv)[0]
     moved = [surface.wrap(pose, uv + step)[0] for step in DIFFERENCE_M * np.eye(2)]
     slopes = np.stack([(there - here) / DIFFERENCE_M for there in moved], axis=2)

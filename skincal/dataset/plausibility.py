@@ -56,7 +56,7 @@ FASTEST_M_PER_S = 0.5
 
 
 def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Adds what cannot be meant to the findings.
+    """Add what cannot be meant to the findings.
 
     Args:
         dataset: the data, of the right form.
@@ -140,7 +140,7 @@ def _median_away(points: FloatArray, centre: FloatArray) -> float:
 
 
 def _median_off(surface: Surface, points: FloatArray) -> float:
-    """Median distance from the surface [m]; a sample is enough where there are many points."""
+    """Return the median distance from the surface [m]; a sample is enough where there are many points."""
     points = points[:: max(len(points) // 200, 1)]
     return float(np.median(np.linalg.norm(points - surface.project(points), axis=1)))
 
@@ -158,7 +158,7 @@ def patch_reach_m(dataset: Dataset) -> float:
 
 
 def pressed_area_m2(dataset: Dataset) -> float:
-    """The area that the indenter can press on at most [m²]: its own, or the patch if that is less.
+    """Return the area that the indenter can press on at most [m²]: its own, or the patch if that is less.
 
     A flat punch on a plane may stand for a pressure everywhere: its own area counts.
     """
@@ -230,7 +230,7 @@ def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
 
 
 def _median(column: FloatArray | None) -> float:
-    """Median of what was measured; NaN, which compares false with everything, where nothing was."""
+    """Return the median of what was measured; NaN, which compares false with everything, where nothing was."""
     if column is None or not np.isfinite(column).any():
         return float("nan")
     return float(np.nanmedian(column))
@@ -343,13 +343,13 @@ def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
 
 
 def _rows_of(presses: IntArray, numbers: IntArray) -> IntArray:
-    """Rows of the table of presses, by their numbers."""
+    """Return the rows of the table of presses, by their numbers."""
     order = np.argsort(presses)
     return order[np.searchsorted(presses[order], numbers)]
 
 
 def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
-    """The median image (J,); NaN-free."""
+    """Return the median image (J,); NaN-free."""
     return np.array(
         [
             np.median(column[seen]) if seen.any() else 0.0
@@ -378,7 +378,7 @@ def _check_session_clock(
 
 
 def hold_means(dataset: Dataset, values: FloatArray | Iterable[FloatArray]) -> FloatArray:
-    """Means of columns of the frames over the hold of each press, (K,) or (K, m); NaN where it has no hold.
+    """Return the means of columns of the frames over the hold of each press, (K,) or (K, m); NaN where it has no hold.
 
     Args:
         dataset: with frames.

@@ -20,7 +20,7 @@ COUNT = "Rows and columns count from 0; or correct rows and cols in dataset.toml
 
 
 def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None:
-    """Takes the taxels' positions out of a table as read, in the order of the flat index.
+    """Take the taxels' positions out of a table as read, in the order of the flat index.
 
     Every taxel of ``rows`` x ``cols`` must be there once. What is wrong is added to the table's findings.
     """
@@ -47,7 +47,7 @@ def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None
 
 
 def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
-    """The table that says where the taxels lie, as columns to write."""
+    """Return the table that says where the taxels lie, as columns to write."""
     r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
     numbers = (*positions.centres_m.T, *positions.sizes_m.T)
     return dict(zip(COLUMNS, (r, c, *numbers), strict=True))
@@ -72,6 +72,6 @@ def _in_order(
 
 
 def _taxel_names(sensor: SensorSpec, flat: np.ndarray) -> list[str]:
-    """Names of taxels by flat index; one that does not exist is named by its number."""
+    """Return the names of taxels by flat index; one that does not exist is named by its number."""
     names = sensor.taxel_columns()
     return [names[j] if j < len(names) else str(j) for j in flat]

@@ -26,7 +26,7 @@ TWICE = "Take the copy out; if they are two presses, give each a number of its o
 
 
 def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
-    """Takes the presses out of a table as read; what is wrong is added to the table's findings."""
+    """Take the presses out of a table as read; what is wrong is added to the table's findings."""
     reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)
@@ -67,7 +67,7 @@ def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
 
 
 def _normals(reader: ColumnReader) -> np.ndarray | None:
-    """Measured normals, shape (K, 3); NaN where not measured, None where there are no such columns."""
+    """Return the measured normals, shape (K, 3); NaN where not measured, None where there are no such columns."""
     present = [name for name in NORMAL if reader.has(name)]
     if not present:
         return None

@@ -42,7 +42,7 @@ class Check:
 
 
 def read_dataset(path: str | Path) -> Dataset:
-    """Reads a dataset's folder (contract ``skincal-dataset/1``) and checks all of it.
+    """Read a dataset's folder (contract ``skincal-dataset/1``) and checks all of it.
 
     Args:
         path: the folder.
@@ -61,7 +61,7 @@ def read_dataset(path: str | Path) -> Dataset:
 
 
 def check_dataset(path: str | Path) -> Check:
-    """Reads a dataset's folder and reports everything that was found instead of raising it."""
+    """Read a dataset's folder and reports everything that was found instead of raising it."""
     findings = Findings(Path(path))
     dataset = None
     try:
@@ -128,7 +128,7 @@ def _check_model(dataset: Dataset, findings: Findings) -> bool:
 
 
 def _wrapped(dataset: Dataset) -> None:
-    """Lays the taxels' centres on the surface.
+    """Lay the taxels' centres on the surface.
 
     Raises:
         ValueError: the surface has no room for them.

@@ -7,7 +7,7 @@ from skincal.errors import WorkError
 
 
 def refusal(dataset: Dataset, reason: str) -> WorkError:
-    """The error that says which dataset cannot be used, and why.
+    """Return the error that says which dataset cannot be used, and why.
 
     Args:
         dataset: is named by its folder, where it has one.

@@ -27,7 +27,7 @@ STUCK_SHARE = 0.9
 
 
 def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
-    """Adds warnings to the findings.
+    """Add warnings to the findings.
 
     Args:
         dataset: the data, of the right form.

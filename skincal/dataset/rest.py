@@ -27,7 +27,7 @@ FEWEST_IDLE = 20
 
 
 def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
-    """The level of each taxel at rest.
+    """Return the level of each taxel at rest.
 
     It is the median over the idle frames; where there are none, the mean of the dark readings over the presses,
     most of which do not reach a given taxel. Counts whose level at rest has been taken off rest at 0.
@@ -62,7 +62,7 @@ def rest_in_doubt(dataset: Dataset) -> bool:
 
 
 def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
-    """Mean counts of untouched taxels, which clipping lifts above their level at rest where there is noise.
+    """Return the mean counts of untouched taxels, which clipping lifts above their level at rest where there is noise.
 
     Args:
         dataset: the data.
@@ -74,7 +74,7 @@ def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
 
 
 def noise_at_rest(dataset: Dataset) -> float:
-    """Standard deviation of an untouched taxel about its level [counts], the median over the taxels; 0 if clipped.
+    """Return the standard deviation of an untouched taxel about its level [counts], the median over the taxels; 0 if clipped.
 
     It is that of single frames where there are idle ones, else that of the lower readings of the presses.
     """
@@ -87,7 +87,7 @@ def noise_at_rest(dataset: Dataset) -> float:
 
 
 def _low_spread(counts: NDArray[np.float64]) -> np.floating:
-    """Standard deviation of the lower half of readings, by two quantiles that lie 1.03 sigmas apart if normal."""
+    """Return the standard deviation of the lower half of readings, by two quantiles that lie 1.03 sigmas apart if normal."""
     middle, low = np.nanquantile(counts, (0.4, 0.1))
     return (middle - low) / 1.028
 
@@ -115,7 +115,7 @@ def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:
 def _of_idle_frames(
     dataset: Dataset, statistic: Callable[[NDArray[np.float64]], np.floating]
 ) -> NDArray[np.float64] | None:
-    """A statistic of each taxel's counts over the idle frames (J,), NaN for a dead one; None where they are too few."""
+    """Return a statistic of each taxel's counts over the idle frames (J,), NaN for a dead one; None where they are too few."""
     idle = _idle(dataset)
     if idle is None or dataset.frames is None:
         return None

@@ -24,7 +24,7 @@ NOISE_SIGMAS: Final = 6.0
 
 
 def sample_noise_m(holds: Sequence[FloatArray]) -> float:
-    """Standard deviation of a single position, of its vector, the median over the holds of a session [m].
+    """Return the standard deviation of a single position, of its vector, the median over the holds of a session [m].
 
     Args:
         holds: positions sample by sample, each (n, 3).
@@ -54,7 +54,7 @@ def slide_m(position_m: FloatArray, noise_m: float) -> float:
 
 
 def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
-    """The longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
+    """Return the longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
 
     Args:
         position_m: sample by sample, shape (n, 3).
@@ -73,7 +73,7 @@ def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, 
 
 
 def _path(position_m: FloatArray) -> tuple[FloatArray, int]:
-    """Positions smoothed over some samples (m, 3), and over how many; none where they are not known."""
+    """Return positions smoothed over some samples (m, 3), and over how many; none where they are not known."""
     if len(position_m) < 2 or not np.isfinite(position_m).all():
         return np.zeros((0, 3)), 1
     width = max(1, len(position_m) // PARTS)

@@ -56,7 +56,7 @@ class SensorSpec:
         return self.rows * self.cols
 
     def taxel_columns(self) -> tuple[str, ...]:
-        """Names of the taxel columns in the order of the flat index ``j = r * cols + c``."""
+        """Return the names of the taxel columns in the order of the flat index ``j = r * cols + c``."""
         return tuple(f"taxel_{r}_{c}" for r in range(self.rows) for c in range(self.cols))
 
 

@@ -57,7 +57,7 @@ LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
 
 
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
-    """Counts what a dataset holds.
+    """Return counts what a dataset holds.
 
     Args:
         dataset: the data.

@@ -56,7 +56,7 @@ class RawTable:
 
 
 def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
-    """The file of a table: ``stem.csv`` or ``stem.parquet``; None where there is none."""
+    """Return the file of a table: ``stem.csv`` or ``stem.parquet``; None where there is none."""
     found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").exists()]
     if len(found) > 1:
         findings.error(
@@ -66,7 +66,7 @@ def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
 
 
 def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HELD) -> RawTable | None:
-    """Reads a table; adds an error and returns None where the file cannot be read as one.
+    """Read a table; adds an error and returns None where the file cannot be read as one.
 
     The columns of a Parquet file are read when they are asked for; none of them is kept.
 
@@ -183,7 +183,7 @@ def _state(path: Path) -> tuple[int, ...]:
 
 
 def write_table(path: Path, columns: Mapping[str, Column]) -> None:
-    """Writes columns to a table, CSV or Parquet after the suffix; floats come back exactly.
+    """Write columns to a table, CSV or Parquet after the suffix; floats come back exactly.
 
     Raises:
         OSError: the disk is full, or not writable.

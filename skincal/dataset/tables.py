@@ -34,11 +34,11 @@ class _Table:
         return len(self.press)  # type: ignore[attr-defined]
 
     def column(self, name: str) -> NDArray[Any] | None:
-        """An optional column, shape (rows,); None where the table does not have it."""
+        """Return an optional column, shape (rows,); None where the table does not have it."""
         return self.columns_by_name.get(name)
 
     def select(self, rows: ArrayLike) -> Self:
-        """The table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
+        """Return the table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
         index = np.asarray(rows)
         changes: dict[str, Any] = {}
         for item in fields(self):
@@ -50,7 +50,7 @@ class _Table:
         return replace(self, **changes)
 
     def _freeze(self, types: Mapping[str, tuple[Any, tuple[int | None, ...]]]) -> None:
-        """Makes the arrays read-only, of their type and their shape after the rows; None: any length."""
+        """Make the arrays read-only, of their type and their shape after the rows; None: any length."""
         rows = len(np.asarray(self.press))  # type: ignore[attr-defined]
         for name, (dtype, shape) in types.items():
             if getattr(self, name) is not None:
@@ -105,7 +105,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
 
     @abstractmethod
     def taxel(self, j: int) -> FloatArray:
-        """Counts of the taxel of flat index ``j``, shape (M,)."""
+        """Return the counts of the taxel of flat index ``j``, shape (M,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class Frames(_Table):
 
     @classmethod
     def stored(cls, source: FrameColumns, **own: NDArray[Any]) -> Self:
-        """Frames of which counts and columns are read from a file when they are asked for.
+        """Return the frames of which counts and columns are read from a file when they are asked for.
 
         Args:
             source: the file's columns.
@@ -166,7 +166,7 @@ class Frames(_Table):
         return self.counts
 
     def taxel_columns(self) -> Iterator[FloatArray]:
-        """Counts (M,) of one taxel after the other, in the order of the flat index."""
+        """Return the counts (M,) of one taxel after the other, in the order of the flat index."""
         source = self.columns
         if "counts" in self.__dict__ or not isinstance(source, FrameColumns):
             yield from self.counts.T
@@ -175,11 +175,11 @@ class Frames(_Table):
             yield source.taxel(j)
 
     def counts_of(self, rows: IntArray) -> FloatArray:
-        """Counts (n, J) of some rows (n,), without holding all of them."""
+        """Return the counts (n, J) of some rows (n,), without holding all of them."""
         return np.stack([column[rows] for column in self.taxel_columns()], axis=1)
 
     def moved(self, position_m: FloatArray, force_n: FloatArray) -> Self:
-        """The same frames with other contacts; what lies in a file stays there."""
+        """Return the same frames with other contacts; what lies in a file stays there."""
         frames = copy(self)
         for name, values in (("position_m", position_m), ("force_n", force_n)):
             object.__setattr__(frames, name, _read_only(_shaped(name, values, getattr(self, name).shape)))
@@ -212,7 +212,7 @@ def _shaped(name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> ND
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A read-only view; the caller's own array stays as writable as it was."""
+    """Return a read-only view; the caller's own array stays as writable as it was."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -47,7 +47,7 @@ class TomlTable:
             self._report_unknown(key, missing or known, known)
 
     def place(self, key: str) -> str:
-        """The place of a key."""
+        """Return the place of a key."""
         return f"{self._file}, {f'[{self._name}] ' if self._name else ''}{key}"
 
     def has(self, key: str) -> bool:
@@ -55,7 +55,7 @@ class TomlTable:
         return key in self._values
 
     def error(self, key: str, expected: str, got: object, fix: str = "") -> None:
-        """Adds an error at a key."""
+        """Add an error at a key."""
         self._findings.error(self.place(key), expected, got, fix)
 
     def number(
@@ -68,7 +68,7 @@ class TomlTable:
         high: float = math.inf,
         inf: bool = False,
     ) -> Any:
-        """A number within ``[low, high]``; the default where it is missing, NaN where it is wrong."""
+        """Return a number within ``[low, high]``; the default where it is missing, NaN where it is wrong."""
         value = self._get(key, default, expected)
         if value is NOT_SET:
             return math.nan
@@ -91,7 +91,7 @@ class TomlTable:
         positive: bool = True,
         inf: bool = False,
     ) -> float:
-        """A length [m] within ``[low, high]``; one that is 1000 times too long or short is named so."""
+        """Return a length [m] within ``[low, high]``; one that is 1000 times too long or short is named so."""
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return math.nan
@@ -113,7 +113,7 @@ class TomlTable:
         return value
 
     def whole(self, key: str, expected: str, *, low: int) -> int:
-        """A whole number from ``low`` on; 0 where it is missing or wrong."""
+        """Return a whole number from ``low`` on; 0 where it is missing or wrong."""
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return 0
@@ -122,7 +122,7 @@ class TomlTable:
         return value
 
     def size_m(self, key: str, expected: str, *, low: float, high: float) -> Pair | None:
-        """A length or a pair ``[du, dv]`` of them [m]; None where it is missing or wrong."""
+        """Return a length or a pair ``[du, dv]`` of them [m]; None where it is missing or wrong."""
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return None
@@ -135,7 +135,7 @@ class TomlTable:
         return float(pair[0]), float(pair[1])
 
     def range(self, key: str, expected: str, *, limit: float, fix: str = "") -> Pair:
-        """A pair ``[low, high]`` in order, both within ``limit`` of 0; NaN where it is missing or wrong."""
+        """Return a pair ``[low, high]`` in order, both within ``limit`` of 0; NaN where it is missing or wrong."""
         value = self._get(key, NOT_SET, expected)
         nothing = (math.nan, math.nan)
         if value is NOT_SET:
@@ -150,7 +150,7 @@ class TomlTable:
         return low, high
 
     def choice(self, key: str, options: Sequence[str], *, default: str | None = None) -> Any:
-        """One of some words; '' where it is missing or wrong."""
+        """Return one of some words; '' where it is missing or wrong."""
         expected = "one of " + ", ".join(f'"{option}"' for option in options)
         value = self._get(key, NOT_SET if default is None else default, expected)
         if value is NOT_SET:
@@ -166,18 +166,18 @@ class TomlTable:
         return value if isinstance(value, bool) else self._wrong(key, "true or false", value, default)
 
     def text(self, key: str, expected: str, *, default: str | None = None) -> str:
-        """A text; '' where it is missing or wrong."""
+        """Return a text; '' where it is missing or wrong."""
         value = self._get(key, NOT_SET if default is None else default, expected)
         if value is NOT_SET:
             return ""
         return value if isinstance(value, str) else self._wrong(key, expected, value, "")
 
     def raw(self, key: str) -> Any:
-        """The value as it stands; None where it is missing."""
+        """Return the value as it stands; None where it is missing."""
         return self._values.get(key)
 
     def absent(self, key: str, reason: str) -> None:
-        """Adds an error if the key is there."""
+        """Add an error if the key is there."""
         if self.has(key):
             self.error(key, f"no such key: {reason}", self._values[key], "Remove it.")
 

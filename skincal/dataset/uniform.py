@@ -64,7 +64,7 @@ def notes_on(dataset: Dataset) -> tuple[str, ...]:
 
 
 def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """The part of the force of each press (P,) that a modelled skin bears.
+    """Return the part of the force of each press (P,) that a modelled skin bears.
 
     ``force_n`` of a chamber is the pressure times the area of the punch that it is written as, and a modelled skin ends
     a margin beyond its taxels: the rest of the punch presses on what is not modelled. 1 for all other presses.
@@ -84,7 +84,7 @@ def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[
 
 
 def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
-    """The dataset of a chamber as a modelled skin feels it.
+    """Return the dataset of a chamber as a modelled skin feels it.
 
     Every contact whose place is not known is at the sensor's nominal centre, and forces are what the skin bears of them
     (:func:`borne`).

@@ -61,7 +61,7 @@ REACH_PITCHES: Final = 1.5
 
 
 def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
-    """The unit that would make a median force plausible, with its factor; None where it is plausible as it is.
+    """Return the unit that would make a median force plausible, with its factor; None where it is plausible as it is.
 
     Args:
         median_n: of the forces, as newtons.
@@ -79,7 +79,7 @@ def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
 
 
 def unit_of_ratio(ratio: float) -> tuple[str, float] | None:
-    """The unit of a force that is ``ratio`` times the same force in newtons; None where there is none."""
+    """Return the unit of a force that is ``ratio`` times the same force in newtons; None where there is none."""
     name = min(FORCE_UNITS, key=lambda unit: abs(ratio * FORCE_UNITS[unit] - 1))
     return (name, FORCE_UNITS[name]) if abs(ratio * FORCE_UNITS[name] - 1) < RATIO_TOLERANCE else None
 
@@ -93,7 +93,7 @@ def scaled_by(factor: float) -> str:
 
 
 def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Adds what is wrong with the taxels' values as such.
+    """Add what is wrong with the taxels' values as such.
 
     Args:
         dataset: the data, of the right form.
@@ -110,7 +110,7 @@ def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) ->
 
 
 def expected_load(dataset: Dataset) -> FloatArray:
-    """About what each taxel bore in each press: the force, less with the distance, at the nominal pose, (K, J)."""
+    """Return about what each taxel bore in each press: the force, less with the distance, at the nominal pose, (K, J)."""
     presses, layout = dataset.presses, dataset.layout()
     force = np.repeat(np.abs(presses.force_n)[:, None], dataset.meta.sensor.taxels, axis=1)
     if not np.isfinite(dataset.meta.position.sigma_m) or not np.isfinite(presses.position_m).all():
@@ -123,7 +123,7 @@ def expected_load(dataset: Dataset) -> FloatArray:
 
 
 def _some(frames: Frames, phase: int | None = None) -> IntArray:
-    """Rows of frames that are looked at, evenly spread: a part of a long session says as much as all of it."""
+    """Return the rows of frames that are looked at, evenly spread: a part of a long session says as much as all of it."""
     rows = np.arange(len(frames)) if phase is None else np.flatnonzero(frames.phase == phase)
     return rows[:: max(1, len(rows) // MOST_FRAMES)]
 
@@ -192,7 +192,7 @@ def _shares(values: FloatArray) -> bool:
 
 
 def value_step(counts: FloatArray) -> float | None:
-    """The step of a converter behind scaled values; None where they are not multiples of one.
+    """Return the step of a converter behind scaled values; None where they are not multiples of one.
 
     Args:
         counts: readings, shape (n, J).

@@ -51,7 +51,7 @@ class Wrapped:
 
 
 def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
-    """Readings that went beyond their word and came out at its other end; None where there are none.
+    """Return the readings that went beyond their word and came out at its other end; None where there are none.
 
     Args:
         counts: readings as they are stored, shape (n, J).
@@ -111,14 +111,14 @@ def _whole(values: FloatArray) -> bool:
 
 
 def as_word(values: FloatArray, word: str) -> FloatArray:
-    """Readings taken as unsigned (``uint16``) or signed (``int16``) words of so many bits, of the same shape."""
+    """Return readings taken as unsigned (``uint16``) or signed (``int16``) words of so many bits, of the same shape."""
     signed = not word.startswith("u")
     size = 2.0 ** int(word.removeprefix("u").removeprefix("int"))
     return np.mod(values + size / 2, size) - size / 2 if signed else np.mod(values, size)
 
 
 def swapped(values: FloatArray) -> FloatArray:
-    """Whole readings of 16 bits with their two bytes exchanged, 0 to 65535; others stay NaN."""
+    """Return the whole readings of 16 bits with their two bytes exchanged, 0 to 65535; others stay NaN."""
     words = np.mod(np.where(np.isfinite(values), values, 0), 65536).astype(np.int64)
     return np.where(np.isfinite(values), (words & 255) * 256.0 + (words >> 8), np.nan)
 
@@ -154,7 +154,7 @@ def _range(values: FloatArray) -> FloatArray:
 
 
 def _groups(values: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:
-    """The readings below and above a gap of more than half of the range; None where there is no such gap."""
+    """Return the readings below and above a gap of more than half of the range; None where there is no such gap."""
     ordered = np.sort(values)
     steps = np.diff(ordered)
     if not steps.size or steps.max() <= size / 2:
@@ -171,7 +171,7 @@ def _signed(values: FloatArray, size: float) -> int:
 
 
 def _overflowed(values: FloatArray, size: float) -> int:
-    """Readings of a taxel that rests high, and went beyond the top when it was pressed hard."""
+    """Return the readings of a taxel that rests high, and went beyond the top when it was pressed hard."""
     groups = _groups(values, size)
     if groups is None:
         return 0
@@ -183,7 +183,7 @@ def _overflowed(values: FloatArray, size: float) -> int:
 
 
 def _fell_below(values: FloatArray, size: float) -> int:
-    """Readings of a taxel that rests at zero, and came out at the top when noise made them negative."""
+    """Return the readings of a taxel that rests at zero, and came out at the top when noise made them negative."""
     groups = _groups(values, size)
     if groups is None:
         return 0

@@ -27,7 +27,7 @@ def write_dataset(
     frames_as: Format = "parquet",
     force: bool = False,
 ) -> None:
-    """Writes a dataset as a folder (contract ``skincal-dataset/1``); numbers come back exactly.
+    """Write a dataset as a folder (contract ``skincal-dataset/1``); numbers come back exactly.
 
     Args:
         dataset: the data.
@@ -47,7 +47,7 @@ def write_dataset(
 def write_dataset_files(
     dataset: Dataset, folder: Path, *, presses_as: Format = "csv", frames_as: Format = "parquet"
 ) -> None:
-    """Writes the files of a dataset into a folder that is there."""
+    """Write the files of a dataset into a folder that is there."""
     write_meta(dataset.meta, folder / FILE)
     write_table(folder / f"presses.{presses_as}", _press_columns(dataset))
     if dataset.frames is not None:

@@ -50,7 +50,7 @@ class Applied:
 
 
 def applied(effects: Mapping[str, Mapping[str, ArrayLike]], taxels: int) -> tuple[Applied, ...]:
-    """Effects by name with their parameters, checked and in the order of the chain.
+    """Return effects by name with their parameters, checked and in the order of the chain.
 
     Args:
         effects: parameters by effect; what is left out is neutral or default.
@@ -67,7 +67,7 @@ def applied(effects: Mapping[str, Mapping[str, ArrayLike]], taxels: int) -> tupl
 def at_work(
     all_of_them: tuple[Applied, ...], samples: Samples, kind: type[Kind], missing: Missing
 ) -> list[tuple[int, Kind, Values]]:
-    """Effects of a kind that are not neutral and have what they need: their number, themselves, their values.
+    """Return the effects of a kind that are not neutral and have what they need: their number, themselves, their values.
 
     Args:
         all_of_them: in the order of the chain.

@@ -75,7 +75,7 @@ class Effect(ABC):
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:
-        """All parameters: those given, neutral or default where not.
+        """Return all parameters: those given, neutral or default where not.
 
         Raises:
             InputError: parameters that the effect does not have, and values that they cannot have.
@@ -87,7 +87,7 @@ class Effect(ABC):
         return not any(self._differs(parameter, values) for parameter in self.parameters)
 
     def needs(self, values: Values) -> tuple[str, ...]:
-        """Covariates that the effect needs at these values, none of them twice."""
+        """Return the covariates that the effect needs at these values, none of them twice."""
         more = [n for p in self.parameters if self._differs(p, values) for n in p.needs]
         return () if self.is_neutral(values) else tuple(dict.fromkeys([*self.covariates, *more]))
 
@@ -97,7 +97,7 @@ class Effect(ABC):
         return tuple(dict.fromkeys([*self.covariates, *(n for p in self.parameters for n in p.needs)]))
 
     def parameter(self, name: str) -> EffectParameter:
-        """A parameter by its name.
+        """Return a parameter by its name.
 
         Raises:
             InputError: the effect has no such parameter.
@@ -124,7 +124,7 @@ class Effect(ABC):
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
     ) -> dict[str, FloatArray]:
-        """Parameters of a case of some strength: 0 neutral, 1 a typical one that is clearly visible.
+        """Return the parameters of a case of some strength: 0 neutral, 1 a typical one that is clearly visible.
 
         What varies from taxel to taxel and from pose to pose is drawn; twice the strength with the same draw is
         twice as far from neutral, as far as the bounds allow.
@@ -157,7 +157,7 @@ class InputEffect(Effect):
 
     @abstractmethod
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """Samples as the skin feels them, from samples as they were measured."""
+        """Return samples as the skin feels them, from samples as they were measured."""
 
 
 class LawEffect(Effect):
@@ -167,7 +167,7 @@ class LawEffect(Effect):
 
     @abstractmethod
     def law(self, values: Values) -> StressLaw:
-        """The law in place of the linear one."""
+        """Return the law in place of the linear one."""
 
 
 class SpreadEffect(Effect):
@@ -190,7 +190,7 @@ class MemoryEffect(Effect):
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """Loads (K, J) [N] as they show, and what to remember.
+        """Return loads (K, J) [N] as they show, and what to remember.
 
         Args:
             loads_n: (K, J) finite loads [N].
@@ -205,7 +205,7 @@ class SignalEffect(Effect):
 
     @abstractmethod
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """The changed signal (K, J): loads [N] at the transfer, values [counts] later. The given one stays as it is."""
+        """Return the changed signal (K, J): loads [N] at the transfer, values [counts] later. The given one stays as it is."""
 
 
 def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:
@@ -222,7 +222,7 @@ def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:
 def by_pose(
     per_pose: FloatArray, pose: np.ndarray[Any, np.dtype[np.int64]] | None, neutral: float
 ) -> FloatArray:
-    """A parameter (P,) for the pose of each sample (K,); neutral for poses that it does not know."""
+    """Return a parameter (P,) for the pose of each sample (K,); neutral for poses that it does not know."""
     assert pose is not None
     if len(per_pose) == 1:
         return np.where(pose >= 0, per_pose[0], neutral)

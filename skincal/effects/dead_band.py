@@ -56,7 +56,7 @@ class DeadBand(SignalEffect):
 
 
 def _missing(inside: FloatArray, softness: float) -> FloatArray:
-    """The part of the band that a value lacks: m of the module."""
+    """Return the part of the band that a value lacks: m of the module."""
     if softness < _SHARP:
         return np.minimum(inside, 1.0)
     soft = np.logaddexp(0.0, 1.0 / softness) - np.logaddexp(0.0, (1.0 - inside) / softness)

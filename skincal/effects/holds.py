@@ -59,7 +59,7 @@ class HoldSession:
     hold: IntArray
 
     def means(self, values: FloatArray) -> FloatArray:
-        """Mean image in the hold (H, J) of each press, from values of all samples (K, J)."""
+        """Return the mean image in the hold (H, J) of each press, from values of all samples (K, J)."""
         return values[self.hold].mean(axis=1)
 
 
@@ -70,7 +70,7 @@ def hold_times(
     t_release_s: ArrayLike | None = None,
     t_end_s: ArrayLike | None = None,
 ) -> FloatArray:
-    """Start, hold, release and end (H, 4) [s] of presses in the order of time; what is not known is standard.
+    """Return the start, hold, release and end (H, 4) [s] of presses in the order of time; what is not known is standard.
 
     A press none of whose times is known follows the one before.
 
@@ -103,7 +103,7 @@ def hold_times(
 def hold_session(
     holds: Samples, times_s: FloatArray, steps: Steps | None = None, *, down: ArrayLike | None = None
 ) -> HoldSession:
-    """Standard presses about given holds.
+    """Return the standard presses about given holds.
 
     Args:
         holds: one sample a press, H of them, in the order of time.
@@ -135,7 +135,7 @@ def hold_session(
 def _course(
     times_s: FloatArray, steps: Steps, down: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Force over that of the hold, and times [s], of all samples of each press: (H, steps.all) each."""
+    """Return the force over that of the hold, and times [s], of all samples of each press: (H, steps.all) each."""
     start, hold, release, end = (times_s[:, k, None] for k in range(4))
     rise = np.arange(1, steps.load + 1) / steps.load
     stay = np.arange(1, steps.hold + 1) / (steps.hold + 1)

@@ -55,7 +55,7 @@ class Hysteresis(MemoryEffect):
 
 
 def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last.
+    """Return the mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last.
 
     Without load all operators are at zero. So stretches of load between moments of rest do not know of each other, and
     are gone through side by side.

@@ -70,7 +70,7 @@ class Latency(MemoryEffect):
 
 
 def _delayed(x: FloatArray, now_s: FloatArray, delay_s: float, before: State) -> tuple[FloatArray, State]:
-    """Loads (K, J) as they were some time ago; those that a later call may ask for are handed on."""
+    """Return loads (K, J) as they were some time ago; those that a later call may ask for are handed on."""
     if delay_s < _NO_LAG_S:
         return x, before
     time = now_s
@@ -83,7 +83,7 @@ def _delayed(x: FloatArray, now_s: FloatArray, delay_s: float, before: State) ->
 
 
 def _between(time: FloatArray, x: FloatArray, asked: FloatArray) -> FloatArray:
-    """Values (M, J) at times asked (M,), from values (K, J) at times (K,); before the first it was as then."""
+    """Return the values (M, J) at times asked (M,), from values (K, J) at times (K,); before the first it was as then."""
     left = np.searchsorted(time, asked, side="right") - 1
     left = np.maximum(left, 0)
     right = np.minimum(left + 1, len(time) - 1)

@@ -68,7 +68,7 @@ class Values(Mapping[str, FloatArray]):
         return f"Values({ {name: array.tolist() for name, array in self._arrays.items()} })"
 
     def number(self, name: str) -> float:
-        """A parameter that is one number."""
+        """Return a parameter that is one number."""
         return float(self._arrays[name])
 
     @property
@@ -80,7 +80,7 @@ class Values(Mapping[str, FloatArray]):
 def checked(
     effect: str, parameters: tuple[EffectParameter, ...], given: Mapping[str, ArrayLike], taxels: int
 ) -> Values:
-    """Values of all parameters of an effect: those given, neutral or default where not.
+    """Return the values of all parameters of an effect: those given, neutral or default where not.
 
     Args:
         effect: its name, for errors.

@@ -85,7 +85,7 @@ class Rate(MemoryEffect):
 
 
 def _age_s(samples: Samples, last: _Last | None) -> tuple[FloatArray, _Last | None]:
-    """Time since loading ended (K,) [s]; zero while it goes on, where the phase is not known, and as a press begins."""
+    """Return the time since loading ended (K,) [s]; zero while it goes on, where the phase is not known, and as a press begins."""
     assert samples.phase is not None and samples.time_s is not None
     if not len(samples):
         return np.zeros(0), last

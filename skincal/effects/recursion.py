@@ -32,7 +32,7 @@ class Relaxing:
 def relaxed(
     x: FloatArray, time_s: FloatArray, time_constant_s: float, before: Relaxing | None
 ) -> tuple[FloatArray, Relaxing | None]:
-    """Tau dq/dt = x - q, exactly, for an input that goes in straight lines from sample to sample.
+    """Return the Tau dq/dt = x - q, exactly, for an input that goes in straight lines from sample to sample.
 
     Args:
         x: (K, J) input.
@@ -57,7 +57,7 @@ def relaxed(
 
 
 def recursion(keep: FloatArray, add: FloatArray, start: FloatArray) -> FloatArray:
-    """y_k = keep_k y_{k-1} + add_k, in a logarithmic number of passes over whole arrays.
+    """Return the y_k = keep_k y_{k-1} + add_k, in a logarithmic number of passes over whole arrays.
 
     Args:
         keep: (K, 1).

@@ -61,7 +61,7 @@ EFFECTS: Final = MappingProxyType({effect.name: effect for effect in sorted(_ALL
 
 
 def effect(name: str) -> Effect:
-    """An effect by its name.
+    """Return an effect by its name.
 
     Raises:
         InputError: there is no such effect.

@@ -115,7 +115,7 @@ class Samples:
         shear_u_n: ArrayLike | None = None,
         shear_v_n: ArrayLike | None = None,
     ) -> Samples:
-        """Samples from columns; one number stands for all rows.
+        """Return samples from columns; one number stands for all rows.
 
         Args:
             contacts: K contacts; a row of NaN where nothing touches.
@@ -171,7 +171,7 @@ class Samples:
         return len(self.touching)
 
     def __getitem__(self, rows: slice | IntArray | BoolArray) -> Samples:
-        """Some of the samples, in their order."""
+        """Return some of the samples, in their order."""
         some = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
             for name in ("touching", "indenter", "press", "apart_s", *COVARIATES.values())
@@ -197,6 +197,6 @@ def _touching(contacts: Contacts, phase: IntArray | None) -> BoolArray:
 
 
 def _presses(touching: BoolArray) -> IntArray:
-    """Numbers of presses (K,): one more each time contact begins, -1 where there is none."""
+    """Return the numbers of presses (K,): one more each time contact begins, -1 where there is none."""
     begins = touching & ~np.concatenate([[False], touching[:-1]])
     return np.where(touching, np.cumsum(begins) - 1, -1)

@@ -78,7 +78,7 @@ class EffectSkin:
         *,
         missing: Missing = "error",
     ) -> Self:
-        """A skin with effects by name.
+        """Return a skin with effects by name.
 
         Args:
             skin: the base model.
@@ -92,7 +92,7 @@ class EffectSkin:
         return cls(skin, surface, applied(effects, skin.patch.layout.taxels), missing)
 
     def with_effects(self, effects: Mapping[str, Mapping[str, ArrayLike]]) -> Self:
-        """The same skin with other effects; what it has worked out of its geometry is kept."""
+        """Return the same skin with other effects; what it has worked out of its geometry is kept."""
         other = replace(self, effects=applied(effects, self.skin.patch.layout.taxels))
         other.__dict__["setting"] = self.setting
         return other
@@ -139,7 +139,7 @@ class EffectSkin:
         return (id(self.skin.patch), self.skin.parameters.elasticity_pa_per_m, id(self.surface), *early)
 
     def values(self, samples: Samples) -> FloatArray:
-        """Values (K, J) of the taxels over a session [counts].
+        """Return the values (K, J) of the taxels over a session [counts].
 
         Args:
             samples: the session, in the order of time.
@@ -150,7 +150,7 @@ class EffectSkin:
         return self.finish(self.contact(samples))
 
     def contact(self, samples: Samples, *, points: bool = False) -> Contacted:
-        """The stages up to the contact: the slow part.
+        """Return the stages up to the contact: the slow part.
 
         Args:
             samples: the session.
@@ -185,11 +185,11 @@ class EffectSkin:
         return count
 
     def own(self, contacted: Contacted) -> Contacted:
-        """A contact that a copy of this skin made, as in another process, as this one's."""
+        """Return a contact that a copy of this skin made, as in another process, as this one's."""
         return replace(contacted, key=self._front)
 
     def loads(self, contacted: Contacted) -> FloatArray:
-        """Loads (K, J) that the taxels feel at once [N], after the spread.
+        """Return the loads (K, J) that the taxels feel at once [N], after the spread.
 
         Raises:
             ValueError: the contact is that of another skin or of other effects, or lacks the tactile points.
@@ -208,7 +208,7 @@ class EffectSkin:
         return loads
 
     def finish(self, contacted: Contacted) -> FloatArray:
-        """Values (K, J) [counts] from a contact, by the stages after it.
+        """Return values (K, J) [counts] from a contact, by the stages after it.
 
         Args:
             contacted: of :meth:`contact` of this skin, or of one that differs from it after the contact only: in the
@@ -217,7 +217,7 @@ class EffectSkin:
         return self.after(self.loads(contacted), contacted.samples, {})
 
     def after(self, loads_n: FloatArray, samples: Samples, states: dict[int, State]) -> FloatArray:
-        """Values (K, J) [counts] from loads, by the stages from the memory on.
+        """Return values (K, J) [counts] from loads, by the stages from the memory on.
 
         Args:
             loads_n: (K, J) loads [N]; NaN where the contact is not known.
@@ -249,5 +249,5 @@ class EffectSkin:
         return signal
 
     def image(self, samples: Samples) -> FloatArray:
-        """Tactile images (K, J) [counts], through the converter."""
+        """Return the tactile images (K, J) [counts], through the converter."""
         return self.skin.converter.apply(self.values(samples))

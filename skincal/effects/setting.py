@@ -73,7 +73,7 @@ class Setting:
         return 1.0 - np.eye(self.taxels) - self.same_row - self.same_column
 
     def moved(self, samples: Samples, across_m: FloatArray, along_m: FloatArray) -> Samples:
-        """Samples whose contacts are moved over the surface; a free object goes along without turning.
+        """Return samples whose contacts are moved over the surface; a free object goes along without turning.
 
         Normals turn as the surface's own do from the old place to the new one.
 

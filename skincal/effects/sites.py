@@ -8,7 +8,7 @@ from skincal.model.arrays import FloatArray, IntArray
 
 
 def met_before(site: IntArray, cycle: FloatArray, force_n: FloatArray) -> FloatArray:
-    """The largest force of earlier touches of the same site (P,) [N], zero at its first one.
+    """Return the largest force of earlier touches of the same site (P,) [N], zero at its first one.
 
     Of a site whose earlier touches are not among the presses, the middle of what others have met is taken. It is NaN
     where the count of touches is not known, and at all repeats where none has an earlier press.

@@ -66,7 +66,7 @@ class Spread(SpreadEffect):
 
 
 def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
-    """Variances, relative, and shares of the Gaussians; a gamma distribution by the nodes of its quadrature."""
+    """Return variances, relative, and shares of the Gaussians; a gamma distribution by the nodes of its quadrature."""
     if tail <= 0:
         return np.ones(1), np.ones(1)
     least = max(tail, _LEAST_TAIL)

@@ -50,7 +50,7 @@ class Start:
 
 
 def start(*points: Mapping[str, ArrayLike], sigma: float | Iterable[float] = 1.0) -> Start:
-    """A start of some points; each is one standard deviation away unless ``sigma`` says otherwise."""
+    """Return a start of some points; each is one standard deviation away unless ``sigma`` says otherwise."""
     each = [float(sigma)] * len(points) if isinstance(sigma, int | float) else [float(s) for s in sigma]
     return Start(
         tuple({k: np.asarray(v, dtype=np.float64) for k, v in p.items()} for p in points), tuple(each)
@@ -58,12 +58,12 @@ def start(*points: Mapping[str, ArrayLike], sigma: float | Iterable[float] = 1.0
 
 
 def each_taxel(name: str, step: float, taxels: int, **forms: float) -> list[Mapping[str, ArrayLike]]:
-    """A point for each taxel, whose own number alone is a step from neutral zero."""
+    """Return a point for each taxel, whose own number alone is a step from neutral zero."""
     return [{name: step * np.eye(taxels)[j], **forms} for j in range(taxels)]
 
 
 def each_of(
     name: str, step: float, count: int, neutral: float = 0.0, **forms: float
 ) -> list[Mapping[str, ArrayLike]]:
-    """A point for each of several numbers of a parameter, a step from neutral."""
+    """Return a point for each of several numbers of a parameter, a step from neutral."""
     return [{name: neutral + step * np.eye(count)[j], **forms} for j in range(count)]

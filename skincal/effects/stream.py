@@ -34,7 +34,7 @@ class SkinStream:
         self._now_s = -np.inf
 
     def step(self, samples: Samples) -> FloatArray:
-        """Values (K, J) [counts] of the next samples; usually one.
+        """Return the values (K, J) [counts] of the next samples; usually one.
 
         Args:
             samples: that follow those of the last step.
@@ -57,7 +57,7 @@ class SkinStream:
         return self.skin.after(loads_n, self._in_session(samples), self._states)
 
     def _in_session(self, samples: Samples) -> Samples:
-        """The samples with the session's beginning."""
+        """Return the samples with the session's beginning."""
         if samples.time_s is None or not len(samples):
             return samples
         if samples.time_s[0] < self._now_s:

@@ -101,7 +101,7 @@ def _is_leftover(name: str) -> bool:
 
 
 def _listed(folder: Path) -> list[str]:
-    """The files of the list; empty where there is none that can be understood."""
+    """Return the files of the list; empty where there is none that can be understood."""
     try:
         content: Any = json.loads(_text(folder / NAME))
         if content["tool"] == "skincal" and isinstance(content["files"], list):
@@ -112,7 +112,7 @@ def _listed(folder: Path) -> list[str]:
 
 
 def _named_before(folder: Path) -> list[str]:
-    """The names of a folder without a list: those of its kind, and those that its description gives."""
+    """Return the names of a folder without a list: those of its kind, and those that its description gives."""
     found: list[str] = []
     for marker, names in _BEFORE.items():
         if not (folder / marker).is_file():
@@ -127,7 +127,7 @@ def _named_before(folder: Path) -> list[str]:
 
 
 def _described(file: Path) -> list[str]:
-    """The meshes and positions that a description names."""
+    """Return the meshes and positions that a description names."""
     try:
         values: Any = tomllib.loads(_text(file))
         named = [values[table].get(key) for table, key in _NAMING if isinstance(values.get(table), dict)]
@@ -137,7 +137,7 @@ def _described(file: Path) -> list[str]:
 
 
 def _text(file: Path) -> str:
-    """The beginning of a file; nothing where it cannot be read."""
+    """Return the beginning of a file; nothing where it cannot be read."""
     try:
         with open_input(file, file.parent) as stream:
             return stream.read(_MOST).decode()

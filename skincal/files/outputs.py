@@ -26,7 +26,7 @@ from skincal.files.refusals import at_work, problem, refuse_existing, refuse_rem
 def whole_folder(
     path: str | Path, *, force: bool = False, marker: str, later: Iterable[str] = ()
 ) -> Generator[Path]:
-    """A folder to write into that becomes ``path`` when the block ends without an error.
+    """Return a folder to write into that becomes ``path`` when the block ends without an error.
 
     Args:
         path: where the folder shall be.
@@ -53,7 +53,7 @@ def whole_folder(
 
 @contextmanager
 def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Generator[Path]:
-    """A file to write that becomes ``path`` when the block ends without an error.
+    """Return a file to write that becomes ``path`` when the block ends without an error.
 
     Args:
         path: where the file shall be.
@@ -76,7 +76,7 @@ def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Gene
 
 @contextmanager
 def _temporary(path: Path) -> Generator[Path]:
-    """A folder beside an output, locked as long as this process is at work; an error in it names the output."""
+    """Return a folder beside an output, locked as long as this process is at work; an error in it names the output."""
     temporary = temporary_beside(path)
     descriptor = None
     try:
@@ -127,7 +127,7 @@ def _move_new(new: Path, path: Path) -> None:
 
 
 def _umask() -> int:
-    """The process's file mode mask; mkdtemp ignores it, an output should not."""
+    """Return the process's file mode mask; mkdtemp ignores it, an output should not."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -152,5 +152,5 @@ def problem(path: Path, expected: str, got: str, fix: str = "") -> InputError:
 
 
 def temporary_beside(path: Path) -> Path:
-    """A new temporary folder beside an output."""
+    """Return a new temporary folder beside an output."""
     return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))

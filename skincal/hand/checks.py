@@ -76,7 +76,7 @@ class StateCheck:
         )
 
     def _form(self, state: Any) -> Violation | None:
-        """Types and shapes."""
+        """Return types and shapes."""
         if not isinstance(state, HandState):
             return Violation("state", f"expected a HandState; got {shown(state)}")
         for names, shape in ((JOINT_FIELDS, self._joints_shape), (TAXEL_FIELDS, self._taxels_shape)):
@@ -112,7 +112,7 @@ class StateCheck:
         return Violation(kind, text, joint=name, value=value, limit=limit)
 
     def _taxels(self, state: HandState) -> Violation | None:
-        """Values that are there must be finite and fresh; NaN is a taxel that does not answer."""
+        """Return the values that are there must be finite and fresh; NaN is a taxel that does not answer."""
         time_s, options = float(state.time_s), self._options
         age_s = time_s - state.taxel_time_s
         if age_s.min() >= -options.taxel_ahead_s and age_s.max() <= options.taxel_age_s:
@@ -126,7 +126,7 @@ class StateCheck:
         return self._odd_taxels(state, age_s)
 
     def _odd_taxels(self, state: HandState, age_s: FloatArray) -> Violation | None:
-        """Some taxel does not answer, or is at fault: each by itself."""
+        """Return some taxel does not answer, or is at fault: each by itself."""
         options, cols = self._options, self._description.meta.sensor.cols
         for j in np.flatnonzero(~np.isnan(state.taxels)):
             name = f"taxel ({j // cols}, {j % cols})"
@@ -189,7 +189,7 @@ MEANINGS: tuple[tuple[HandErrorKind, str, str], ...] = (
 
 
 def _bounds(description: HandDescription, options: GuardOptions) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest value of each of ``JOINT_FIELDS``, each (4, n)."""
+    """Return the lowest and highest value of each of ``JOINT_FIELDS``, each (4, n)."""
     limits, margin = description.limits, options.joint_margin_rad
     lower, upper = limits.lower_rad - margin, limits.upper_rad + margin
     velocity = options.velocity_factor * limits.velocity_rad_per_s

@@ -39,7 +39,7 @@ class CommandCheck:
         self._hand_s = self._sent_hand_s = self._sent_own_s = math.nan
 
     def observed(self, state: HandState, now_s: float) -> None:
-        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
+        """Take a state that is sound, which came at ``now_s`` on our clock [s]."""
         self._hand_s = float(state.time_s)
         if self._base_rad is None:
             self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
@@ -47,7 +47,7 @@ class CommandCheck:
             self._base_rad = state.q_desired_rad.copy()
 
     def sent(self, command: HandCommand, now_s: float) -> None:
-        """Takes a command that the driver has sent; ``now_s`` is our clock after that [s]."""
+        """Take a command that the driver has sent; ``now_s`` is our clock after that [s]."""
         # A copy: whoever made the command may use its array again.
         self._base_rad, self._sent = command.q_desired_rad.copy(), True
         self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
@@ -68,7 +68,7 @@ class CommandCheck:
         return self._named(q, np.abs(q - before_rad), largest, now_s)
 
     def nearest(self, q_rad: FloatArray, now_s: float) -> FloatArray:
-        """The angles (n,) [rad] that are nearest to ``q_rad`` of those allowed now, joint by joint."""
+        """Return the angles (n,) [rad] that are nearest to ``q_rad`` of those allowed now, joint by joint."""
         before_rad, step = self._before(), self._step_rad(now_s)
         near = np.clip(q_rad, before_rad - step, before_rad + step)
         return np.clip(near, self._limits.lower_rad, self._limits.upper_rad)
@@ -79,7 +79,7 @@ class CommandCheck:
         return self._base_rad
 
     def _passed_s(self, now_s: float) -> float:
-        """The time that counts since the last command [s]."""
+        """Return the time that counts since the last command [s]."""
         own_s = now_s - self._sent_own_s if self._real_time else math.inf
         return max(0.0, min(self._hand_s - self._sent_hand_s, own_s, self._period_s))
 

@@ -103,7 +103,7 @@ def run_contract(
     options: ContractOptions | None = None,
     told: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Runs every check against a driver.
+    """Run every check against a driver.
 
     Args:
         name: the driver's name, for the report.

@@ -42,7 +42,7 @@ def description_is_sound(trial: Trial) -> str:
 
 
 def no_state_before_connect(trial: Trial) -> str:
-    """observe() before connect() raises an error, and does not hang."""
+    """Return the observe() before connect() raises an error, and does not hang."""
     try:
         trial.observe()
     except CallTimeoutError:
@@ -109,7 +109,7 @@ def connecting_does_not_move(trial: Trial) -> str:
 
 
 def commands_are_followed(trial: Trial) -> str:
-    """Each joint in turn goes a small step and back; desired and measured angles follow."""
+    """Return each joint in turn goes a small step and back; desired and measured angles follow."""
     if not trial.options.move:
         raise SkippedCheckError("the hand is not to be moved")
     if not _follows(trial):
@@ -150,7 +150,7 @@ def acting_does_not_wait(trial: Trial) -> str:
 
 
 def stop_is_quick_and_can_be_repeated(trial: Trial) -> str:
-    """stop() returns in time, a second time too, and the hand stays where it is."""
+    """Return stop() returns in time, a second time too, and the hand stays where it is."""
     trial.connect()
     trial.states(5)
     longest = max(trial.stop(), trial.stop())
@@ -178,7 +178,7 @@ def a_stopped_hand_stays(trial: Trial) -> str:
 
 
 def stop_comes_from_another_thread(trial: Trial) -> str:
-    """stop() works while another thread observes."""
+    """Return stop() works while another thread observes."""
     trial.connect()
     trial.observe()
     errors: list[BaseException] = []
@@ -276,7 +276,7 @@ def _follows(trial: Trial) -> bool:
 
 
 def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandState:
-    """Holds to a goal for some periods, at the speed that is allowed; the angles of the last third are medians."""
+    """Hold to a goal for some periods, at the speed that is allowed; the angles of the last third are medians."""
     states: list[HandState] = []
     for _ in range(periods):
         states.append(hand.observe())

@@ -11,7 +11,7 @@ TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
 def converted(value: Any, kind: Any) -> Any:
-    """A value of this type; what is no text is taken as it is.
+    """Return a value of this type; what is no text is taken as it is.
 
     Text is read as ``int``, ``float``, ``bool``, ``str``, ``Path`` or one of a ``Literal``; ``tuple[T, ...]`` and
     ``Sequence[T]`` as ``A,B,C``, ``Mapping[str, T]`` as ``NAME=A,NAME=B``, and ``T | None`` as T, or ``none``.
@@ -37,7 +37,7 @@ def converted(value: Any, kind: Any) -> Any:
 
 
 def type_text(kind: Any) -> str:
-    """An annotation as a person reads it."""
+    """Return an annotation as a person reads it."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         return " or ".join(type_text(a) for a in arguments)

@@ -86,7 +86,7 @@ class HandDriver(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Takes the hand; it holds the angles it has.
+        """Take the hand; it holds the angles it has.
 
         Raises:
             WorkError: the hand does not answer.
@@ -94,11 +94,11 @@ class HandDriver(ABC):
 
     @abstractmethod
     def observe(self) -> HandState:
-        """Waits for the next state and returns it. A simulated hand moves on by one period."""
+        """Wait for the next state and returns it. A simulated hand moves on by one period."""
 
     @abstractmethod
     def act(self, command: HandCommand) -> None:
-        """Sends a command; returns without waiting for its effect."""
+        """Send a command; returns without waiting for its effect."""
 
     def object_position_m(self) -> FloatArray | None:
         """Where the object between the fingers truly is: patch coordinates of its place on the sensor (2,) [m].
@@ -109,24 +109,24 @@ class HandDriver(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Brings the hand to a halt, with no more force than it exerts now.
+        """Bring the hand to a halt, with no more force than it exerts now.
 
         May be called twice, at any time, and from any thread.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Gives the hand back. May be called twice."""
+        """Give the hand back. May be called twice."""
 
     def __enter__(self) -> Self:
-        """Connects."""
+        """Connect."""
         self.connect()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, whatever happened, and gives it back."""
+        """Stop the hand, whatever happened, and gives it back."""
         try:
             self.stop()
         finally:

@@ -102,7 +102,7 @@ class HandError(WorkError):
 
 
 def again(failure: HandError) -> HandError:
-    """The same error anew: one that is raised twice would grow by a traceback each time."""
+    """Return the same error anew: one that is raised twice would grow by a traceback each time."""
     joint, value, limit = failure.joint, failure.value, failure.limit
     return HandError(
         str(failure), failure.kind, joint=joint, value=value, limit=limit, stopped=failure.stopped
@@ -110,7 +110,7 @@ def again(failure: HandError) -> HandError:
 
 
 def described(what: str, error: BaseException | None) -> tuple[HandErrorKind, str]:
-    """Kind and text of what a driver raised in a call."""
+    """Return the kind and text of what a driver raised in a call."""
     if isinstance(error, HandError):
         return error.kind, str(error).rstrip(".")
     if isinstance(error, SkincalError):
@@ -120,7 +120,7 @@ def described(what: str, error: BaseException | None) -> tuple[HandErrorKind, st
 
 
 def shown(value: Any) -> str:
-    """A value of a wrong type or shape, briefly."""
+    """Return a value of a wrong type or shape, briefly."""
     if isinstance(value, np.ndarray):
         array = cast(NDArray[Any], value)
         return f"an array of {array.dtype} of shape {array.shape}"

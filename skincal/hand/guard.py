@@ -95,7 +95,7 @@ class GuardedHand:
         return self._failure
 
     def connect(self) -> None:
-        """Takes the hand.
+        """Take the hand.
 
         Raises:
             InputError: the limits of its description are beyond those of any finger.
@@ -126,7 +126,7 @@ class GuardedHand:
             raise
 
     def observe(self) -> HandState:
-        """Waits for the next state, checks it and returns it.
+        """Wait for the next state, checks it and returns it.
 
         Raises:
             HandError: something is wrong; the hand has been stopped.
@@ -141,7 +141,7 @@ class GuardedHand:
         return state
 
     def act(self, command: HandCommand) -> None:
-        """Checks a command and sends it.
+        """Check a command and sends it.
 
         Raises:
             HandError: the command breaks a limit and was not sent, or the driver failed; the hand has been stopped.
@@ -156,12 +156,12 @@ class GuardedHand:
         self._check_command.sent(command, self._clock())
 
     def nearest(self, q_desired_rad: FloatArray) -> HandCommand:
-        """The allowed command that is nearest to these angles (n,) [rad], within joint limits and speed."""
+        """Return the allowed command that is nearest to these angles (n,) [rad], within joint limits and speed."""
         self._ready("nearest")
         return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
 
     def stop(self) -> None:
-        """Stops the hand; may be called at any time and from any thread. States can still be observed.
+        """Stop the hand; may be called at any time and from any thread. States can still be observed.
 
         Raises:
             HandError: the driver's ``stop`` raised, or did not return.
@@ -171,7 +171,7 @@ class GuardedHand:
             raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
 
     def close(self) -> None:
-        """Gives the hand back. May be called twice.
+        """Give the hand back. May be called twice.
 
         Raises:
             HandError: the driver's ``close`` raised, or did not return; the hand is stopped.
@@ -183,14 +183,14 @@ class GuardedHand:
             raise error
 
     def __enter__(self) -> Self:
-        """Connects."""
+        """Connect."""
         self.connect()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, whatever happened, and gives it back. What ended the block has a note that it was stopped.
+        """Stop the hand, whatever happened, and gives it back. What ended the block has a note that it was stopped.
 
         Raises:
             HandError: it could not be stopped.
@@ -212,7 +212,7 @@ class GuardedHand:
         self._leave(error, trouble)
 
     def _leave(self, error: BaseException | None, trouble: str) -> None:
-        """Gives the hand back, and tells whether it was stopped."""
+        """Give the hand back, and tells whether it was stopped."""
         told = isinstance(error, HandError) and error.stopped is False
         try:
             if not (trouble or told or isinstance(error, KeyboardInterrupt)):
@@ -252,7 +252,7 @@ class GuardedHand:
             print(f"{self.name}: {trouble}", file=sys.stderr)
 
     def _ready(self, what: str) -> Worker:
-        """The worker, where the hand is connected and nothing has gone wrong."""
+        """Return the worker, where the hand is connected and nothing has gone wrong."""
         if self._failure is not None:
             raise again(self._failure)
         if self._worker is None or self._closed:
@@ -260,7 +260,7 @@ class GuardedHand:
         return self._worker
 
     def _call(self, what: str, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Makes a call to the driver; whatever goes wrong, the hand is stopped."""
+        """Make a call to the driver; whatever goes wrong, the hand is stopped."""
         worker = self._ready(what)
         try:
             return worker.call(self._unless_failed, work, arguments, timeout_s=timeout_s)
@@ -302,7 +302,7 @@ class GuardedHand:
         limit: float | None = None,
         cause: BaseException | None = None,
     ) -> NoReturn:
-        """Stops the hand, and raises what happened; the first failure is the one that counts."""
+        """Stop the hand, and raises what happened; the first failure is the one that counts."""
         trouble = self._halt()
         end = trouble or f"The hand was stopped. {ADVICE[kind]}"
         error = HandError(
@@ -313,7 +313,7 @@ class GuardedHand:
         raise error from cause
 
     def _halt(self) -> str:
-        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
+        """Stop the hand. Returns what went wrong with that; empty: it was stopped."""
         self._halted = True
         return halt(self._driver.stop, self._options.stop_timeout_s, self.name)
 
@@ -328,7 +328,7 @@ class GuardedHand:
             return
 
     def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
-        """Closes the driver and lets the worker end. Returns what went wrong."""
+        """Close the driver and lets the worker end. Returns what went wrong."""
         self._closed = True
         atexit.unregister(self._at_exit)
         options = self._options

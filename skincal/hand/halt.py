@@ -35,7 +35,7 @@ ENDING: tuple[int, ...] = tuple(sorted(signal.valid_signals() - _OTHERS))
 
 @contextmanager
 def held_back() -> Generator[list[int]]:
-    """Keeps signals that would end the process, or interrupt it, from cutting a piece of work short.
+    """Keep signals that would end the process, or interrupt it, from cutting a piece of work short.
 
     They come after it, to whoever handles them. The work must have an end of its own.
 
@@ -64,7 +64,7 @@ def held_back() -> Generator[list[int]]:
 
 
 def halt(stop: Callable[[], None], timeout_s: float, name: str) -> str:
-    """Calls a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
+    """Call a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
 
     Returns:
         What went wrong with it; empty: it returned, the hand is stopped.

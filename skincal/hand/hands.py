@@ -17,7 +17,7 @@ from skincal.robot import (
 
 
 def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
-    """The description of a hand: the name of one that comes with skincal, or a ``hand.toml``, or its folder.
+    """Return the description of a hand: the name of one that comes with skincal, or a ``hand.toml``, or its folder.
 
     Raises:
         InputError: there is none of that name, or the file is wrong.
@@ -27,7 +27,7 @@ def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
 
 
 def joint_contact_force(description: HandDescription) -> Callable[[HandState], float]:
-    """The size of the contact force [N] as a function of a state, from joint angles and torques.
+    """Return the size of the contact force [N] as a function of a state, from joint angles and torques.
 
     It is the whole force, not its normal part alone: a hand that presses sideways presses, too.
     """

@@ -83,13 +83,13 @@ class Message:
 
 
 def encode(message: Message) -> bytes:
-    """A message as bytes."""
+    """Return a message as bytes."""
     head = {"v": VERSION, "kind": message.kind, "id": message.number, "session": message.session}
     return json.dumps({**head, **message.body}, allow_nan=False, separators=(",", ":")).encode()
 
 
 def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
-    """Bytes as a message of one of these kinds.
+    """Return bytes as a message of one of these kinds.
 
     Raises:
         MessageError: they are none.
@@ -117,13 +117,13 @@ def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
 
 
 def state_body(state: HandState) -> dict[str, Any]:
-    """The fields of a ``state`` message."""
+    """Return the fields of a ``state`` message."""
     body: dict[str, Any] = {name: _nulls(getattr(state, name)) for name in ARRAYS}
     return {"time_s": _null(state.time_s), "temperature_c": _null(state.temperature_c), **body}
 
 
 def state_of(message: Message) -> HandState:
-    """The state of a ``state`` message; its shapes are for the guard to check.
+    """Return the state of a ``state`` message; its shapes are for the guard to check.
 
     Raises:
         MessageError: a field is missing or no number.
@@ -135,13 +135,13 @@ def state_of(message: Message) -> HandState:
 
 
 def refusal_body(error: HandError) -> dict[str, Any]:
-    """The fields of a ``refused`` message."""
+    """Return the fields of a ``refused`` message."""
     value, limit = (None if x is None else _null(x) for x in (error.value, error.limit))
     return {"error": error.kind, "text": str(error), "joint": error.joint, "value": value, "limit": limit}
 
 
 def refusal_of(message: Message) -> HandError:
-    """The error of a ``refused`` message."""
+    """Return the error of a ``refused`` message."""
     body = message.body
     kind, joint = body.get("error"), body.get("joint")
     value, limit = (
@@ -157,7 +157,7 @@ def refusal_of(message: Message) -> HandError:
 
 
 def number(message: Message, name: str) -> float:
-    """A number of a message's body; null is NaN."""
+    """Return a number of a message's body; null is NaN."""
     value = message.body.get(name, MISSING)
     if not _is_number(value):
         raise _wrong(message, name, "a number or null")
@@ -165,7 +165,7 @@ def number(message: Message, name: str) -> float:
 
 
 def numbers(message: Message, name: str) -> FloatArray:
-    """A list of numbers of a message's body, as an array (k,); null is NaN."""
+    """Return a list of numbers of a message's body, as an array (k,); null is NaN."""
     value = message.body.get(name, MISSING)
     if not isinstance(value, list) or not all(_is_number(item) for item in cast(list[Any], value)):
         raise _wrong(message, name, "a list of numbers or nulls")
@@ -173,7 +173,7 @@ def numbers(message: Message, name: str) -> FloatArray:
 
 
 def text(message: Message, name: str) -> str:
-    """A text of a message's body."""
+    """Return a text of a message's body."""
     value = message.body.get(name, MISSING)
     if not isinstance(value, str):
         raise _wrong(message, name, "a text")

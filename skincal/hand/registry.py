@@ -50,12 +50,12 @@ class DriverOption:
 
 
 def driver_names() -> tuple[str, ...]:
-    """Names of all drivers that are installed, in alphabetical order."""
+    """Return the names of all drivers that are installed, in alphabetical order."""
     return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
 
 
 def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
-    """The class of a driver, or the function that makes one.
+    """Return the class of a driver, or the function that makes one.
 
     Args:
         name: a registered name, or ``module:Class``.
@@ -77,12 +77,12 @@ def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
 
 
 def driver_options(name: str) -> tuple[DriverOption, ...]:
-    """The options of a driver, in the order of its class."""
+    """Return the options of a driver, in the order of its class."""
     return _options(driver_class(name))
 
 
 def create_driver(name: str, /, **options: Any) -> HandDriver:
-    """Makes the driver of a hand; it is not connected yet. See :func:`create_rig`."""
+    """Make the driver of a hand; it is not connected yet. See :func:`create_rig`."""
     driver = create_rig(name, **options)
     if isinstance(driver, StageDriver):
         got = "one of a stage; `skincal collect` and `skincal hand test` take it"
@@ -91,7 +91,7 @@ def create_driver(name: str, /, **options: Any) -> HandDriver:
 
 
 def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
-    """Makes a driver, of a hand or of a stage; it is not connected yet.
+    """Make a driver, of a hand or of a stage; it is not connected yet.
 
     Args:
         name: a registered name, or ``module:Class``.

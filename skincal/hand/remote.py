@@ -89,7 +89,7 @@ class RemoteDriver(HandDriver):
         return self._period_s
 
     def connect(self) -> None:
-        """Takes the hand, if nobody else has it and it is the one that is described here."""
+        """Take the hand, if nobody else has it and it is the one that is described here."""
         self._shut()
         self._context = context = self._zmq.Context()
         self._session, self._number, self._gone = secrets.token_hex(16), 0, False
@@ -107,7 +107,7 @@ class RemoteDriver(HandDriver):
             raise
 
     def observe(self) -> HandState:
-        """The next state; the hand's side waits for it."""
+        """Return the next state; the hand's side waits for it."""
         reply = self._ask("observe", {}, "state")
         try:
             state = state_of(reply)
@@ -117,12 +117,12 @@ class RemoteDriver(HandDriver):
         return state
 
     def act(self, command: HandCommand) -> None:
-        """Sends a command; the hand's side refuses it where the state that it answers is no longer fresh."""
+        """Send a command; the hand's side refuses it where the state that it answers is no longer fresh."""
         angles = [float(q) for q in command.q_desired_rad]
         self._ask("act", {"q_desired_rad": angles, "answers": self._observed}, "done")
 
     def stop(self) -> None:
-        """Stops the hand over a connection of its own, so that it comes through while another call waits."""
+        """Stop the hand over a connection of its own, so that it comes through while another call waits."""
         if not self._session:
             return
         context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
@@ -142,7 +142,7 @@ class RemoteDriver(HandDriver):
             context.term()
 
     def close(self) -> None:
-        """Gives the hand back, if its side still answers."""
+        """Give the hand back, if its side still answers."""
         try:
             if self._socket is not None and not self._gone:
                 self._ask("bye", {}, "done")
@@ -170,7 +170,7 @@ class RemoteDriver(HandDriver):
         return socket
 
     def _ask(self, kind: str, body: dict[str, Any], expected: str, *, limit_s: float = CALL_S) -> Message:
-        """Sends a request over the session's own connection and waits for its answer."""
+        """Send a request over the session's own connection and waits for its answer."""
         if self._socket is None:
             raise HandError(f"{kind}: the hand is not connected", "order")
         self._number += 1
@@ -181,7 +181,7 @@ class RemoteDriver(HandDriver):
     def _exchange(
         self, socket: zmq.Socket[bytes], request: Message, expected: str, limit_s: float
     ) -> Message:
-        """Sends a request until it is answered, and returns the answer."""
+        """Send a request until it is answered, and returns the answer."""
         start = heard = now = time.monotonic()
         silence_s = min(self._silence_s, limit_s)
         data = encode(request)
@@ -210,7 +210,7 @@ class RemoteDriver(HandDriver):
             return
 
     def _answer(self, socket: zmq.Socket[bytes], request: Message, wait_s: float) -> Message | None:
-        """The answer to a request; earlier answers, and those of other sessions, are thrown away."""
+        """Return the answer to a request; earlier answers, and those of other sessions, are thrown away."""
         deadline = time.monotonic() + wait_s
         while (left_s := deadline - time.monotonic()) > 0:
             if not socket.poll(max(1, int(left_s * 1e3))):

@@ -65,12 +65,12 @@ class ReplayDriver(HandDriver):
         return self._period_s
 
     def connect(self) -> None:
-        """Begins at the first frame."""
+        """Begin at the first frame."""
         self._next = 0
         self._connected = True
 
     def observe(self) -> HandState:
-        """The next frame.
+        """Return the next frame.
 
         Raises:
             HandError: the record is over (kind ``end``), or not connected.
@@ -84,7 +84,7 @@ class ReplayDriver(HandDriver):
         return self._states[self._next - 1]
 
     def act(self, command: HandCommand) -> None:
-        """Keeps the command; a record does not follow it."""
+        """Keep the command; a record does not follow it."""
         self._check_connected("act")
         time_s = self._states[max(self._next - 1, 0)].time_s
         self.commands.append((time_s, HandCommand(np.array(command.q_desired_rad, dtype=float))))
@@ -93,7 +93,7 @@ class ReplayDriver(HandDriver):
         """Nothing moves."""
 
     def close(self) -> None:
-        """Ends the replay."""
+        """End the replay."""
         self._connected = False
 
     def _check_connected(self, what: str) -> None:

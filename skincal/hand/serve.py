@@ -88,7 +88,7 @@ class HandServer:
         self.address = bind
 
     def __enter__(self) -> Self:
-        """Binds."""
+        """Bind."""
         zmq = self._zmq
         self._context = zmq.Context()
         try:
@@ -109,7 +109,7 @@ class HandServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, gives it back, and unbinds."""
+        """Stop the hand, gives it back, and unbinds."""
         try:
             if self._session is not None:
                 self._session.end()
@@ -117,7 +117,7 @@ class HandServer:
             self._unbind()
 
     def run(self, *, sessions: int | None = None) -> None:
-        """Serves until :meth:`end` is called, or so many sessions are over."""
+        """Serve until :meth:`end` is called, or so many sessions are over."""
         poller = self._zmq.Poller()
         poller.register(self._socket, self._zmq.POLLIN)
         poller.register(self._wake, self._zmq.POLLIN)
@@ -134,7 +134,7 @@ class HandServer:
                 return
 
     def end(self) -> None:
-        """Lets :meth:`run` return; from any thread."""
+        """Let :meth:`run` return; from any thread."""
         self._ended.set()
 
     def _handle(self, client: bytes, data: bytes) -> None:
@@ -155,7 +155,7 @@ class HandServer:
             session.request(client, message)
 
     def _welcome(self, client: bytes, message: Message) -> None:
-        """Begins a session, if the hand is free and it is the same hand."""
+        """Begin a session, if the hand is free and it is the same hand."""
         digest, description = message.body.get("digest"), self._description
         if self._session is not None and not self._session.over:
             text = "another client has the hand; it is free when that one closes it or falls silent"
@@ -180,7 +180,7 @@ class HandServer:
         self._session.request(client, message)
 
     def _made(self) -> HandDriver:
-        """Another driver; whatever its making does, the loop goes on."""
+        """Return another driver; whatever its making does, the loop goes on."""
         worker = Worker("make a driver")
         try:
             return worker.call(self._make, timeout_s=MAKE_S)

@@ -40,11 +40,11 @@ class Outbox:
         self._wake: Any = None
 
     def put(self, reply: Reply) -> None:
-        """Adds a reply, from the loop's own thread."""
+        """Add a reply, from the loop's own thread."""
         self._replies.put(reply)
 
     def put_and_wake(self, reply: Reply) -> None:
-        """Adds a reply from another thread, always the same."""
+        """Add a reply from another thread, always the same."""
         self._replies.put(reply)
         try:
             if self._wake is None:
@@ -104,7 +104,7 @@ class Session:
             return not self.over or message.kind == "stop" or message.number <= self._number
 
     def request(self, client: bytes, message: Message) -> None:
-        """Takes a request: new ones are done, the last one is answered again, older ones came late and are not."""
+        """Take a request: new ones are done, the last one is answered again, older ones came late and are not."""
         self._heard_s = time.monotonic()
         if message.kind == "stop":
             self._stop(client, message)
@@ -119,7 +119,7 @@ class Session:
                 self._replies.put(Reply(client, again))
 
     def end(self, wait_s: float = 3.0) -> None:
-        """Stops the hand and gives it back."""
+        """Stop the hand and gives it back."""
         try:
             self._hand.stop()
         finally:
@@ -149,7 +149,7 @@ class Session:
             self._replies.close()
 
     def _next(self) -> Message | None:
-        """The next request; None: the session is over, or its client has fallen silent.
+        """Return the next request; None: the session is over, or its client has fallen silent.
 
         The guard's watchdog sees nobody's silence once the hand has been stopped; so the session looks for itself.
         """
@@ -210,7 +210,7 @@ class Session:
             raise HandError(text, "command", value=age_s, limit=limit_s)
 
     def _give_back(self) -> None:
-        """Stops the hand and closes it; a second time does nothing."""
+        """Stop the hand and closes it; a second time does nothing."""
         if self._given_back:
             return
         self._given_back = True
@@ -222,7 +222,7 @@ class Session:
             return
 
     def _answer_rest(self) -> None:
-        """Answers what came in while the session was ending."""
+        """Answer what came in while the session was ending."""
         with self._lock:
             self.over = True
             while not self._requests.empty():
@@ -236,7 +236,7 @@ class Session:
                 self._replies.put_and_wake(Reply(self._client, self._last))
 
     def _stop_quietly(self) -> None:
-        """Stops a hand whose client is told of something else, or nothing; that this fails is told to its own stop."""
+        """Stop a hand whose client is told of something else, or nothing; that this fails is told to its own stop."""
         try:
             self._hand.stop()
         except HandError:

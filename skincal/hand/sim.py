@@ -120,7 +120,7 @@ class SimDriver(HandDriver):
         return self._hand
 
     def connect(self) -> None:
-        """Begins a session: the hand stands at its home angles, at time 0 but for a first image."""
+        """Begin a session: the hand stands at its home angles, at time 0 but for a first image."""
         self._halted.clear()
         if self._hand is None:
             description = self._capped()
@@ -134,7 +134,7 @@ class SimDriver(HandDriver):
                 self._write_truth(self._truth_path, self._hand)
 
     def observe(self) -> HandState:
-        """Moves the hand on by one period and says what its sensors say."""
+        """Move the hand on by one period and says what its sensors say."""
         hand = self.simulated
         with self._moving:
             if self._halted.is_set():
@@ -152,12 +152,12 @@ class SimDriver(HandDriver):
         )
 
     def act(self, command: HandCommand) -> None:
-        """Holds to other angles from now on. A hand that has been stopped stays so until it is connected again."""
+        """Hold to other angles from now on. A hand that has been stopped stays so until it is connected again."""
         if not self._halted.is_set():
             self.simulated.command(command.q_desired_rad)
 
     def stop(self) -> None:
-        """Holds to where the motors are, which lets go of what they exert."""
+        """Hold to where the motors are, which lets go of what they exert."""
         self._halted.set()
         # While a period runs, it is that call that lets go before the next one.
         if self._hand is not None and self._moving.acquire(blocking=False):
@@ -167,7 +167,7 @@ class SimDriver(HandDriver):
                 self._moving.release()
 
     def close(self) -> None:
-        """Ends the session; the truth is told anew, with what the session's contacts say of the positions."""
+        """End the session; the truth is told anew, with what the session's contacts say of the positions."""
         hand, self._hand = self._hand, None
         if hand is None:
             return
@@ -176,7 +176,7 @@ class SimDriver(HandDriver):
         hand.close()
 
     def _capped(self) -> HandDescription:
-        """The hand with the cap that it wears."""
+        """Return the hand with the cap that it wears."""
         hand, radius_m = self._description, self._indenter_radius_m
         if radius_m is None:
             return hand

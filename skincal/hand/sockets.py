@@ -25,7 +25,7 @@ INSTALL = "pip install 'skincal[remote]'"
 
 
 def zmq_module() -> Any:
-    """The module ``zmq``.
+    """Return the module ``zmq``.
 
     Raises:
         WorkError: it is not installed.
@@ -56,7 +56,7 @@ class Keys:
 
 
 def make_keys(folder: Path, *, force: bool = False) -> None:
-    """Writes a key pair for a hand and one for a client that it knows.
+    """Write a key pair for a hand and one for a client that it knows.
 
     Args:
         folder: where ``hand/`` and ``client/`` shall be.
@@ -82,7 +82,7 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
 
 
 def hand_keys(folder: Path) -> Keys:
-    """The keys of the hand's side, from its folder.
+    """Return the keys of the hand's side, from its folder.
 
     Raises:
         InputError: a file in it is no key.
@@ -99,7 +99,7 @@ def hand_keys(folder: Path) -> Keys:
 
 
 def client_keys(folder: Path) -> Keys:
-    """The keys of a client, from its folder.
+    """Return the keys of a client, from its folder.
 
     Raises:
         InputError: a file in it is no key.
@@ -109,7 +109,7 @@ def client_keys(folder: Path) -> Keys:
 
 
 def checked_address(address: str, *, keys: bool, what: str) -> str:
-    """An address, if it may be used.
+    """Return an address, if it may be used.
 
     Args:
         address: ``tcp://HOST:PORT`` or ``ipc://FILE``.
@@ -133,7 +133,7 @@ def checked_address(address: str, *, keys: bool, what: str) -> str:
 
 
 def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
-    """A socket that keeps nothing when it is closed, takes no large messages, and uses the keys if there are any."""
+    """Return a socket that keeps nothing when it is closed, takes no large messages, and uses the keys if there are any."""
     socket = context.socket(kind)
     try:
         socket.linger = 0
@@ -162,7 +162,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _key_pair(path: Path) -> tuple[bytes, bytes]:
-    """Public and secret key, which belong to each other."""
+    """Return the public and secret key, which belong to each other."""
     public, secret = _certificate(path)
     if secret is None:
         raise _no_key(path, "a key file with a secret key", "a public key alone")
@@ -172,7 +172,7 @@ def _key_pair(path: Path) -> tuple[bytes, bytes]:
 
 
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
-    """Public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang."""
+    """Return the public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang."""
     try:
         if check_input(path).stat().st_size > MAX_BYTES:
             raise _no_key(path, "a key file", "a large one")

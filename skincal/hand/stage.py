@@ -77,7 +77,7 @@ class StageDriver(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Takes the stage; it stays where it is.
+        """Take the stage; it stays where it is.
 
         Raises:
             WorkError: it does not answer.
@@ -85,16 +85,16 @@ class StageDriver(ABC):
 
     @abstractmethod
     def observe(self) -> StageState:
-        """Waits for the next state and returns it."""
+        """Wait for the next state and returns it."""
 
     @abstractmethod
     def act(self, position_m: FloatArray) -> None:
-        """Sets where the indenter's tip shall be (3,) [m]; returns without waiting."""
+        """Set where the indenter's tip shall be (3,) [m]; returns without waiting."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Brings the stage to a halt. May be called twice, at any time, and from any thread."""
+        """Bring the stage to a halt. May be called twice, at any time, and from any thread."""
 
     @abstractmethod
     def close(self) -> None:
-        """Gives the stage back. May be called twice."""
+        """Give the stage back. May be called twice."""

@@ -16,7 +16,7 @@ STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
 
 
 def states(stage: StageDriver) -> str:
-    """Finite states of the right shape, whose clock goes on, within travel and force."""
+    """Return the finite states of the right shape, whose clock goes on, within travel and force."""
     with GuardedStage(stage) as guarded:
         seen = [guarded.observe() for _ in range(PERIODS)]
     periods = np.diff([state.time_s for state in seen])
@@ -24,7 +24,7 @@ def states(stage: StageDriver) -> str:
 
 
 def moves(stage: StageDriver) -> str:
-    """A commanded step up is made, and one back."""
+    """Return a commanded step up is made, and one back."""
     with GuardedStage(stage) as guarded:
         start = guarded.observe().position_m
         rig = stage.description
@@ -65,7 +65,7 @@ def stops(stage: StageDriver) -> str:
 
 
 def describes(stage: StageDriver) -> str:
-    """A description with travel, speed and force above zero, and a flat sensor."""
+    """Return a description with travel, speed and force above zero, and a flat sensor."""
     rig = stage.description
     if not (rig.upper_m > rig.lower_m).all() or not min(rig.max_speed_m_per_s, rig.max_force_n) > 0:
         raise AssertionError(
@@ -83,7 +83,7 @@ def run_stage_checks(
     move: bool = True,
     told: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Runs every check against a driver of a stage.
+    """Run every check against a driver of a stage.
 
     Args:
         name: the driver's name, for the report.

@@ -47,7 +47,7 @@ class GuardedStage:
         return self._driver.period_s
 
     def __enter__(self) -> Self:
-        """Connects.
+        """Connect.
 
         Raises:
             HandError: the stage does not answer, or has been connected before.
@@ -67,14 +67,14 @@ class GuardedStage:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the stage, whatever happened, and gives it back."""
+        """Stop the stage, whatever happened, and gives it back."""
         trouble = self._halt()
         self._close()
         if trouble and error is None:
             raise HandError(f"{self._driver.name}: {trouble}", "driver", stopped=False)
 
     def observe(self) -> StageState:
-        """Waits for the next state, checks it and returns it.
+        """Wait for the next state, checks it and returns it.
 
         Raises:
             HandError: something is wrong; the stage has been stopped.
@@ -97,7 +97,7 @@ class GuardedStage:
         return state
 
     def act(self, position_m: FloatArray) -> None:
-        """Checks a command and sends it.
+        """Check a command and sends it.
 
         Raises:
             HandError: it leaves the travel or is too fast, and was not sent; the stage has been stopped.
@@ -119,7 +119,7 @@ class GuardedStage:
         self._sent = place
 
     def stop(self) -> None:
-        """Stops the stage; may be called at any time and from any thread.
+        """Stop the stage; may be called at any time and from any thread.
 
         Raises:
             HandError: the driver's ``stop`` raised, or did not return.
@@ -151,7 +151,7 @@ class GuardedStage:
         raise self._failed from cause
 
     def _halt(self) -> str:
-        """Calls the driver's ``stop``, a second time if it raises; what went wrong with it, or nothing."""
+        """Call the driver's ``stop``, a second time if it raises; what went wrong with it, or nothing."""
         trouble = ""
         for _ in range(2):
             try:

@@ -106,7 +106,7 @@ class StageSim(StageDriver):
         }
 
     def observe(self) -> StageState:
-        """Moves the stage on by one period and says what its sensors say."""
+        """Move the stage on by one period and says what its sensors say."""
         if self._skin is None:
             raise HandError("stage-sim: connect first", "order")
         if not self._halted:
@@ -126,14 +126,14 @@ class StageSim(StageDriver):
         )
 
     def act(self, position_m: FloatArray) -> None:
-        """Goes to another place from now on."""
+        """Go to another place from now on."""
         if not self._halted:
             self._wanted = np.array(position_m, dtype=np.float64)
 
     def stop(self) -> None:
-        """Stays where it is."""
+        """Stay where it is."""
         self._halted = True
 
     def close(self) -> None:
-        """Ends the session."""
+        """End the session."""
         self._skin = None

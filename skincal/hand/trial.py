@@ -46,7 +46,7 @@ class Trial:
         self._check_command: CommandCheck | None = None
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
-        """Makes a call in the trial's thread."""
+        """Make a call in the trial's thread."""
         try:
             return self._worker.call(work, *arguments, timeout_s=timeout_s or self.options.call_s)
         except CallTimeoutError:
@@ -54,14 +54,14 @@ class Trial:
             raise
 
     def connect(self) -> None:
-        """Connects the driver."""
+        """Connect the driver."""
         self.call(self.driver.connect, timeout_s=CONNECT_S)
         force = self.options.contact_force(self.driver.description)
         self._check_state = StateCheck(self.driver, self.options.guard, force)
         self._check_command = CommandCheck(self.driver)
 
     def observe(self) -> HandState:
-        """The next state, if it is sound; else the hand is stopped."""
+        """Return the next state, if it is sound; else the hand is stopped."""
         start = time.monotonic()
         state = self.call(self.driver.observe)
         now = time.monotonic()
@@ -71,7 +71,7 @@ class Trial:
         return state
 
     def act(self, command: HandCommand) -> None:
-        """Sends a command, if it is allowed; else the hand is stopped."""
+        """Send a command, if it is allowed; else the hand is stopped."""
         if self._check_command is not None:
             self._refuse(self._check_command(command, time.monotonic()))
             self._check_command.sent(command, time.monotonic())
@@ -86,7 +86,7 @@ class Trial:
         return [self.observe() for _ in range(count)]
 
     def stop(self) -> float:
-        """Stops the hand from another thread; returns how long that took [s]."""
+        """Stop the hand from another thread; returns how long that took [s]."""
         start = time.monotonic()
         try:
             call_and_leave(self.driver.stop, self.options.stop_s, "trial stop")
@@ -95,11 +95,11 @@ class Trial:
         return time.monotonic() - start
 
     def halt(self) -> str:
-        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
+        """Stop the hand. Returns what went wrong with that; empty: it was stopped."""
         return halt(self.driver.stop, self.options.stop_s, self.driver.name)
 
     def end(self, close_s: float = CONNECT_S) -> str:
-        """Stops the hand and gives it back, whatever state it is in. Returns what went wrong with stopping it."""
+        """Stop the hand and gives it back, whatever state it is in. Returns what went wrong with stopping it."""
         trouble = self.halt()
         with suppress(Exception):
             # Behind a call that hangs there is no closing, and nothing to wait for.
@@ -109,6 +109,6 @@ class Trial:
 
 
 def expect(good: bool, got: str) -> None:
-    """Fails the check, saying what came, where it is not as it should be."""
+    """Fail the check, saying what came, where it is not as it should be."""
     if not good:
         raise FailedCheckError(got)

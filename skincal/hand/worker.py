@@ -46,7 +46,7 @@ class Worker:
         self._thread.start()
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Makes a call, and waits for it.
+        """Make a call, and waits for it.
 
         Raises:
             CallTimeoutError: it did not return within ``timeout_s``.
@@ -72,7 +72,7 @@ class Worker:
         return value
 
     def end(self, wait_s: float = 0.0) -> None:
-        """Lets the thread end after the calls that it has; waits for that at most ``wait_s``."""
+        """Let the thread end after the calls that it has; waits for that at most ``wait_s``."""
         self._jobs.put(None)
         if wait_s > 0.0:
             self._thread.join(wait_s)
@@ -97,7 +97,7 @@ class Worker:
 
 
 def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None:
-    """Makes one call in a thread of its own, and leaves it if it does not return in time.
+    """Make one call in a thread of its own, and leaves it if it does not return in time.
 
     Raises:
         CallTimeoutError: it did not return within ``timeout_s``.

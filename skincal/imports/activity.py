@@ -20,7 +20,7 @@ LEAST_PART: Final = 0.1
 
 
 def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
-    """The contacts of a series, by how far the taxels are from their level at rest.
+    """Return the contacts of a series, by how far the taxels are from their level at rest.
 
     Args:
         series: the time series; its force is not looked at.
@@ -38,13 +38,13 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
 
 
 def taxel_activity(images: FloatArray) -> FloatArray:
-    """Sum over the taxels of how far each is above its lowest tenth, its level at rest, shape (M,)."""
+    """Return the sum over the taxels of how far each is above its lowest tenth, its level at rest, shape (M,)."""
     rest = np.nanquantile(images, 0.1, axis=0)
     return np.nansum(np.maximum(images - rest, 0.0), axis=1)
 
 
 def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
-    """A force that was not measured, where there is contact, and 0 elsewhere; a measured one as it is [N], (M,)."""
+    """Return a force that was not measured, where there is contact, and 0 elsewhere; a measured one as it is [N], (M,)."""
     quantity = mapping.quantity("force_n")
     if quantity is None or quantity.constant is None:
         return force_n

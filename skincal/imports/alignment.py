@@ -70,12 +70,12 @@ class JoinedClock:
     traces: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
 
     def onto(self, time_s: FloatArray) -> FloatArray:
-        """Times of the file on the clock of the taxels."""
+        """Return the times of the file on the clock of the taxels."""
         return time_s + self.offset_s + self.rate * (time_s - self.middle_s)
 
 
 def activities(images: FloatArray) -> list[FloatArray]:
-    """Signals that follow the force on a skin, each of shape (M,): the sum of the taxels, and their distance from rest.
+    """Return the signals that follow the force on a skin, each of shape (M,): the sum of the taxels, and their distance from rest.
 
     The second serves sensors whose channels differ in sign.
     """
@@ -92,7 +92,7 @@ def estimate_offset(
     columns: Mapping[str, FloatArray],
     within_s: float = np.inf,
 ) -> JoinedClock:
-    """The offset of a file's clock.
+    """Return the offset of a file's clock.
 
     Args:
         name: of the file.
@@ -155,7 +155,7 @@ def _share(values: Any) -> FloatArray:
 def _correlations(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Offsets of the clock of ``b``, and the correlations of its overlap with ``a`` there; NaN where that is short."""
+    """Return the offsets of the clock of ``b``, and the correlations of its overlap with ``a`` there; NaN where that is short."""
     x = np.interp(np.arange(a_s[0], a_s[-1] + step / 2, step), a_s, a)
     y = np.interp(np.arange(b_s[0], b_s[-1] + step / 2, step), b_s, b)
     x, y = (x - x.mean()) / (x.std() or 1.0), (y - y.mean()) / (y.std() or 1.0)
@@ -180,7 +180,7 @@ def _correlations(
 
 
 def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
-    """Raises where a lag beyond the foot of the peak does nearly as well."""
+    """Raise where a lag beyond the foot of the peak does nearly as well."""
     filled = np.nan_to_num(found)
     left, right = at, at
     half = filled[at] / 2
@@ -201,7 +201,7 @@ def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
 def _refined(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, start: float, reach: float
 ) -> tuple[float, float]:
-    """The offset within ``reach`` of a first one at which the correlation is largest, and that correlation."""
+    """Return the offset within ``reach`` of a first one at which the correlation is largest, and that correlation."""
 
     def lost(offset: float) -> float:
         inside = (a_s >= b_s[0] + offset) & (a_s <= b_s[-1] + offset)
@@ -218,7 +218,7 @@ def _refined(
 def _parts(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, offset: float, step: float
 ) -> tuple[float, float, float, float]:
-    """Standard deviation of the offset, the rate, its middle and the offset there, from parts of the recording."""
+    """Return the standard deviation of the offset, the rate, its middle and the offset there, from parts of the recording."""
     start, stop = max(a_s[0], b_s[0] + offset), min(a_s[-1], b_s[-1] + offset)
     edges = np.linspace(float(start), float(stop), PARTS + 1).tolist()
     reach = max(6 * step, 3 * usual_step(b_s), 0.5)

@@ -20,7 +20,7 @@ from skincal.imports.columns_of import Columns
 
 
 def read_numpy(path: Path) -> Columns:
-    """The columns of a ``.npz`` or ``.npy`` file; the array of the latter is called ``data``.
+    """Return the columns of a ``.npz`` or ``.npy`` file; the array of the latter is called ``data``.
 
     Raises:
         ValueError: it is damaged, or holds objects, which would run code.
@@ -38,7 +38,7 @@ def read_numpy(path: Path) -> Columns:
 
 
 def read_matlab(path: Path) -> Columns:
-    """The columns of a MATLAB file up to version 7.
+    """Return the columns of a MATLAB file up to version 7.
 
     Raises:
         ValueError: it is damaged.
@@ -53,7 +53,7 @@ def read_matlab(path: Path) -> Columns:
 
 
 def read_hdf5(path: Path) -> Columns:
-    """The columns of an HDF5 file, MATLAB 7.3 among them, whose arrays stand the other way.
+    """Return the columns of an HDF5 file, MATLAB 7.3 among them, whose arrays stand the other way.
 
     Raises:
         OSError: it is damaged.
@@ -78,7 +78,7 @@ def read_hdf5(path: Path) -> Columns:
 
 
 def read_parquet(path: Path) -> Columns:
-    """The columns of a Parquet file.
+    """Return the columns of a Parquet file.
 
     Raises:
         ValueError: it is damaged.

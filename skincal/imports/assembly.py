@@ -55,7 +55,7 @@ class Imported:
 def assemble(
     recording: Recording, mapping: Mapping, out: Path, findings: Findings, *, force: bool
 ) -> Imported:
-    """Writes the dataset of a recording.
+    """Write the dataset of a recording.
 
     Args:
         recording: as a reader returns it.
@@ -129,7 +129,7 @@ def assumed(mapping: Mapping) -> tuple[str, ...]:
 
 
 def _traced(problem: Problem, folder: Path, mapping: Mapping) -> Problem:
-    """A problem of the dataset with the place in the mapping that its column comes from.
+    """Return a problem of the dataset with the place in the mapping that its column comes from.
 
     Where the dataset lay while it was checked is left out: it is not there any more.
     """
@@ -153,7 +153,7 @@ def _origin(quantity: Quantity) -> str:
 
 
 def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], what: str) -> list[Path]:
-    """The files to read: those of the command line, else those that the mapping lists.
+    """Return the files to read: those of the command line, else those that the mapping lists.
 
     Raises:
         InputError: there are none at all, one does not exist, or the mapping lists one outside of its folder.
@@ -169,7 +169,7 @@ def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], wha
 
 
 def beside(mapping: Mapping, name: str, what: str) -> Path:
-    """The place of a file, or of a bag's folder, that a mapping names.
+    """Return the place of a file, or of a bag's folder, that a mapping names.
 
     Raises:
         InputError: it lies outside of the mapping's folder, or is neither a file nor a folder.

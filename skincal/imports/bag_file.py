@@ -35,7 +35,7 @@ class Bag:
     types: Mapping[str, str]
 
     def messages(self, topics: set[str]) -> Generator[tuple[str, int, Any]]:
-        """Topic, time of receipt [ns] and message, in the order of receipt.
+        """Return the topic, time of receipt [ns] and message, in the order of receipt.
 
         Raises:
             InputError: the bag is damaged, or holds a type that it does not define.
@@ -56,7 +56,7 @@ class Bag:
 
 @contextmanager
 def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
-    """An open bag: a ROS 1 file (``.bag``), a ROS 2 folder, or one ``.mcap`` or ``.db3`` of such a folder.
+    """Return an open bag: a ROS 1 file (``.bag``), a ROS 2 folder, or one ``.mcap`` or ``.db3`` of such a folder.
 
     Args:
         path: the bag.
@@ -112,7 +112,7 @@ def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> boo
 
 
 def _types(name: str, file: Path) -> Any:
-    """Message types of a definition file, ``.msg`` or ``.idl``.
+    """Return the message types of a definition file, ``.msg`` or ``.idl``.
 
     Raises:
         InputError: the file is not there, or defines nothing.
@@ -146,7 +146,7 @@ def _damaged(path: Path, error: Exception) -> Problem:
 
 
 def _other_encodings(path: Path) -> list[str]:
-    """Encodings of messages in an MCAP file that are none of ROS; its index, at its end, names them in the open."""
+    """Return the encodings of messages in an MCAP file that are none of ROS; its index, at its end, names them in the open."""
     if path.suffix != ".mcap" or not path.is_file():
         return []
     with open_input(path) as file:

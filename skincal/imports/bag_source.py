@@ -22,7 +22,7 @@ from skincal.imports.values import constant, length
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:
-    """Reads bags after a mapping.
+    """Read bags after a mapping.
 
     Args:
         mapping: what their topics mean.
@@ -81,7 +81,7 @@ def _read_messages(
 
 
 def _recording(mapping: Mapping, part: int, file: str, collector: Collector, zero_ns: int) -> Recording:
-    """One bag; samples of the taxels without a force, or a place, at their time are left out."""
+    """Return one bag; samples of the taxels without a force, or a place, at their time are left out."""
     taxels = collector.streams[mapping.taxels.topic]
     time = taxels.times_s(zero_ns)
     order = np.argsort(time, kind="stable")
@@ -157,7 +157,7 @@ def _why(target: str, mapping: Mapping) -> str:
 
 
 def _check_left(mapping: Mapping, parts: Sequence[Recording], findings: Findings) -> None:
-    """Adds an error for a bag whose streams never meet, most often for two clocks."""
+    """Add an error for a bag whose streams never meet, most often for two clocks."""
     for recording in parts:
         if len(recording):
             continue

@@ -47,13 +47,13 @@ class Wraps:
 
 
 def steps_back(stamps: FloatArray) -> NDArray[np.int64]:
-    """Rows whose stamp is lower than that of the row before; stamps that are missing are passed over."""
+    """Return rows whose stamp is lower than that of the row before; stamps that are missing are passed over."""
     given = np.flatnonzero(np.isfinite(stamps))
     return given[1:][np.diff(stamps[given]) < 0]
 
 
 def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
-    """The period that explains every step back of a clock; None where there is no step back, or no such period.
+    """Return the period that explains every step back of a clock; None where there is no step back, or no such period.
 
     A counter wraps where adding its period turns the step back into a small step on. Of several periods that do so
     the one with the smallest steps is taken.
@@ -85,14 +85,14 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
 
 
 def unwrapped(stamps: FloatArray, wraps: Wraps) -> FloatArray:
-    """The stamps with the period added once more from every wrap on."""
+    """Return the stamps with the period added once more from every wrap on."""
     turns = np.zeros(len(stamps))
     turns[wraps.rows] = wraps.period
     return stamps + np.cumsum(turns)
 
 
 def usual_step(stamps: FloatArray) -> float:
-    """Median step from row to row, of those that go on; 0 where there is none."""
+    """Return the median step from row to row, of those that go on; 0 where there is none."""
     given = np.flatnonzero(np.isfinite(stamps))
     steps = np.diff(stamps[given]) / np.diff(given)
     steps = steps[steps > 0]
@@ -100,7 +100,7 @@ def usual_step(stamps: FloatArray) -> float:
 
 
 def with_missing(stamps: FloatArray) -> FloatArray:
-    """The stamps with those that are missing put evenly between their neighbours, shape (n,).
+    """Return the stamps with those that are missing put evenly between their neighbours, shape (n,).
 
     Beyond the first and the last that are given they go on at the usual step.
     """
@@ -116,7 +116,7 @@ def with_missing(stamps: FloatArray) -> FloatArray:
 
 
 def spread_equal(time: FloatArray) -> FloatArray:
-    """Ascending times with rows of one stamp spread evenly up to the next stamp, shape (n,).
+    """Return the ascending times with rows of one stamp spread evenly up to the next stamp, shape (n,).
 
     Clocks of whole seconds, and rows that arrive in packets, give several rows the same stamp. A packet before a gap
     is spread over no more than its rows take at the mean rate.
@@ -133,7 +133,7 @@ def spread_equal(time: FloatArray) -> FloatArray:
 
 
 def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str | None:
-    """The unit in which stamps are times since 1970 of this century; None where they are in no unit.
+    """Return the unit in which stamps are times since 1970 of this century; None where they are in no unit.
 
     Args:
         stamps: shape (n,).
@@ -144,7 +144,7 @@ def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str 
 
 
 def _periods(unit_s: float) -> list[tuple[str, float]]:
-    """Kinds of clocks and their periods in the unit of the stamps."""
+    """Return the kinds of clocks and their periods in the unit of the stamps."""
     counters = [
         (f"a counter of {bits} bits" + (f" divided by {divided}" if divided > 1 else ""), 2.0**bits / divided)
         for bits in BITS

@@ -21,7 +21,7 @@ def chosen(
     file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
     lines: NDArray[np.int64] | None = None, hint: str = "",
 ) -> TextTable | None:  # fmt: skip
-    """A table of the columns that are asked for; None, and errors, where one is missing or they differ in length.
+    """Return a table of the columns that are asked for; None, and errors, where one is missing or they differ in length.
 
     Args:
         file: its name.

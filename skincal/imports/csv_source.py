@@ -22,7 +22,7 @@ from skincal.imports.values import is_text, quantity_values
 
 
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
-    """Reads files after a mapping.
+    """Read files after a mapping.
 
     Args:
         mapping: what their columns mean.
@@ -69,7 +69,7 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
 
 
 def joined(parts: Sequence[Recording]) -> Recording:
-    """Recordings one after the other."""
+    """Return recordings one after the other."""
     names = list(parts[0].columns)
     return Recording(
         {name: np.concatenate([part.columns[name] for part in parts]) for name in names},
@@ -89,7 +89,7 @@ def summed(dropped: Sequence[Dropped]) -> tuple[Dropped, ...]:
 
 
 def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
-    """One file; the clock of a time series is read by itself, from all files together."""
+    """Return one file; the clock of a time series is read by itself, from all files together."""
     form = mapping.source
     assert isinstance(form, CsvFormat)
     series = mapping.rows == targets.SERIES
@@ -115,7 +115,7 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
 
 
 def _complete(recording: Recording, mapping: Mapping) -> Recording:
-    """The recording without rows that lack what is needed: from a joined file, or as ``drop_incomplete`` says."""
+    """Return the recording without rows that lack what is needed: from a joined file, or as ``drop_incomplete`` says."""
     form = mapping.source
     assert isinstance(form, CsvFormat)
     kept = np.ones(len(recording), dtype=bool)

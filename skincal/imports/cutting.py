@@ -28,7 +28,7 @@ HIGH_SHARE = 0.9
 
 
 def cut(series: Series, rules: CutRules) -> Cut:
-    """The presses of a series, by force or by plateaus; by a column see ``cut_numbered``."""
+    """Return the presses of a series, by force or by plateaus; by a column see ``cut_numbered``."""
     found = contacts(series, rules)
     if rules.by == "plateaus":
         return cut_plateaus(series, rules, found)
@@ -44,13 +44,13 @@ def cut(series: Series, rules: CutRules) -> Cut:
 
 
 def contacts(series: Series, rules: CutRules) -> list[tuple[int, int]]:
-    """Stretches of contact ``[start, stop)``, in order."""
+    """Return the stretches of contact ``[start, stop)``, in order."""
     touching = runs(series.force_n > rules.off_n, series.part)
     return [(start, stop) for start, stop in touching if series.force_n[start:stop].max() > rules.on_n]
 
 
 def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[int, int] | str:
-    """The hold of one contact ``[start, stop)``, or why there is none.
+    """Return the hold of one contact ``[start, stop)``, or why there is none.
 
     Args:
         time_s: the contact's times [s], shape (n,).
@@ -71,7 +71,7 @@ def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[i
 
 
 def _trimmed(force_n: FloatArray, start: int, stop: int, band: float) -> tuple[int, int]:
-    """A stretch without the ramps at its ends; each end is held against its own half, as a force may relax.
+    """Return a stretch without the ramps at its ends; each end is held against its own half, as a force may relax.
 
     Bridged samples outside the band come as 0: a spike on a ramp does not make it part of the hold.
     """
@@ -83,7 +83,7 @@ def _trimmed(force_n: FloatArray, start: int, stop: int, band: float) -> tuple[i
 
 
 def kept_level(time_s: FloatArray, force_n: FloatArray, band: float) -> float:
-    """The force that a contact keeps longest [N].
+    """Return the force that a contact keeps longest [N].
 
     Args:
         time_s: times [s], shape (n,).
@@ -103,7 +103,7 @@ def kept_level(time_s: FloatArray, force_n: FloatArray, band: float) -> float:
 
 
 def _densest(force_n: FloatArray, mass: FloatArray, band: float) -> slice:
-    """Where, in ascending forces, the band of relative half width ``band`` with the greatest mass lies."""
+    """Return where, in ascending forces, the band of relative half width ``band`` with the greatest mass lies."""
     upper = np.searchsorted(force_n, force_n * (1 + band) / (1 - band), side="right")
     total = np.concatenate([[0.0], np.cumsum(mass)])
     best = int(np.argmax(total[upper] - total[: len(force_n)]))
@@ -111,7 +111,7 @@ def _densest(force_n: FloatArray, mass: FloatArray, band: float) -> slice:
 
 
 def _bridged(mask: BoolArray) -> BoolArray:
-    """The mask with short gaps between stretches filled."""
+    """Return the mask with short gaps between stretches filled."""
     filled = mask.copy()
     for start, stop in runs(~mask):
         if start > 0 and stop < len(mask) and stop - start <= BRIDGED:

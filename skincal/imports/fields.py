@@ -36,7 +36,7 @@ class Step:
 
 
 def parse_path(path: str) -> tuple[Step, ...]:
-    """The steps of a path.
+    """Return the steps of a path.
 
     Raises:
         FieldError: it is none.
@@ -64,7 +64,7 @@ def parse_path(path: str) -> tuple[Step, ...]:
 
 
 def value_at(message: Any, steps: Sequence[Step]) -> Any:
-    """The value at a path.
+    """Return the value at a path.
 
     Raises:
         FieldError: a name is not there.
@@ -80,7 +80,7 @@ def value_at(message: Any, steps: Sequence[Step]) -> Any:
 
 
 def number_at(message: Any, steps: Sequence[Step]) -> float:
-    """The number at a path.
+    """Return the number at a path.
 
     Raises:
         FieldError: there is something else.
@@ -93,7 +93,7 @@ def number_at(message: Any, steps: Sequence[Step]) -> float:
 
 
 def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
-    """The array of numbers at a path, flat.
+    """Return the array of numbers at a path, flat.
 
     Raises:
         FieldError: there is something else.
@@ -109,7 +109,7 @@ def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
 
 
 def field_names(message: Any) -> list[str]:
-    """Names of the fields of a message; none for a plain value."""
+    """Return the names of the fields of a message; none for a plain value."""
     return list(getattr(message, "__dataclass_fields__", {}))
 
 

@@ -46,7 +46,7 @@ class Block:
 def read_blocks(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads blocks of rows, one a frame; None, and errors, where they are not of one shape."""
+    """Read blocks of rows, one a frame; None, and errors, where they are not of one shape."""
     lines = text_lines(path, form, findings, blank=True)
     if lines is None:
         return None
@@ -82,7 +82,7 @@ def read_blocks(
 def read_labelled(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads lines of ``name=value`` or ``name:value``; a time before them is the column ``time``."""
+    """Read lines of ``name=value`` or ``name:value``; a time before them is the column ``time``."""
     lines = text_lines(path, form, findings)
     if lines is None:
         return None
@@ -131,7 +131,7 @@ def layout_hint(path: Path, form: CsvFormat) -> str:
 
 
 def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
-    """Stretches of rows of numbers of one width; a name that comes again before a row begins another."""
+    """Return the stretches of rows of numbers of one width; a name that comes again before a row begins another."""
     blocks: list[Block] = []
     label, open_ = "", False
     for number, line in lines:
@@ -155,7 +155,7 @@ def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
 
 
 def _row(line: str, form: CsvFormat) -> tuple[str, list[float]] | None:
-    """The name before a row, or '', and its cells; None for a line that is no row of numbers."""
+    """Return the name before a row, or '', and its cells; None for a line that is no row of numbers."""
     text = line.strip()
     mark = form.delimiter
     cells = text.split() if mark == "whitespace" or mark not in text else text.split(mark)

@@ -65,7 +65,7 @@ def join_file(
     mapping: Mapping,
     findings: Findings,
 ) -> Recording:
-    """The recording with the columns of one of ``[files]``, at the times of the taxels.
+    """Return the recording with the columns of one of ``[files]``, at the times of the taxels.
 
     Args:
         recording: with ``time_s`` as its clock says.
@@ -123,7 +123,7 @@ def join_file(
 
 
 def _same_day(ours: FloatArray, kind: Kind, times: FloatArray, clock: Clock) -> tuple[FloatArray, str]:
-    """Times of a file on the day of the taxels, where one of the two, or both, have no date."""
+    """Return the times of a file on the day of the taxels, where one of the two, or both, have no date."""
     if "day" not in (kind, clock.kind):
         return times, ""
     # The two start no more than half a day apart.
@@ -187,7 +187,7 @@ def _aligned(
 def _onto(
     quantity: Quantity, entry: JoinedFile, times: FloatArray, column: Column, ours: FloatArray
 ) -> Column:
-    """A column of a file at the times of the taxels."""
+    """Return a column of a file at the times of the taxels."""
     age = STEPS_OLD * usual_step(times) if entry.max_age_s is None else entry.max_age_s
     whole = targets.is_whole(quantity.target) or column.dtype == object
     # Half of press 3 and half of press 4 is no press.

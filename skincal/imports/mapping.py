@@ -58,7 +58,7 @@ class Quantity:
     format: str = ""
 
     def si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Numbers of the source in SI, of the same shape."""
+        """Return the numbers of the source in SI, of the same shape."""
         # A factor of one and an offset of nothing leave every bit as it was.
         return (self.scale * values + self.offset) * self.unit.factor + self.unit.offset
 
@@ -96,7 +96,7 @@ class Taxels:
     rest_rows: int = 0
 
     def counts(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Images of the source, shape (rows, columns of the source), as counts that grow with load, (rows, J)."""
+        """Return the images of the source, shape (rows, columns of the source), as counts that grow with load, (rows, J)."""
         if self.swap_bytes:
             values = swapped(values)
         if self.word:
@@ -254,7 +254,7 @@ class BagFormat:
     joints: tuple[str, ...] = ()
 
     def rules(self, topic: str) -> TopicRules:
-        """Clock and resampling of a topic."""
+        """Return the clock and resampling of a topic."""
         return self.topics.get(topic, self.default)
 
 

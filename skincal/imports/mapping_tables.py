@@ -139,7 +139,7 @@ def read_csv_format(table: StrictTable, files: StrictTable, findings: Findings) 
 
 
 def _joined(table: StrictTable, name: str, findings: Findings) -> JoinedFile:
-    """One table of ``[files]``."""
+    """Return one table of ``[files]``."""
     form = _layout(table)
     time = None
     if table.has("time"):

@@ -78,7 +78,7 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
 
 
 def _ordered(table: StrictTable, shape: tuple[int, int]) -> NDArray[np.int64]:
-    """The source's image by its ``order``: row by row, column by column, or the index of every taxel."""
+    """Return the source's image by its ``order``: row by row, column by column, or the index of every taxel."""
     flat = np.arange(shape[0] * shape[1])
     given = table.raw("order")
     if not isinstance(given, list):
@@ -100,7 +100,7 @@ def _finite(table: StrictTable, key: str, default: float) -> float:
 
 
 def _names(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
-    """Names of the source's columns, and where in them each entry of its image stands."""
+    """Return the names of the source's columns, and where in them each entry of its image stands."""
     given = table.raw("columns")
     count = image.size
     nothing = ("",) * count
@@ -127,7 +127,7 @@ def _names(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...
 
 
 def _vectors(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...], int]:
-    """Names of the columns of all taxels in the source's flat order, axis by axis, and the number of axes."""
+    """Return the names of the columns of all taxels in the source's flat order, axis by axis, and the number of axes."""
     given, count = table.raw("vectors"), image.size
     if table.has("columns"):
         table.error("vectors", "columns or vectors", "both", "Remove one of them.")
@@ -148,7 +148,7 @@ def _vectors(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, .
 
 
 def _letters(number: int) -> str:
-    """A, B, ..., Z, AA, AB, ... as spreadsheets count."""
+    """Return A, B, ..., Z, AA, AB, ... as spreadsheets count."""
     head, tail = divmod(number, 26)
     return (_letters(head - 1) if head else "") + chr(ord("A") + tail)
 
@@ -180,7 +180,7 @@ def _from_pattern(
 
 
 def _elements(table: StrictTable, image: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The image with the indices of a message's array that the mapping picks out."""
+    """Return the image with the indices of a message's array that the mapping picks out."""
     given = table.raw("elements")
     items = as_list(given)
     good = all(isinstance(item, int) and not isinstance(item, bool) and item >= 0 for item in items)

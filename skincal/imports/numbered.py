@@ -16,7 +16,7 @@ from skincal.imports.series import Cut, Rejected, Series, Span
 
 
 def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings) -> Cut:
-    """One press a number; a number that comes again later is an error.
+    """Return one press a number; a number that comes again later is an error.
 
     Args:
         series: with numbers, and perhaps words of phases.
@@ -61,7 +61,7 @@ def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -
 
 
 def check_phases(phase: Column, file: str, findings: Findings) -> None:
-    """Adds an error for words that are no phases."""
+    """Add an error for words that are no phases."""
     strange = sorted({str(word) for word in phase} - set(PHASES))
     if strange:
         fix = f'Add words = {{ {strange[0] or chr(39) * 2} = "{PHASES[0]}", … }} to [columns.phase].'

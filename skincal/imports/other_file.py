@@ -11,7 +11,7 @@ from skincal.imports.text_table import column_names
 
 
 def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:
-    """Puts one error in the place of those of missing columns, where another file holds them.
+    """Put one error in the place of those of missing columns, where another file holds them.
 
     Args:
         paths: the files.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def placed(recording: Recording, placement: Placement, surface: Surface | None) -> Recording:
-    """The recording with its positions, targets and normals in the fingertip frame.
+    """Return the recording with its positions, targets and normals in the fingertip frame.
 
     Args:
         recording: as read.

@@ -15,7 +15,7 @@ from skincal.imports.series import Cut, Rejected, Series, Span, runs
 
 
 def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]]) -> Cut:
-    """The plateaus of every contact.
+    """Return the plateaus of every contact.
 
     Args:
         series: the time series.

@@ -33,7 +33,7 @@ KEYS = {"csv": ("csv", "files"), "bag": ("bag", "topics", "joints")}
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
-    """Reads a mapping file.
+    """Read a mapping file.
 
     Args:
         path: the file.

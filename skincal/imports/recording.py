@@ -65,7 +65,7 @@ class Recording:
         return len(self.part)
 
     def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
-        """The recording with only these rows, and what to report of the others."""
+        """Return the recording with only these rows, and what to report of the others."""
         columns = {name: column[rows] for name, column in self.columns.items()}
         return replace(
             self,
@@ -76,6 +76,6 @@ class Recording:
         )
 
     def vector(self, names: tuple[str, ...]) -> FloatArray:
-        """Three columns side by side, shape (M, 3); NaN where one is not mapped."""
+        """Return three columns side by side, shape (M, 3); NaN where one is not mapped."""
         nothing = np.full(len(self), np.nan)
         return np.column_stack([self.columns.get(name, nothing) for name in names])

@@ -9,7 +9,7 @@ from skincal.imports.recording import FloatArray
 
 
 def resampled(time_s: FloatArray, values: FloatArray, onto_s: FloatArray, rules: TopicRules) -> FloatArray:
-    """A stream at other times.
+    """Return a stream at other times.
 
     ``previous`` takes the last sample that is not later; ``linear`` lies on the line between the last and the
     next, and needs both. A sample that is older than ``max_age_s``, or two that are farther apart, give NaN.

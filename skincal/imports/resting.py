@@ -21,7 +21,7 @@ TRIES, SMALLER = 6, 0.7
 def rested(
     found: Cut, series: Series, recording: Recording, mapping: Mapping, file: str, findings: Findings
 ) -> Cut:
-    """The cut with every hold no longer than the contact rests, as ``slides`` of ``[series]`` says.
+    """Return the cut with every hold no longer than the contact rests, as ``slides`` of ``[series]`` says.
 
     Args:
         found: the presses.
@@ -75,7 +75,7 @@ def rested(
 
 
 def _rest(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
-    """The longest part of a hold in which the contact rests, also by the measure of that part alone."""
+    """Return the longest part of a hold in which the contact rests, also by the measure of that part alone."""
     start, stop = 0, 0
     for turn in range(TRIES):
         start, stop = rests(position_m, still_m * SMALLER**turn, noise_m)

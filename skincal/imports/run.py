@@ -19,7 +19,7 @@ from skincal.imports.recording import Recording
 def import_csv(
     mapping: str | Path, out: str | Path, files: Sequence[str | Path] = (), *, force: bool = False
 ) -> Imported:
-    """Imports text files.
+    """Import text files.
 
     Args:
         mapping: the mapping file, with a table ``[csv]``.
@@ -40,7 +40,7 @@ def import_csv(
 def import_rosbag(
     mapping: str | Path, out: str | Path, bags: Sequence[str | Path] = (), *, force: bool = False
 ) -> Imported:
-    """Imports ROS bags; needs the library rosbags (``pip install skincal[ros]``).
+    """Import ROS bags; needs the library rosbags (``pip install skincal[ros]``).
 
     Args:
         mapping: the mapping file, with a table ``[bag]``.
@@ -74,7 +74,7 @@ def _imported(
     *,
     force: bool,
 ) -> Imported:
-    """Reads a recording after its mapping, and makes a dataset of it."""
+    """Read a recording after its mapping, and makes a dataset of it."""
     found = read_mapping(mapping, kind)
     paths = resolved(found, [Path(file) for file in given], found.source.files, _READ[kind])
     refuse_existing(out, mapping, *paths, force=force, marker=FILE)
@@ -86,7 +86,7 @@ def _imported(
 
 
 def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
-    """The topics of a bag: type and number of messages of each, by name.
+    """Return the topics of a bag: type and number of messages of each, by name.
 
     Args:
         bag: a ROS 1 file or a ROS 2 folder.

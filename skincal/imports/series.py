@@ -77,7 +77,7 @@ class Cut:
 
 
 def runs(mask: BoolArray, part: IntArray | None = None) -> list[tuple[int, int]]:
-    """Stretches ``[start, stop)`` where a mask holds; a change of ``part`` ends one."""
+    """Return stretches ``[start, stop)`` where a mask holds; a change of ``part`` ends one."""
     if not mask.any():
         return []
     edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
@@ -94,7 +94,7 @@ def runs(mask: BoolArray, part: IntArray | None = None) -> list[tuple[int, int]]
 
 
 def longest(stretches: Sequence[tuple[int, int]], time_s: FloatArray) -> tuple[int, int] | None:
-    """The stretch that lasts longest; the first of them where several do."""
+    """Return the stretch that lasts longest; the first of them where several do."""
     if not stretches:
         return None
     return max(stretches, key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))

@@ -44,7 +44,7 @@ class Session:
 
 
 def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Session | None:
-    """Presses, and frames, of a recording in the fingertip frame; None, and errors, where it cannot be cut."""
+    """Return presses, and frames, of a recording in the fingertip frame; None, and errors, where it cannot be cut."""
     _check_numbers(recording, mapping, findings)
     if findings.errors:
         return None
@@ -107,7 +107,7 @@ def _series(recording: Recording, mapping: Mapping, findings: Findings) -> Serie
 
 
 def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> FloatArray:
-    """Times of all files on one clock [s], shape (M,)."""
+    """Return the times of all files on one clock [s], shape (M,)."""
     time = np.array(recording.columns["time_s"], dtype=np.float64)
     if rules.own_clocks:
         for part in range(1, len(recording.files)):
@@ -125,7 +125,7 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
 
 
 def _where(recording: Recording, bad: NDArray[np.bool_]) -> str:
-    """File and rows of the first places where a mask holds."""
+    """Return the file and rows of the first places where a mask holds."""
     rows = np.flatnonzero(bad)
     part = int(recording.part[rows[0]])
     begin = int(np.flatnonzero(recording.part == part)[0])

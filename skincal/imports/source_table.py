@@ -51,7 +51,7 @@ READ: Final = "text, .mat, .npz, .npy, HDF5 or Parquet"
 def read_source_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads the columns that are asked for; None, and errors, where the file does not hold them.
+    """Read the columns that are asked for; None, and errors, where the file does not hold them.
 
     Args:
         path: the file.
@@ -95,7 +95,7 @@ def read_source_table(
 
 
 def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None:
-    """The kind of a file that is not read, and what to do; None for text."""
+    """Return the kind of a file that is not read, and what to do; None for text."""
     known = next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None)
     if known:
         return known

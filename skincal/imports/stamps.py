@@ -65,7 +65,7 @@ def read_clock(
     *,
     own_clocks: bool = False,
 ) -> Clock:
-    """The clock of some files, in the order of the session.
+    """Return the clock of some files, in the order of the session.
 
     Args:
         tables: the files.
@@ -117,7 +117,7 @@ def read_clock(
 
 
 def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
-    """The stamps of a file as the source's numbers, or as seconds; NaN where one is missing."""
+    """Return the stamps of a file as the source's numbers, or as seconds; NaN where one is missing."""
     name = time.sources[0]
     if time.unit.name != units.DATETIME:
         return table.numbers(name), "number"
@@ -156,7 +156,7 @@ def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
 def _mended(
     stamps: FloatArray, time: Quantity, kind: Kind, findings: Findings
 ) -> tuple[FloatArray, list[str]]:
-    """Stamps without wraps, none missing, and what was done."""
+    """Return stamps without wraps, none missing, and what was done."""
     notes: list[str] = []
     wraps = _wraps(stamps, time, kind)
     if wraps is not None and wraps.rows.size:

@@ -31,7 +31,7 @@ class Stream:
     samples: dict[str, list[Any]] = field(default_factory=dict[str, list[Any]])
 
     def times_s(self, zero_ns: int) -> FloatArray:
-        """Times since ``zero_ns`` with the lag taken off [s], shape (n,)."""
+        """Return times since ``zero_ns`` with the lag taken off [s], shape (n,)."""
         # Differences of whole nanoseconds first: seconds since 1970 would lose the last digits.
         passed = np.array([stamp - zero_ns for stamp in self.stamps_ns], dtype=np.float64)
         return passed * 1e-9 - self.rules.lag_s
@@ -70,7 +70,7 @@ class Collector:
         return self._joints
 
     def take(self, topic: str, receive_ns: int, message: Any) -> None:
-        """Adds one message."""
+        """Add one message."""
         stream = self.streams[topic]
         sample: dict[str, Any] = {}
         try:
@@ -129,7 +129,7 @@ class Collector:
         return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
     def _header(self, topic: str, message: Any) -> Any:
-        """The stamp of a message, or of the element that a path picks out of it; None where there is none."""
+        """Return the stamp of a message, or of the element that a path picks out of it; None where there is none."""
         if hasattr(message, "header"):
             return message.header.stamp
         for _, _, steps, _ in self._readers.get(topic, []):
@@ -142,7 +142,7 @@ class Collector:
         return None
 
     def _joint_values(self, message: Any) -> dict[str, float]:
-        """Angles and torques of a ``sensor_msgs/JointState``; NaN for what it does not hold."""
+        """Return angles and torques of a ``sensor_msgs/JointState``; NaN for what it does not hold."""
         if not all(hasattr(message, name) for name in ("name", "position", "effort")):
             expected = "sensor_msgs/JointState"
             self._report(

@@ -28,7 +28,7 @@ LABELS: Final = ("pose", "branch", "cycle", "indenter_radius_m", "target_force_n
 
 
 def quantity_of(target: str) -> str:
-    """The kind of quantity that a column holds; plain numbers where it has no unit."""
+    """Return the kind of quantity that a column holds; plain numbers where it has no unit."""
     joint = JOINT.fullmatch(target)
     if joint:
         return units.ANGLE if joint[1] == "q" else units.TORQUE
@@ -46,13 +46,13 @@ def is_whole(target: str) -> bool:
 
 
 def known_targets(rows: str) -> tuple[str, ...]:
-    """The columns that sources with such rows may fill, without joints."""
+    """Return the columns that sources with such rows may fill, without joints."""
     own = ("press", *TIMES) if rows == PRESSES else ("time_s", "press", "phase")
     return (*own, *POSITION, "force_n", *OPTIONAL)
 
 
 def required_targets(rows: str, *, positions: bool) -> tuple[str, ...]:
-    """The columns that a mapping has to fill; ``positions``: whether anything is known of them."""
+    """Return the columns that a mapping has to fill; ``positions``: whether anything is known of them."""
     return (
         *(("time_s",) if rows == SERIES else ()),
         *(POSITION if positions else ()),

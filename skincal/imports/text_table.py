@@ -28,7 +28,7 @@ class SourceSheet(Sheet):
         self._lines = lines
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
-        """The place of some rows (counted from 0) of a column, the first of ``total``: the lines of the file."""
+        """Return the place of some rows (counted from 0) of a column, the first of ``total``: the lines of the file."""
         index = np.atleast_1d(np.asarray(rows))
         count = index.size if total is None else total
         named = ", ".join(f"{int(row) + 1}{self._line(row)}" for row in index[:SHOWN])
@@ -55,7 +55,7 @@ class TextTable:
         self._decimal = decimal
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """A column as numbers, NaN where nothing stands; an error for cells that are none, and for inf."""
+        """Return a column as numbers, NaN where nothing stands; an error for cells that are none, and for inf."""
         column = self._columns.get(name)
         if column is None:
             return np.full(self.rows, np.nan)
@@ -68,7 +68,7 @@ class TextTable:
         return column
 
     def text(self, name: str) -> NDArray[Any]:
-        """A column as text, '' where nothing stands."""
+        """Return a column as text, '' where nothing stands."""
         column = self._columns.get(name)
         return np.full(self.rows, "", dtype=object) if column is None else column
 
@@ -76,7 +76,7 @@ class TextTable:
 def read_text_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads the columns that are asked for; None, and errors, where the file has no such form.
+    """Read the columns that are asked for; None, and errors, where the file has no such form.
 
     Args:
         path: the file.
@@ -101,7 +101,7 @@ def read_text_table(
 
 
 def column_names(path: Path, form: CsvFormat) -> list[str]:
-    """The names of the columns of a text file; none where it has no header."""
+    """Return the names of the columns of a text file; none where it has no header."""
     lines = text_lines(path, form, Findings())
     return _header(path.name, form, lines, Findings())[0] if lines else []
 
@@ -109,7 +109,7 @@ def column_names(path: Path, form: CsvFormat) -> list[str]:
 def text_lines(
     path: Path, form: CsvFormat, findings: Findings, *, blank: bool = False
 ) -> list[tuple[int, str]] | None:
-    """The lines that are neither skipped, comments nor, unless ``blank``, empty, with their numbers."""
+    """Return the lines that are neither skipped, comments nor, unless ``blank``, empty, with their numbers."""
     encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
     try:
         text = read_bytes(path, MOST_LOG_BYTES).decode(encoding)
@@ -137,7 +137,7 @@ def text_lines(
 def _header(
     file: str, form: CsvFormat, lines: list[tuple[int, str]], findings: Findings
 ) -> tuple[list[str], list[tuple[int, str]]]:
-    """The names of the columns (their numbers, from 1, where there is no header), and the rows' lines."""
+    """Return the names of the columns (their numbers, from 1, where there is no header), and the rows' lines."""
     if not lines:
         findings.error(file, "a header line and rows" if form.header else "rows", "nothing")
         return [], []
@@ -186,7 +186,7 @@ def _parse(
     types: dict[str, str],
     lines: NDArray[np.int64],
 ) -> dict[str, Column] | None:
-    """The columns: as numbers at once, or as text where a cell is none."""
+    """Return the columns: as numbers at once, or as text where a cell is none."""
     import pyarrow as arrow  # pyright: ignore[reportMissingTypeStubs]
     import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
 
@@ -249,7 +249,7 @@ def _column(column: Any, kind: str, form: CsvFormat) -> Column:
 
 
 def _parsed(cells: NDArray[Any], decimal: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Cells as numbers, NaN where nothing stands, and which are no finite number."""
+    """Return cells as numbers, NaN where nothing stands, and which are no finite number."""
     values = np.full(len(cells), np.nan)
     bad = np.zeros(len(cells), dtype=bool)
     for i, cell in enumerate(cells):

@@ -70,7 +70,7 @@ _ALIASES = {
 
 
 def unit_of(kind: str, name: str) -> Unit | None:
-    """The unit of a quantity by its name; None where there is none of that name."""
+    """Return the unit of a quantity by its name; None where there is none of that name."""
     name = _ALIASES.get(name, name)
     factor = FACTORS[kind].get(name)
     return (
@@ -79,11 +79,11 @@ def unit_of(kind: str, name: str) -> Unit | None:
 
 
 def other_kind(name: str) -> str | None:
-    """The kind of quantity that a unit belongs to; None for a unit of nothing."""
+    """Return the kind of quantity that a unit belongs to; None for a unit of nothing."""
     name = _ALIASES.get(name, name)
     return next((kind for kind, units in FACTORS.items() if name in units), None)
 
 
 def si_unit(kind: str) -> Unit:
-    """The unit that the dataset itself has: the first of a kind."""
+    """Return the unit that the dataset itself has: the first of a kind."""
     return Unit(next(iter(FACTORS[kind])))

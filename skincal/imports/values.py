@@ -18,7 +18,7 @@ def is_text(quantity: Quantity) -> bool:
 
 
 def quantity_values(quantity: Quantity, table: TextTable) -> Column:
-    """A column of the dataset from the cells of a table."""
+    """Return a column of the dataset from the cells of a table."""
     if quantity.constant is not None:
         return constant(quantity.constant, table.rows)
     if targets.is_text(quantity.target):
@@ -30,10 +30,10 @@ def quantity_values(quantity: Quantity, table: TextTable) -> Column:
 
 
 def constant(value: float | str, rows: int) -> Column:
-    """A column that holds the same in every row."""
+    """Return a column that holds the same in every row."""
     return np.full(rows, value, dtype=object if isinstance(value, str) else np.float64)
 
 
 def length(parts: Sequence[FloatArray]) -> FloatArray:
-    """Length of a vector from its components, shape (rows,)."""
+    """Return the length of a vector from its components, shape (rows,)."""
     return np.linalg.norm(np.column_stack(parts), axis=1)

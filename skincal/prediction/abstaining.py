@@ -31,7 +31,7 @@ _LEFT_OUT = "The prediction is without it."
 
 
 def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...]]:
-    """Names of effects that abstain, each with the covariates that are missing."""
+    """Return the names of effects that abstain, each with the covariates that are missing."""
     if not on.has_effects:
         return {}
     touches = Touches.of_presses(on, dataset) if dataset.frames is None else Touches.of_frames(on, dataset)
@@ -81,7 +81,7 @@ def _columns(missing: tuple[str, ...]) -> str:
 def _partly(
     effect: Effect, dataset: Dataset, place: str, lacking: Mapping[str, tuple[str, ...]]
 ) -> list[Problem]:
-    """Covariates of an effect that were recorded in some of the presses only."""
+    """Return the covariates of an effect that were recorded in some of the presses only."""
     if effect.name in lacking:
         return []
     found: list[Problem] = []

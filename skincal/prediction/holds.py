@@ -46,7 +46,7 @@ class HoldModel:
 
     @classmethod
     def of(cls, on: CalibratedSkin, dataset: Dataset, rows: Ints, slack_m: Floats | None = None) -> HoldModel:
-        """The model of some presses.
+        """Return the model of some presses.
 
         Args:
             on: the skin.
@@ -61,7 +61,7 @@ class HoldModel:
         return cls(touches, samples, skin, gain[rows], left[rows], _level(skin, samples))
 
     def values(self, slack_m: Floats, press: Ints) -> Floats:
-        """Values (n, J) above the level at rest [counts] of presses (n,) at slacks (n, 2) [m]."""
+        """Return values (n, J) above the level at rest [counts] of presses (n,) at slacks (n, 2) [m]."""
         order = np.argsort(press, kind="stable")
         rows = press[order]
         contacts = self.touches.taken(rows).moved(slack_m[order]).contacts()
@@ -73,7 +73,7 @@ class HoldModel:
 
 
 def rest_level(on: CalibratedSkin, dataset: Dataset) -> Floats:
-    """Mean level (J,) of untouched taxels over the session [counts]: what effects do to it, as far as it shows."""
+    """Return the mean level (J,) of untouched taxels over the session [counts]: what effects do to it, as far as it shows."""
     rows = in_time(dataset, np.arange(len(dataset.presses)))
     return _level(on.full, _middles(Touches.of_presses(on, dataset).taken(rows), dataset, rows))
 
@@ -99,7 +99,7 @@ def _level(skin: EffectSkin, samples: Samples) -> Floats:
 
 
 def in_time(dataset: Dataset, rows: Ints) -> Ints:
-    """Rows of presses in the order of time."""
+    """Return the rows of presses in the order of time."""
     rank = np.empty(len(dataset.presses), dtype=np.intp)
     rank[_order(dataset)] = np.arange(len(rank))
     return rows[np.argsort(rank[rows], kind="stable")]
@@ -111,7 +111,7 @@ def _order(dataset: Dataset) -> Ints:
 
 
 def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
-    """One sample a press (H,) in the middle of its hold."""
+    """Return one sample a press (H,) in the middle of its hold."""
     middle = _middle_times(dataset)
     more: dict[str, Any] = {} if middle is None else {"time_s": middle[rows], "phase": HOLD}
     samples = hold_samples(touches, dataset, rows, pose_names(dataset), **more)
@@ -124,7 +124,7 @@ def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
 
 
 def _middle_times(dataset: Dataset) -> Floats | None:
-    """Middle of the hold of each press (P,) [s]; None where there is no clock."""
+    """Return the middle of the hold of each press (P,) [s]; None where there is no clock."""
     given, clock = press_times(dataset)
     frames = dataset.frames
     if frames is None:
@@ -142,7 +142,7 @@ def _middle_times(dataset: Dataset) -> Floats | None:
 
 
 def _memory(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None) -> tuple[Floats, Floats]:
-    """Gain (P, 1) that memory gives the loads of each hold, and what it adds (P, J) [N]."""
+    """Return the gain (P, 1) that memory gives the loads of each hold, and what it adds (P, J) [N]."""
     count, taxels = len(dataset.presses), on.skin.patch.layout.taxels
     if not on.full.has_memory:
         return np.ones((count, 1)), np.zeros((count, taxels))

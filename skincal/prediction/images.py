@@ -90,7 +90,7 @@ def images_with_effects(
 def _values(
     skin: EffectSkin, ends: tuple[EffectSkin, ...], samples: Samples, progress: Progress | None, each: int = 0
 ) -> list[FloatArray]:
-    """Values (K, J) of a session for each end, in pieces.
+    """Return the values (K, J) of a session for each end, in pieces.
 
     Args:
         skin: for the stages up to the contact.
@@ -118,7 +118,7 @@ def _values(
 
 
 def _means(values: Floats, owner: Ints, count: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Means (P, J) of values (N, J) that are known, by their press; and which presses have any."""
+    """Return the means (P, J) of values (N, J) that are known, by their press; and which presses have any."""
     known = np.isfinite(values).all(axis=1)
     total = np.zeros((count, values.shape[1]))
     np.add.at(total, owner[known], values[known])

@@ -36,7 +36,7 @@ def _readout(dataset: Dataset) -> Readout:
 
 
 def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
-    """Measured images as unclipped values above rest, the level at rest from idle frames where there are enough.
+    """Return the measured images as unclipped values above rest, the level at rest from idle frames where there are enough.
 
     Args:
         dataset: gives the images.
@@ -47,7 +47,7 @@ def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Obse
 
 
 def within_range(dataset: Dataset, values: Floats) -> Floats:
-    """Values (N, J) clipped to the range of the dataset's converter, not rounded [counts]."""
+    """Return the values (N, J) clipped to the range of the dataset's converter, not rounded [counts]."""
     return replace(dataset.converter(), integer=False).apply(values)
 
 
@@ -59,7 +59,7 @@ def mismatch(
     seen: Observed,
     level_counts: Floats | float = 0.0,
 ) -> Mismatch:
-    """The mismatch of presses or frames.
+    """Return the mismatch of presses or frames.
 
     Args:
         dataset: they are of; gives the converter.
@@ -81,6 +81,6 @@ def mismatch(
 
 
 def rms(values: Floats) -> float:
-    """Root mean square of the values that are known; NaN where there are none."""
+    """Return the root mean square of the values that are known; NaN where there are none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

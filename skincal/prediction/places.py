@@ -77,7 +77,7 @@ class Places:
 def best_places(
     simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float, start: Places | None = None
 ) -> Places:
-    """Finds the best slack of every press.
+    """Find the best slack of every press.
 
     The noise is estimated from the data: it is what is left when positions are chosen with a noise of one count, by
     the median over the presses, so that a few glitches do not count.
@@ -116,7 +116,7 @@ def best_places(
 
 
 def _best_of(press: Ints, objective: Floats, count: int) -> Ints:
-    """The row (K,) with the least objective of each press."""
+    """Return the row (K,) with the least objective of each press."""
     order = np.lexsort((objective, press))
     return order[np.searchsorted(press[order], np.arange(count))]
 
@@ -130,7 +130,7 @@ class _Best:
     residual: Floats
 
     def keep(self, rows: Ints, slack_m: Floats, objective: Floats, residual: Floats) -> Bools:
-        """Takes what is better than before in some rows, and says where that is."""
+        """Take what is better than before in some rows, and says where that is."""
         better = objective < self.objective[rows]
         won = rows[better]
         self.slack_m[won], self.objective[won] = slack_m[better], objective[better]
@@ -146,19 +146,19 @@ class _Problem:
     slack_m: float
 
     def evaluate(self, slack_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
-        """Objective (n,) and whitened residuals (n, J)."""
+        """Return the objective (n,) and whitened residuals (n, J)."""
         residual = self.residual(slack_m, press) / noise
         return (residual**2).sum(axis=1) + self.stiffness * (slack_m**2).sum(axis=1), residual
 
     def residual(self, slack_m: Floats, press: Ints) -> Floats:
-        """Weighted residuals (n, J) [counts]; a taxel at its upper bound only says "at least this"."""
+        """Return the weighted residuals (n, J) [counts]; a taxel at its upper bound only says "at least this"."""
         seen = self.seen
         difference = self.simulate(slack_m, press) - seen.values[press]
         weight = np.where(seen.saturated[press] & (difference > 0), 0.0, seen.weight[press])
         return np.where(weight > 0, weight * difference, 0.0)
 
     def basins(self, noise: float) -> tuple[Ints, Floats]:
-        """Presses (n,) and slacks (n, 2) of the low places of a lattice over the slack's square."""
+        """Return presses (n,) and slacks (n, 2) of the low places of a lattice over the slack's square."""
         half = min(int(np.ceil(self.slack_m / LATTICE_M)), MOST_NODES // 2)
         axis = np.linspace(-self.slack_m, self.slack_m, 2 * half + 1)
         lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -174,7 +174,7 @@ class _Problem:
         return np.concatenate([k for k, _ in found]), np.concatenate([at for _, at in found])
 
     def descend(self, start_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
-        """Gauss-Newton from n places: slacks (n, 2) and objectives (n,), never worse than at the start."""
+        """Return the Gauss-Newton from n places: slacks (n, 2) and objectives (n,), never worse than at the start."""
         best = _Best(start_m.copy(), *self.evaluate(start_m, press, noise))
         self._stride(best, press, noise)
         self._go_down(best, press, noise)
@@ -234,7 +234,7 @@ class _Problem:
         return np.clip(step, -LONGEST_STEP_M, LONGEST_STEP_M)
 
     def typical_residual(self, slack_m: Floats, press: Ints) -> float:
-        """Median over the presses of the rms over lit taxels, the two free coordinates of each allowed for."""
+        """Return the median over the presses of the rms over lit taxels, the two free coordinates of each allowed for."""
         lit = self.seen.lit[press]
         squares = np.where(lit, self.residual(slack_m, press) ** 2, 0.0).sum(axis=1)
         number = lit.sum(axis=1)
@@ -244,7 +244,7 @@ class _Problem:
 
 
 def _low_places(objective: Floats) -> tuple[Ints, Ints]:
-    """Nodes no higher than their neighbours, the lowest of each press: presses (n,) and flat nodes (n,).
+    """Return nodes no higher than their neighbours, the lowest of each press: presses (n,) and flat nodes (n,).
 
     Args:
         objective: (K, A, A) over lattices.

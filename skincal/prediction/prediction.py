@@ -61,7 +61,7 @@ class Prediction:
 def predict_dataset(
     calibration: Calibration, dataset: Dataset, *, slack: bool = False, progress: Progress = _silent
 ) -> Prediction:
-    """Predicts the images of all presses and frames of a dataset (contract, section 6).
+    """Predict the images of all presses and frames of a dataset (contract, section 6).
 
     Values are those of the model, clipped to the range of the dataset's converter, neither rounded nor noisy and
     without a level at rest: an untouched taxel is 0. The indenter is the dataset's, a press's own radius first; the
@@ -123,7 +123,7 @@ def _with_effects(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, 
 
 
 def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
-    """Images by the base model: each press and each frame for itself."""
+    """Return images by the base model: each press and each frame for itself."""
     touches = Touches.of_presses(on, dataset)
     touches = touches if slack_m is None else touches.moved(slack_m)
     presses = within_range(dataset, touches.values(_of("presses", progress)))
@@ -137,7 +137,7 @@ def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress
 
 
 def _moved(table: Table, touches: Touches, slack_m: Floats | None, counts: Floats) -> Table:
-    """A table of presses or frames with predicted values, and where there is slack, with moved positions."""
+    """Return a table of presses or frames with predicted values, and where there is slack, with moved positions."""
     if slack_m is not None:
         moved = (slack_m != 0).any(axis=1)[:, None]
         points = touches.moved(slack_m).points_m

@@ -28,14 +28,14 @@ _NUMBERS = ("speed_m_per_s", "cycle", "temperature_c", "shear_u_n", "shear_v_n")
 
 
 def pose_names(dataset: Dataset) -> tuple[str, ...]:
-    """Names of the hand poses of a dataset, sorted."""
+    """Return the names of the hand poses of a dataset, sorted."""
     tables = [table for table in (dataset.presses, dataset.frames) if table is not None]
     columns = [column for table in tables if (column := table.column("pose")) is not None]
     return tuple(sorted({name for column in columns for name in np.unique(_names(column)).tolist()} - {""}))
 
 
 def pose_numbers(column: NDArray[Any], poses: Sequence[str]) -> Ints:
-    """Numbers of poses by their names; -1 where none is given.
+    """Return the numbers of poses by their names; -1 where none is given.
 
     Args:
         column: (N,) names.
@@ -52,7 +52,7 @@ def _names(column: NDArray[Any]) -> NDArray[np.str_]:
 
 
 def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
-    """One sample a frame.
+    """Return one sample a frame.
 
     Args:
         touches: of all frames.
@@ -77,7 +77,7 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
 
 
 def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | None:
-    """A column (M,) of the frames, and that of their presses where frames have none or lack the value.
+    """Return a column (M,) of the frames, and that of their presses where frames have none or lack the value.
 
     Args:
         dataset: with frames.
@@ -93,7 +93,7 @@ def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | Non
 
 
 def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
-    """Row of the press (M,) that each frame is of; at rest that of the press before, at first that of the next.
+    """Return the row of the press (M,) that each frame is of; at rest that of the press before, at first that of the next.
 
     Args:
         owner: (M,) row of the press, where something touches.
@@ -108,7 +108,7 @@ def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
 def hold_samples(
     touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
 ) -> Samples:
-    """One sample a press, in its hold.
+    """Return one sample a press, in its hold.
 
     Args:
         touches: of the presses ``rows``.
@@ -135,7 +135,7 @@ def hold_samples(
 
 
 def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
-    """Standard presses about the holds of a dataset. Without a clock their samples have neither times nor phases.
+    """Return the standard presses about the holds of a dataset. Without a clock their samples have neither times nor phases.
 
     Args:
         touches: of the presses ``rows``.
@@ -154,20 +154,20 @@ def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequen
 
 
 def press_order(dataset: Dataset) -> Ints:
-    """Rows of the table of presses in the order of time; as they stand, where times are not known."""
+    """Return the rows of the table of presses in the order of time; as they stand, where times are not known."""
     given, clock = press_times(dataset)
     return np.argsort(given[0], kind="stable") if clock else np.arange(len(dataset.presses))
 
 
 def press_times(dataset: Dataset) -> tuple[list[Floats], bool]:
-    """Start, hold, release and end of all presses [s], and whether all of them are known."""
+    """Return the start, hold, release and end of all presses [s], and whether all of them are known."""
     found = [column for name in TIMES if (column := dataset.presses.column(name)) is not None]
     known = len(found) == len(TIMES) and all(bool(np.isfinite(column).all()) for column in found)
     return found, known
 
 
 def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
-    """Samples of the presses of a dataset, for what is known of them: frames, or the steps of standard presses.
+    """Return the samples of the presses of a dataset, for what is known of them: frames, or the steps of standard presses.
 
     Args:
         touches: of all frames, or of all presses where there are no frames.

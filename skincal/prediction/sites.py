@@ -17,7 +17,7 @@ SAME_SITE_M = 1e-4
 
 
 def sites(dataset: Dataset) -> Ints:
-    """Number of the site (P,) of each press: equal targets, or equal measured places where none is recorded."""
+    """Return the number of the site (P,) of each press: equal targets, or equal measured places where none is recorded."""
     presses = dataset.presses
     targets = [presses.column(f"target_{axis}_m") for axis in "xyz"]
     given = [t for t in targets if t is not None]
@@ -33,7 +33,7 @@ def sites(dataset: Dataset) -> Ints:
 
 
 def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
-    """Largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
+    """Return the largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
 
     None where touches are not counted, or where no press tells of an earlier one of its site: without targets, measured
     places are mostly all different.
@@ -51,7 +51,7 @@ def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
 
 
 def _cycles(dataset: Dataset) -> Floats | None:
-    """Earlier touches of the site of each press (P,), by the first frame of each where the table has no column."""
+    """Return the earlier touches of the site of each press (P,), by the first frame of each where the table has no column."""
     own, frames = dataset.presses.column("cycle"), dataset.frames
     of_frames = None if frames is None else frames.column("cycle")
     if own is not None or of_frames is None:
@@ -60,7 +60,7 @@ def _cycles(dataset: Dataset) -> Floats | None:
 
 
 def _in_time(dataset: Dataset) -> Ints:
-    """Rows of presses in the order in which they begin, as far as that is recorded."""
+    """Return the rows of presses in the order in which they begin, as far as that is recorded."""
     start = dataset.presses.column("t_start_s")
     if start is None or not np.isfinite(start).all():
         if dataset.frames is None:

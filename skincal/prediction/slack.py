@@ -21,7 +21,7 @@ Ints = NDArray[np.intp]
 def best_slack(
     on: CalibratedSkin, dataset: Dataset, seen: Observed, progress: Callable[[int, int], None]
 ) -> Floats:
-    """The best slack (P, 2) of the presses; one whose position is not known, or that has no force, stays.
+    """Return the best slack (P, 2) of the presses; one whose position is not known, or that has no force, stays.
 
     Args:
         on: the skin.
@@ -60,7 +60,7 @@ def _found(
     free: Ints,
     start: Places | None = None,
 ) -> Places:
-    """The best places of some presses (n,)."""
+    """Return the best places of some presses (n,)."""
     read = np.isfinite(seen.values[free])
     scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
     values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
@@ -72,6 +72,6 @@ def _found(
 
 
 def _patch_size_m(on: CalibratedSkin) -> float:
-    """Half of the patch's longer side: where the slack is not bounded, a press still lies on the patch."""
+    """Return the half of the patch's longer side: where the slack is not bounded, a press still lies on the patch."""
     low, high = on.skin.patch.layout.bounds_m
     return float((high - low).max()) / 2

@@ -46,7 +46,7 @@ class CalibratedSkin:
 
     @classmethod
     def of(cls, calibration: Calibration, dataset: Dataset, poses: Sequence[str] = ()) -> Self:
-        """The skin of a calibration, to be pressed by a dataset's indenters.
+        """Return the skin of a calibration, to be pressed by a dataset's indenters.
 
         Args:
             calibration: the skin.
@@ -77,7 +77,7 @@ class CalibratedSkin:
 
 
 def radius_keys(radii_m: Floats) -> Ints:
-    """Radii in whole nanometres, 0 where there is none, to tell indenters apart."""
+    """Return the radii in whole nanometres, 0 where there is none, to tell indenters apart."""
     return np.rint(np.nan_to_num(radii_m) * 1e9).astype(np.intp)
 
 
@@ -101,7 +101,7 @@ class Touches:
 
     @classmethod
     def of_presses(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
-        """The presses of a dataset at their measured positions."""
+        """Return the presses of a dataset at their measured positions."""
         presses = dataset.presses
         points = _on_surface(on, presses.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
         force = presses.force_n * borne(dataset, MARGIN_M)
@@ -109,7 +109,7 @@ class Touches:
 
     @classmethod
     def of_frames(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
-        """The frames of a dataset at their measured positions; an idle one has no force."""
+        """Return the frames of a dataset at their measured positions; an idle one has no force."""
         frames = dataset.frames
         assert frames is not None
         points = _on_surface(on, frames.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
@@ -128,14 +128,14 @@ class Touches:
         return len(self.force_n)
 
     def moved(self, slack_m: Floats) -> Self:
-        """The contacts moved over the surface by slacks (N, 2) across and along [m]."""
+        """Return the contacts moved over the surface by slacks (N, 2) across and along [m]."""
         points = np.array(self.points_m, dtype=np.float64)
         known = np.isfinite(points).all(axis=1) & (slack_m != 0).any(axis=1)
         points[known] = self.on.surface.offset(points[known], slack_m[known, 0], slack_m[known, 1])
         return replace(self, points_m=points)
 
     def taken(self, rows: Ints) -> Self:
-        """Some of the contacts, or some several times."""
+        """Return some of the contacts, or some several times."""
         return replace(
             self,
             points_m=self.points_m[rows],
@@ -145,7 +145,7 @@ class Touches:
         )
 
     def values(self, progress: Progress | None = None) -> Floats:
-        """Values (N, J) of the taxels [counts], neither clipped nor rounded."""
+        """Return the values (N, J) of the taxels [counts], neither clipped nor rounded."""
         out = np.zeros((len(self), self.on.skin.patch.layout.taxels))
         pressed = np.flatnonzero(self.force_n > 0)
         # Rows of one indenter stand together, so that a chunk holds few of them.
@@ -160,7 +160,7 @@ class Touches:
         return out
 
     def contacts(self) -> Contacts:
-        """The contacts, with the surface's own normals where none were measured."""
+        """Return the contacts, with the surface's own normals where none were measured."""
         points = np.asarray(self.points_m, dtype=np.float64)
         normals = np.full((len(self), 3), np.nan)
         if self.normals is not None:
@@ -174,7 +174,7 @@ class Touches:
         return Contacts(points, normals, np.asarray(self.force_n, dtype=np.float64))
 
     def indenters(self) -> tuple[tuple[Indenter, ...], Ints]:
-        """All indenters, and which of them (N,) presses."""
+        """Return all indenters, and which of them (N,) presses."""
         keys = np.array(sorted(self.on.indenters), dtype=np.intp)
         things = tuple(self.on.indenters[int(key)] for key in keys)
         return things, np.searchsorted(keys, self.indenter)
@@ -188,7 +188,7 @@ def touching(dataset: Dataset) -> NDArray[np.bool_]:
 
 
 def frame_presses(dataset: Dataset) -> Ints:
-    """Row of the table of presses (M,) that each frame belongs to; 0 for a frame of none."""
+    """Return the row of the table of presses (M,) that each frame belongs to; 0 for a frame of none."""
     frames, press = dataset.frames, dataset.presses.press
     assert frames is not None
     order = np.argsort(press)
@@ -197,7 +197,7 @@ def frame_presses(dataset: Dataset) -> Ints:
 
 
 def frame_normals(dataset: Dataset) -> Floats | None:
-    """Measured normals (M, 3) of the frames, those of their presses where frames have none; None without either."""
+    """Return the measured normals (M, 3) of the frames, those of their presses where frames have none; None without either."""
     frames = dataset.frames
     assert frames is not None
     parts = [c for name in NORMAL if (c := frames.column(name)) is not None]
@@ -210,7 +210,7 @@ def frame_normals(dataset: Dataset) -> Floats | None:
 
 
 def _on_surface(on: CalibratedSkin, position_m: Floats, *, unknown: bool) -> Floats:
-    """Measured positions (N, 3) taken to the surface.
+    """Return the measured positions (N, 3) taken to the surface.
 
     Args:
         on: the skin.

@@ -57,7 +57,7 @@ def _json_table(pairs: list[tuple[str, Any]]) -> Plain:
 
 
 def _dump_toml(plain: Plain) -> str:
-    """TOML with one line a draw: the writer's own layout would take a line for each figure."""
+    """Return TOML with one line a draw: the writer's own layout would take a line for each figure."""
     skin: Plain = plain.get("skin", {})
     joint: Plain | None = skin.get("joint")
     if joint is None:
@@ -93,7 +93,7 @@ _DUMP: Final[dict[str, Callable[[Plain], str]]] = {
 
 
 def file_format(path: str | Path) -> str:
-    """The suffix that decides the format.
+    """Return the suffix that decides the format.
 
     Raises:
         InputError: it is none of ``.toml``, ``.json``, ``.yaml``, ``.yml``.
@@ -106,7 +106,7 @@ def file_format(path: str | Path) -> str:
 
 
 def read_ranges(path: str | Path) -> Ranges:
-    """Reads ranges (contract ``skincal-ranges/1``).
+    """Read ranges (contract ``skincal-ranges/1``).
 
     Args:
         path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
@@ -130,7 +130,7 @@ def read_ranges(path: str | Path) -> Ranges:
 
 
 def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
-    """Writes ranges; the file appears whole or not at all.
+    """Write ranges; the file appears whole or not at all.
 
     Args:
         ranges: what to write.

@@ -50,7 +50,7 @@ def from_calibration(
     draws: int = DRAWS,
     assumed_scale: tuple[float, float] | None = None,
 ) -> Ranges:
-    """Ranges from a calibration and, for what it does not know, a preset.
+    """Return ranges from a calibration and, for what it does not know, a preset.
 
     Args:
         calibration: what is known.
@@ -96,7 +96,7 @@ _SCALE: Final = "scale_per_n"
 
 
 def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None) -> tuple[float, float]:
-    """The range of S that is assumed, of a calibration that does not tell it."""
+    """Return the range of S that is assumed, of a calibration that does not tell it."""
     if assumed is None:
         low, high = calibration.intervals[_SCALE]
         raise WorkError(
@@ -111,7 +111,7 @@ def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None
 
 
 def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
-    """The cloud of draws from the valley.
+    """Return the cloud of draws from the valley.
 
     Args:
         calibration: with draws.
@@ -145,7 +145,7 @@ def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
 def _replace(
     parameters: dict[str, Parameter], calibration: Calibration, name: str, warnings: list[Problem]
 ) -> None:
-    """Puts what the calibration knows of one parameter in the place of the preset's figures."""
+    """Put what the calibration knows of one parameter in the place of the preset's figures."""
     low, high = calibration.intervals[name]
     path = f"skin.{name}"
     if calibration.identified(name):
@@ -181,7 +181,7 @@ def _stand_in(
 
 
 def _offset_path(path: str) -> str:
-    """Full name of the offset that stands for not knowing a parameter; empty where there is none."""
+    """Return the full name of the offset that stands for not knowing a parameter; empty where there is none."""
     offset = _OFFSETS.get(path.removeprefix("skin."))
     return f"skin.{offset}" if offset else ""
 

@@ -18,7 +18,7 @@ from skincal.ranges.parameter import Numbers, Parameter
 
 
 def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Parameter]:
-    """Ranges by full name.
+    """Return ranges by full name.
 
     Args:
         effect: of a calibration.

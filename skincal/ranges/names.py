@@ -116,7 +116,7 @@ EFFECTS_PREFIX: Final = "skin.effects."
 
 
 def find(path: str) -> Name | None:
-    """The parameter of this name, or None. Effects and their parameters are those of the registry."""
+    """Return the parameter of this name, or None. Effects and their parameters are those of the registry."""
     if path in NAMES:
         return NAMES[path]
     name, _, parameter = path.removeprefix(EFFECTS_PREFIX).partition(".")
@@ -130,7 +130,7 @@ def find(path: str) -> Name | None:
 
 
 def sort_key(path: str) -> tuple[int, str]:
-    """Puts names in the table's order, effects last; the draws do not depend on the order in a file."""
+    """Put names in the table's order, effects last; the draws do not depend on the order in a file."""
     order = list(NAMES)
     return (order.index(path), "") if path in NAMES else (len(order), path)
 

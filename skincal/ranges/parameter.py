@@ -68,21 +68,21 @@ class Parameter:
     def uniform(
         cls, low: Numbers, high: Numbers, mode: Mode = "episode", source: Source = "assumed"
     ) -> Parameter:
-        """U(low, high)."""
+        """Return the U(low, high)."""
         return cls("uniform", mode, source, low=low, high=high)
 
     @classmethod
     def log_uniform(
         cls, low: Numbers, high: Numbers, mode: Mode = "episode", source: Source = "assumed"
     ) -> Parameter:
-        """The logarithm is uniform between log(low) and log(high); both above 0."""
+        """Return the logarithm is uniform between log(low) and log(high); both above 0."""
         return cls("log_uniform", mode, source, low=low, high=high)
 
     @classmethod
     def normal(
         cls, mean: Numbers, sigma: Numbers | str, mode: Mode = "step", source: Source = "assumed"
     ) -> Parameter:
-        """N(mean, sigma²); a string for sigma is the name of the parameter whose draw it is."""
+        """Return the N(mean, sigma²); a string for sigma is the name of the parameter whose draw it is."""
         if isinstance(sigma, str):
             return cls("normal", mode, source, mean=mean, sigma_from=sigma)
         return cls("normal", mode, source, mean=mean, sigma=sigma)
@@ -93,7 +93,7 @@ class Parameter:
         return cls("constant", mode, source, value=value)
 
     def figures(self) -> dict[str, Numbers]:
-        """The figures that are set, by name."""
+        """Return the figures that are set, by name."""
         pairs = {name: getattr(self, name) for name in ("low", "high", "mean", "sigma", "value")}
         return {name: numbers for name, numbers in pairs.items() if numbers is not None}
 
@@ -103,7 +103,7 @@ class Parameter:
         return max(sizes, default=None)
 
     def width(self) -> float:
-        """Width of the range (the widest, of several); 4 sigma of a normal, nan if that is drawn itself."""
+        """Return the width of the range (the widest, of several); 4 sigma of a normal, nan if that is drawn itself."""
         if self.distribution == "constant":
             return 0.0
         if self.distribution == "normal":
@@ -116,14 +116,14 @@ FIELDS: Final[tuple[str, ...]] = tuple(f.name for f in fields(Parameter))
 
 
 def as_tuple(numbers: Numbers | None) -> tuple[float, ...]:
-    """The number or numbers as a tuple; empty for none."""
+    """Return the number or numbers as a tuple; empty for none."""
     if numbers is None:
         return ()
     return numbers if isinstance(numbers, tuple) else (numbers,)
 
 
 def problems(parameter: Parameter, place: str) -> list[Problem]:
-    """Everything that is wrong with a parameter.
+    """Return everything that is wrong with a parameter.
 
     Args:
         parameter: the parameter, possibly impossible.

@@ -28,7 +28,7 @@ Table = Mapping[str, Any]
 
 
 def to_plain(ranges: Ranges) -> dict[str, Any]:
-    """Nested tables of strings, floats and lists; without what is not set."""
+    """Return nested tables of strings, floats and lists; without what is not set."""
     plain: dict[str, Any] = {"format": FORMAT}
     if ranges.provenance:
         plain["provenance"] = dict(ranges.provenance)
@@ -53,7 +53,7 @@ def _plain_parameter(parameter: Parameter) -> dict[str, Any]:
 
 
 def from_plain(values: Table, file: str) -> Ranges:
-    """Ranges from nested tables.
+    """Return ranges from nested tables.
 
     Args:
         values: the content of a file.
@@ -107,7 +107,7 @@ def _provenance(values: Table) -> dict[str, str]:
 
 
 def _tables(values: Table, place: str, found: list[Problem]) -> Iterator[tuple[str, Table]]:
-    """The tables that stand for parameters, by full name; what is no table adds a problem."""
+    """Return the tables that stand for parameters, by full name; what is no table adds a problem."""
     for top in ("finger", "object", "skin"):
         if top in values:
             yield from _inside(top, values[top], place, found)
@@ -133,7 +133,7 @@ def _inside(path: str, value: object, place: str, found: list[Problem]) -> Itera
 
 
 def _parameter(path: str, table: Table, place: str, found: list[Problem]) -> Parameter | None:
-    """One parameter; None, and problems, where it is not a possible one."""
+    """Return one parameter; None, and problems, where it is not a possible one."""
     if find(path) is None:
         found.append(unknown_name(path, place))
         return None

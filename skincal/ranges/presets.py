@@ -93,7 +93,7 @@ PRESETS: Final[dict[str, dict[str, Parameter]]] = {"iros24": _IROS24, "icra26": 
 
 
 def preset(name: PresetName | str = "iros24") -> Ranges:
-    """The ranges of a published work; everything in it is ``assumed``.
+    """Return the ranges of a published work; everything in it is ``assumed``.
 
     Args:
         name: ``iros24`` or ``icra26``.

@@ -79,7 +79,7 @@ class Ranges(Mapping[str, Parameter]):
         provenance: Mapping[str, str] | None = None,
         warnings: Iterable[Problem] = (),
     ) -> None:
-        """Checks the whole.
+        """Check the whole.
 
         Args:
             parameters: by full name.
@@ -126,16 +126,16 @@ class Ranges(Mapping[str, Parameter]):
         return f"Ranges({len(self)} parameters, {len(self.calibrated())} calibrated{joint})"
 
     def table(self, prefix: str) -> dict[str, Parameter]:
-        """The parameters of one table (``skin``, ``object.marble``) by their short names."""
+        """Return the parameters of one table (``skin``, ``object.marble``) by their short names."""
         start = prefix + "."
         return {path.removeprefix(start): p for path, p in self.items() if path.startswith(start)}
 
     def calibrated(self) -> tuple[str, ...]:
-        """Full names of the parameters that a fit to data gave."""
+        """Return the full names of the parameters that a fit to data gave."""
         return tuple(path for path, parameter in self.items() if parameter.source == "calibrated")
 
     def require(self, paths: Iterable[str]) -> None:
-        """Checks that the parameters a task cannot do without are there.
+        """Check that the parameters a task cannot do without are there.
 
         Args:
             paths: full names.
@@ -153,7 +153,7 @@ class Ranges(Mapping[str, Parameter]):
             )
 
     def replace(self, parameters: Mapping[str, Parameter]) -> Ranges:
-        """A copy with some parameters added or put in the place of others."""
+        """Return a copy with some parameters added or put in the place of others."""
         return Ranges({**self, **parameters}, self.joint, self.provenance, self.warnings)
 
     def sample(
@@ -165,7 +165,7 @@ class Ranges(Mapping[str, Parameter]):
         taxels: int = 16,
         episode: Sample | None = None,
     ) -> Sample:
-        """Draws every parameter of one mode.
+        """Draw every parameter of one mode.
 
         Draws do not depend on the order in which a file lists the parameters.
 

@@ -15,7 +15,7 @@ from skincal.ranges.parameter import SOURCES, Parameter, as_tuple
 def collection_problems(
     parameters: Mapping[str, Parameter], place: str = "", reported: Collection[str] = ()
 ) -> list[Problem]:
-    """Everything wrong with a set of parameters that are each possible by themselves.
+    """Return everything wrong with a set of parameters that are each possible by themselves.
 
     Args:
         parameters: by full name.
@@ -36,7 +36,7 @@ def collection_problems(
 
 
 def unknown_name(path: str, place: str = "") -> Problem:
-    """The message for a name that is not in the table."""
+    """Return the message for a name that is not in the table."""
     return Problem(f"{place}[{path}]", expected_names(path), "an unknown name", suggestion(path))
 
 
@@ -82,7 +82,7 @@ def _reference_problems(
 def joint_problems(
     columns: tuple[str, ...], draws: NDArray[np.float64], source: str, place: str
 ) -> list[Problem]:
-    """Everything wrong with a joint cloud.
+    """Return everything wrong with a joint cloud.
 
     Args:
         columns: full names.

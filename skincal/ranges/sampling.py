@@ -31,7 +31,7 @@ def draw(
     taxels: int,
     episode: Sample | None,
 ) -> Sample:
-    """Draws every parameter of one mode; see :meth:`skincal.ranges.Ranges.sample`."""
+    """Draw every parameter of one mode; see :meth:`skincal.ranges.Ranges.sample`."""
     if mode not in MODES:
         raise ValueError(f"mode must be one of {', '.join(MODES)}; got {mode!r}")
     sample: Sample = {}
@@ -48,7 +48,7 @@ def draw(
 
 
 def get(sample: Sample, path: str) -> Draw:
-    """The draw of a parameter by its full name.
+    """Return the draw of a parameter by its full name.
 
     Raises:
         KeyError: the sample does not hold it.
@@ -60,7 +60,7 @@ def get(sample: Sample, path: str) -> Draw:
 
 
 def put(sample: Sample, path: str, value: Draw) -> None:
-    """Stores a draw by its full name."""
+    """Store a draw by its full name."""
     *tables, name = path.split(".")
     for table in tables:
         sample = sample.setdefault(table, {})
@@ -114,7 +114,7 @@ def _array(numbers: Numbers | None) -> FloatArray:
 
 @lru_cache(maxsize=1024)
 def _size(path: str, own: int | None, *, joints: int, taxels: int) -> int | None:
-    """Length of a draw, of a parameter whose figures hold so many numbers; None: a plain float."""
+    """Return the length of a draw, of a parameter whose figures hold so many numbers; None: a plain float."""
     name = find(path)
     shape: Shape = name.shape if name is not None else "scalar"
     if shape in ("joint_12", "joint_3") and joints % 3:

@@ -15,7 +15,7 @@ WEAKEST, STRONGEST = 1e-3, 30.0
 
 
 def audit_figure(report: AuditReport) -> Figure:
-    """Draws an audit.
+    """Draw an audit.
 
     Args:
         report: of ``skincal.diagnosis``.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def clocks_figure(clocks: Sequence[JoinedClock]) -> Figure:
-    """One row a file: the two traces at the offset that was taken, and the correlation about it.
+    """Return one row a file: the two traces at the offset that was taken, and the correlation about it.
 
     Args:
         clocks: those that were compared with the taxels.

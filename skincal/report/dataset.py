@@ -43,7 +43,7 @@ MOST_NAMED_TAXELS = 36
 
 
 def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Figure:
-    """Draws a dataset.
+    """Draw a dataset.
 
     Args:
         dataset: the data.
@@ -156,7 +156,7 @@ def _colours(most: int) -> tuple[Colormap, Normalize]:
 
 
 def _round_forces(force: FloatArray) -> list[float]:
-    """Three round forces over the range that occurs, for the legend."""
+    """Return three round forces over the range that occurs, for the legend."""
     highest = float(np.percentile(force, 95))
     ticks = MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(0, highest)
     return [float(t) for t in ticks if 0 < t <= highest]
@@ -217,7 +217,7 @@ def _draw_frames(axes: Axes, dataset: Dataset) -> None:
 
 
 def _branches(dataset: Dataset) -> list[tuple[str, str, str, BoolArray]]:
-    """Label, marker, colour and rows of the presses by branch."""
+    """Return the label, marker, colour and rows of the presses by branch."""
     branch = dataset.presses.column("branch")
     if branch is None:
         return [("hold of a press", "o", BLUE, np.ones(len(dataset.presses), dtype=bool))]

@@ -61,7 +61,7 @@ SECTIONS = (
 def write_diagnosis_report(
     found: Diagnosis, dataset: Dataset, folder: Path, told: Mapping[str, Any], *, pages: bool = True
 ) -> None:
-    """Writes ``diagnosis.json``, and ``report.html`` with its pictures, beside a calibration.
+    """Write ``diagnosis.json``, and ``report.html`` with its pictures, beside a calibration.
 
     Args:
         found: the diagnosis.

@@ -19,7 +19,7 @@ _SHOWN, _LEAST = 4, 0.3
 
 
 def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Error before, after and of the noise, of every press that was kept for the end."""
+    """Return the error before, after and of the noise, of every press that was kept for the end."""
     sums = found.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
     with style():
@@ -41,7 +41,7 @@ def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Counts over time, measured and simulated, of the presses whose base model errs most, on their strongest taxel."""
+    """Return counts over time, measured and simulated, of the presses whose base model errs most, on their strongest taxel."""
     observed = found.observed
     session, forward = observed.session, observed.fitter.forward
     base, last = found.found.base, found.found.fitted
@@ -76,7 +76,7 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Root mean square residual of each taxel over the noise, and parts of the session with more than their share."""
+    """Return the root mean square residual of each taxel over the noise, and parts of the session with more than their share."""
     fitter = found.observed.fitter
     from skincal.inference.start import raw_residual
 
@@ -104,7 +104,7 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Gain of every candidate with its standard error, against the limit that null sessions set."""
+    """Return the gain of every candidate with its standard error, against the limit that null sessions set."""
     del dataset
     rounds = [r for r in found.found.rounds if r]
     with style():

@@ -23,7 +23,7 @@ def tone(found: Diagnosis) -> Tone:
 
 
 def headline(found: Diagnosis) -> str:
-    """The verdict in one sentence."""
+    """Return the verdict in one sentence."""
     if found.verdict == "none":
         return "Nothing is missing that these presses could show."
     if found.verdict == "effects":
@@ -42,7 +42,7 @@ def headline(found: Diagnosis) -> str:
 
 
 def verdict_lines(found: Diagnosis) -> list[str]:
-    """The verdict first, then what it rests on, a line each."""
+    """Return the verdict first, then what it rests on, a line each."""
     lines = [headline(found)]
     lines += [line for effect in found.effects for line in _effect(effect)]
     if found.verdict != "none":
@@ -85,7 +85,7 @@ def verdict_sentences(found: Diagnosis) -> list[str]:
 
 
 def gap_sentence(found: Diagnosis) -> str:
-    """The gap on presses that nobody has fitted."""
+    """Return the gap on presses that nobody has fitted."""
     gap = found.gap
     if not len(gap.errors):
         return "no press was kept for the end"
@@ -108,7 +108,7 @@ def gap_sentence(found: Diagnosis) -> str:
 
 
 def capital(text: str) -> str:
-    """A sentence's beginning."""
+    """Return a sentence's beginning."""
     return text[:1].upper() + text[1:]
 
 

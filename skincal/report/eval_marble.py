@@ -52,7 +52,7 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
 
 
 def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
-    """The mean tracking error over time with its 95 % interval, and how many runs go on.
+    """Return the mean tracking error over time with its 95 % interval, and how many runs go on.
 
     Args:
         scores: of each policy, by its name.

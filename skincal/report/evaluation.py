@@ -36,7 +36,7 @@ class Evaluated:
 
 
 def names_of(policies: Sequence[Policy]) -> list[str]:
-    """A name for each policy: the file's, or, where it is ``policy.onnx``, that of its folder; numbered if need be."""
+    """Return a name for each policy: the file's, or, where it is ``policy.onnx``, that of its folder; numbered if need be."""
     paths = [Path(policy.file).resolve() for policy in policies]
     names = [path.parent.name if path.stem == "policy" else path.stem for path in paths]
     number = Counter(names)
@@ -49,7 +49,7 @@ def names_of(policies: Sequence[Policy]) -> list[str]:
 
 
 def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> None:
-    """Writes ``runs.png`` and ``error.png``."""
+    """Write ``runs.png`` and ``error.png``."""
     runs = {one.name: one.runs for one in found}
     save(runs_figure(runs, _layout(), f"{trial.task}: the first runs of each policy"), folder / "runs.png")
     scores = {one.name: one.score for one in found}
@@ -78,5 +78,5 @@ def write_runs(found: Sequence[Evaluated], path: Path) -> None:
 
 
 def _layout() -> TaxelLayout:
-    """Taxels of the hand that the tasks use."""
+    """Return the taxels of the hand that the tasks use."""
     return layout_of(bundled_hand().meta.sensor, None)

@@ -23,7 +23,7 @@ def write_film(
     ranges: Ranges | None = None,
     force: bool = False,
 ) -> None:
-    """Writes a GIF of one run of a trial, in real time.
+    """Write a GIF of one run of a trial, in real time.
 
     Args:
         policy: acts.

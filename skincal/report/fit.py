@@ -98,7 +98,7 @@ SECTIONS = (
 def write_fit_report(
     result: FitResult, calibration: Calibration, dataset: Dataset, folder: str | Path
 ) -> None:
-    """Writes ``report.html`` and its pictures (``valley.png`` ...) into a folder.
+    """Write ``report.html`` and its pictures (``valley.png`` ...) into a folder.
 
     The page holds its pictures itself and needs nothing from elsewhere; it can be sent to somebody as one file.
 

@@ -32,7 +32,7 @@ MOST_DOTS = 1500
 
 
 def draws_figure(result: FitResult) -> Figure:
-    """Draws the cloud of the valley's draws.
+    """Draw the cloud of the valley's draws.
 
     Args:
         result: a fit.
@@ -74,7 +74,7 @@ def _draw_alone(axes: Axes, of: Quantity) -> None:
 
 
 def _bins(of: Quantity) -> FloatArray:
-    """Edges of the bars. Draws from a grid fall on its few values: then there is one bar for each of them."""
+    """Return the edges of the bars. Draws from a grid fall on its few values: then there is one bar for each of them."""
     low, high = _limits(of)
     different = np.unique(of.draws)
     if 1 < len(different) < BINS:
@@ -95,7 +95,7 @@ def _draw_pair(axes: Axes, col: Quantity, row: Quantity) -> None:
 
 
 def _mark(axes: Axes, of: Quantity, along: str, *, band: bool = False) -> None:
-    """Ends of the interval, and those of the searched range where they are in sight."""
+    """End of the interval, and those of the searched range where they are in sight."""
     line = axes.axvline if along == "x" else axes.axhline
     if of.identified:
         for end in (of.low, of.high):
@@ -109,7 +109,7 @@ def _mark(axes: Axes, of: Quantity, along: str, *, band: bool = False) -> None:
 
 
 def _limits(of: Quantity) -> tuple[float, float]:
-    """All draws, the best and the interval, with a margin."""
+    """Return all draws, the best and the interval, with a margin."""
     low, high = min(float(of.draws.min()), of.best), max(float(of.draws.max()), of.best)
     if of.identified:
         low, high = min(low, of.low), max(high, of.high)

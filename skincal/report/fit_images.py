@@ -52,7 +52,7 @@ class _Pair:
 
 
 def images_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draws three maps a press: what was measured, what is simulated at the best point, and the difference.
+    """Draw three maps a press: what was measured, what is simulated at the best point, and the difference.
 
     Args:
         result: a fit.
@@ -163,7 +163,7 @@ class _Tiles:
         return 11.0, max(self.height * scale, 0.8) + 0.85
 
     def corner(self, place: int) -> tuple[float, float]:
-        """Lower left corner of a tile's maps."""
+        """Return the lower left corner of a tile's maps."""
         row, column = divmod(place, COLUMNS)
         left = self.BETWEEN + column * (self.tile_width + self.BETWEEN)
         top = self.BETWEEN / 2 + row * (self.map_height + self.TITLE + self.BETWEEN) + self.TITLE
@@ -172,7 +172,7 @@ class _Tiles:
     def map(
         self, place: int, number: int, values: FloatArray, norm: Normalize, colours: str
     ) -> PolyCollection:
-        """One map: a rectangle a taxel, u to the right and v up; grey where nothing was read."""
+        """Return one map: a rectangle a taxel, u to the right and v up; grey where nothing was read."""
         left, bottom = self.corner(place)
         shift = np.array([left + number * (self.map_width + self.GAP), bottom])
         look = PolyCollection(

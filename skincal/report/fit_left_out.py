@@ -40,7 +40,7 @@ class LeftOut:
 
 
 def left_out(result: FitResult, dataset: Dataset) -> list[LeftOut]:
-    """The presses that were left out, the worst first; at most ``MOST`` of them."""
+    """Return the presses that were left out, the worst first; at most ``MOST`` of them."""
     problem = result.problem
     least = int(problem.active[problem.rows].min(initial=len(problem.active)))
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)

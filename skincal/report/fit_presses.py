@@ -39,7 +39,7 @@ class PressView:
 
     @classmethod
     def of(cls, result: FitResult, dataset: Dataset) -> PressView:
-        """The presses of a fit of a dataset."""
+        """Return the presses of a fit of a dataset."""
         rows = np.asarray(result.problem.rows, dtype=np.int64)
         surface = result.problem.rig.surface
         others = np.setdiff1d(np.arange(len(dataset.presses)), rows)
@@ -53,7 +53,7 @@ class PressView:
 
 
 def best_pose(result: FitResult) -> SensorPose:
-    """The best pose of the patch."""
+    """Return the best pose of the patch."""
     best, radius = result.best, result.problem.rig.arc_radius_m
     across = best["across_m"]
     if radius is not None:
@@ -62,12 +62,12 @@ def best_pose(result: FitResult) -> SensorPose:
 
 
 def why_unused(result: FitResult) -> list[tuple[str, int]]:
-    """Reasons why presses were not used, and how many of each, the most frequent first."""
+    """Return reasons why presses were not used, and how many of each, the most frequent first."""
     return Counter(status for status in result.problem.status if status != USED).most_common()
 
 
 def chosen_presses(rmse_counts: FloatArray, most: int, few: int = 30) -> IntArray:
-    """Presses to show, the worst first: all of them, or if there are too many a part with worst and best.
+    """Return the presses to show, the worst first: all of them, or if there are too many a part with worst and best.
 
     Args:
         rmse_counts: (K,) error of each press [counts].

@@ -56,13 +56,13 @@ class Quantity:
         return self.name == "elasticity_pa_per_m"
 
     def shown(self, value: float) -> str:
-        """A value with so many digits that the interval's width has two."""
+        """Return a value with so many digits that the interval's width has two."""
         width = self.high - self.low if self.identified else abs(self.best) / 10
         return with_digits(value, width)
 
 
 def quantities(result: FitResult) -> tuple[Quantity, ...]:
-    """The parameters of a fit in the order in which people read them: pose, elasticity, scale."""
+    """Return the parameters of a fit in the order in which people read them: pose, elasticity, scale."""
     radius = result.problem.rig.arc_radius_m
     across = ("x", "mm", 1e3) if radius is None else ("beta", "°", math.degrees(1.0 / radius))
     shown = {
@@ -92,7 +92,7 @@ def _quantity(result: FitResult, name: str, label: str, unit: str, factor: float
 
 
 def with_digits(value: float, width: float) -> str:
-    """A value with so many decimals that a width has two significant digits: 24.30 for a width of 0.5."""
+    """Return a value with so many decimals that a width has two significant digits: 24.30 for a width of 0.5."""
     if not math.isfinite(value):
         return "−∞" if value < 0 else "∞"
     if not (math.isfinite(width) and width > 0):

@@ -53,7 +53,7 @@ class Residuals:
 
     @classmethod
     def of(cls, result: FitResult) -> Residuals:
-        """The residuals at the best point. A saturated taxel, simulated higher, is right."""
+        """Return the residuals at the best point. A saturated taxel, simulated higher, is right."""
         presses, problem = result.presses, result.problem
         level = max(TOUCHED_COUNTS, TOUCHED_SIGMAS * problem.noise_sigma_counts)
         touched = (problem.weight > 0) & (np.maximum(presses.observed, presses.simulated) >= level)
@@ -68,7 +68,7 @@ class Residuals:
 
 
 def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draws the residuals of the taxels that were touched.
+    """Draw the residuals of the taxels that were touched.
 
     Args:
         result: a fit.
@@ -101,7 +101,7 @@ def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
 
 
 def scatter_figure(result: FitResult) -> Figure:
-    """Draws measured against simulated values, and how the residuals are distributed.
+    """Draw measured against simulated values, and how the residuals are distributed.
 
     Args:
         result: a fit.
@@ -163,7 +163,7 @@ def _draw_distribution(axes: Axes, result: FitResult, found: Residuals) -> None:
 
 
 def _by_taxel(found: Residuals, of: Any) -> FloatArray:
-    """A figure of every taxel's residuals (J,); NaN where it never took part."""
+    """Return a figure of every taxel's residuals (J,); NaN where it never took part."""
     values = np.full(found.touched.shape[1], np.nan)
     for j in np.flatnonzero(found.touched.any(axis=0)):
         values[j] = of(found.difference[found.touched[:, j], j])

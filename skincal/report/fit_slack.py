@@ -36,7 +36,7 @@ MOST_NAMED = 40
 
 
 def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draws the slack of every press: on the patch, and all of them from one point.
+    """Draw the slack of every press: on the patch, and all of them from one point.
 
     Args:
         result: a fit.
@@ -115,7 +115,7 @@ def _draw_patch(axes: Axes, result: FitResult, view: PressView) -> None:
 
 
 def _draw_box(axes: Axes, result: FitResult, measured: FloatArray) -> bool:
-    """The slack's square round the press that was moved most; it lies across and along the finger."""
+    """Return the slack's square round the press that was moved most; it lies across and along the finger."""
     slack, alpha = 1e3 * result.problem.rig.slack_m, result.best["alpha_rad"]
     if not np.isfinite(slack):
         return False

@@ -89,7 +89,7 @@ def headline(result: FitResult) -> tuple[bool, str]:
 
 
 def verdict(result: FitResult) -> list[str]:
-    """A few sentences a person can act on: presses, parameters, how well it fits."""
+    """Return a few sentences a person can act on: presses, parameters, how well it fits."""
     return [
         _about_presses(result),
         _about_parameters(result),
@@ -156,7 +156,7 @@ def _about_positions(result: FitResult) -> str:
 
 
 def parameter_rows(result: FitResult) -> list[ParameterRow]:
-    """The table of intervals."""
+    """Return the table of intervals."""
     return [_parameter_row(q) for q in quantities(result)]
 
 
@@ -179,7 +179,7 @@ def _parameter_row(of: Quantity) -> ParameterRow:
 
 
 def effect_rows(calibration: Calibration) -> list[EffectRow]:
-    """The effects of a calibration, parameter by parameter."""
+    """Return the effects of a calibration, parameter by parameter."""
     rows: list[EffectRow] = []
     for effect in calibration.effects:
         for name, given in effect.parameters.items():
@@ -196,7 +196,7 @@ def _ends(numbers: Numbers) -> str:
 
 
 def scatter_rows(result: FitResult) -> list[ScatterRow]:
-    """The table of scatter: position, force, image."""
+    """Return the table of scatter: position, force, image."""
     rig, found = result.problem.rig, result.sigmas
     declared = rig.position_sigma_m
     position = "as declared"
@@ -225,7 +225,7 @@ def scatter_rows(result: FitResult) -> list[ScatterRow]:
 
 
 def press_rows(result: FitResult, dataset: Dataset) -> list[PressRow]:
-    """The table of all presses, in the order of the dataset."""
+    """Return the table of all presses, in the order of the dataset."""
     problem, presses = result.problem, result.presses
     place = {int(row): k for k, row in enumerate(problem.rows)}
     rows = []

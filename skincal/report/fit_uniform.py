@@ -23,7 +23,7 @@ _MOST_LINES = 60
 
 
 def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str | Path) -> None:
-    """Writes ``report.html`` and its pictures (``scales.png``, ``answers.png``) into a folder.
+    """Write ``report.html`` and its pictures (``scales.png``, ``answers.png``) into a folder.
 
     Args:
         outcome: the fit.
@@ -71,7 +71,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
 
 
 def scales_figure(outcome: UniformOutcome) -> Figure:
-    """Draws the scales on the patch, and their distribution."""
+    """Draw the scales on the patch, and their distribution."""
     scales, layout = outcome.scales, outcome.calibration.layout()
     own = scales.scale_per_n[scales.told]
     with style():
@@ -92,7 +92,7 @@ def scales_figure(outcome: UniformOutcome) -> Figure:
 
 
 def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
-    """Draws values and residuals of the taxels against their load."""
+    """Draw values and residuals of the taxels against their load."""
     scales = outcome.scales
     taxels = np.flatnonzero(scales.told)
     taxels = taxels[np.unique(np.linspace(0, len(taxels) - 1, _MOST_LINES).round().astype(int))]

@@ -46,7 +46,7 @@ class _Axis:
 
 
 def valley_figure(result: FitResult) -> Figure:
-    """Draws the evaluated grid and the levels of its loss that mean something.
+    """Draw the evaluated grid and the levels of its loss that mean something.
 
     On the diagonal is the loss along one macro variable, below it the loss over a pair of them, each minimised over
     all the others (and over the scale and every contact position, as everywhere).
@@ -94,21 +94,21 @@ def _searched(result: FitResult) -> list[_Axis]:
 
 
 def _least(rmse: FloatArray, *keep: int) -> FloatArray:
-    """The smallest value over all axes but some; those stand in the order that is asked for."""
+    """Return the smallest value over all axes but some; those stand in the order that is asked for."""
     others = tuple(axis for axis in range(rmse.ndim) if axis not in keep)
     least = rmse.min(axis=others)
     return least if keep == tuple(sorted(keep)) else least.T
 
 
 def _levels(rmse: FloatArray) -> FloatArray:
-    """Levels of the contours, evenly spaced in the logarithm of the error [counts]."""
+    """Return the levels of the contours, evenly spaced in the logarithm of the error [counts]."""
     low = float(rmse.min())
     high = max(float(np.quantile(rmse, 0.99)), 1.5 * low)
     return np.geomspace(low, high, LEVELS)
 
 
 def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
-    """Error [counts], colour, line style and words of the levels to draw, all of the grid's own loss."""
+    """Return the error [counts], colour, line style and words of the levels to draw, all of the grid's own loss."""
     paper = PAPER_BOUND_COUNTS2**0.5
     if result.bound == "fixed":
         own, words = result.valley_mse_counts2**0.5, "valley's bound"

@@ -30,7 +30,7 @@ _DIRECTIONS = np.radians([45, 315, 135, 225, 0, 180, 90, 270, 22, 338, 158, 202]
 def name_points(
     axes: Axes, names: Sequence[str], points: FloatArray, *, keep_clear: FloatArray | None = None
 ) -> int:
-    """Writes names beside points; the axes must have their place and limits, as the figure was laid out before.
+    """Write names beside points; the axes must have their place and limits, as the figure was laid out before.
 
     Args:
         axes: where the points are drawn.
@@ -57,12 +57,12 @@ def name_points(
 
 
 def _in_points(axes: Axes, points: FloatArray) -> FloatArray:
-    """Places on the page [pt]."""
+    """Return places on the page [pt]."""
     return axes.transData.transform(points) * 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
 
 
 def _candidates(here: FloatArray, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Offsets of a name's middle from its point and the boxes (4,) it would fill there [pt], the nearest first."""
+    """Return the offsets of a name's middle from its point and the boxes (4,) it would fill there [pt], the nearest first."""
     half = 0.5 * SIZE_PT * np.array([_WIDE * len(name), _HIGH])
     for distance in _DISTANCES_PT:
         for direction in _DIRECTIONS:

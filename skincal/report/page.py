@@ -33,14 +33,14 @@ class Picture:
 
 
 def picture(figure: Figure, stem: str, title: str, caption: str, folder: Path) -> Picture:
-    """Writes a figure into a folder, and keeps it for a page."""
+    """Write a figure into a folder, and keeps it for a page."""
     content, file = png_bytes(figure), f"{stem}.png"
     (folder / file).write_bytes(content)
     return Picture(title, caption, file, base64.b64encode(content).decode("ascii"))
 
 
 def rendered(template: str, **values: Any) -> str:
-    """A page from a template of ``skincal/report/templates``; every value that it uses must be given."""
+    """Return a page from a template of ``skincal/report/templates``; every value that it uses must be given."""
     environment = Environment(
         loader=PackageLoader("skincal.report"),
         autoescape=select_autoescape(["html"]),
@@ -52,5 +52,5 @@ def rendered(template: str, **values: Any) -> str:
 
 
 def with_code(text: str) -> Markup:
-    """Text with what stands between backticks set as code; everything in it is escaped."""
+    """Return text with what stands between backticks set as code; everything in it is escaped."""
     return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))

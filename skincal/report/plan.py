@@ -30,7 +30,7 @@ MARKERS = {"o": "circles", "s": "squares", "D": "diamonds", "^": "triangles up",
 
 
 def plan_figure(plan: Plan, mount: Mount) -> Figure:
-    """Draws a plan.
+    """Draw a plan.
 
     Args:
         plan: the plan.

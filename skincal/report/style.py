@@ -69,13 +69,13 @@ _RC: Any = {
 
 @contextmanager
 def style() -> Generator[None]:
-    """Figures and axes made within have skincal's look."""
+    """Return figures and axes made within have skincal's look."""
     with mpl.rc_context({**_RC, "font.family": _families()}):
         yield
 
 
 def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
-    """An empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
+    """Return an empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     if title:
         figure.suptitle(as_it_is(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
@@ -84,20 +84,20 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
 
 @lru_cache(maxsize=1)
 def _families() -> list[str]:
-    """The usual font, then those installed here that have letters which it lacks."""
+    """Return the usual font, then those installed here that have letters which it lacks."""
     installed = {font.name for font in font_manager.fontManager.ttflist}
     return [*mpl.rcParamsDefault["font.sans-serif"][:1], *(name for name in _WIDE_FONTS if name in installed)]
 
 
 @lru_cache(maxsize=1)
 def _letters() -> frozenset[int]:
-    """Code points that can be drawn with one font or another."""
+    """Return the code points that can be drawn with one font or another."""
     fonts = [font_manager.get_font(font_manager.findfont(name)) for name in _families()]
     return frozenset[int]().union(*(font.get_charmap() for font in fonts))
 
 
 def as_it_is(text: str) -> str:
-    """A name that people gave, for a figure: a box for every letter that no font here has; dollars are no formula."""
+    """Return a name that people gave, for a figure: a box for every letter that no font here has; dollars are no formula."""
     letters = (letter if ord(letter) in _letters() else _UNKNOWN for letter in text)
     return "".join(letters).replace("$", r"\$")
 
@@ -117,7 +117,7 @@ def few_logarithmic_ticks(axis: Axis) -> None:
 
 
 def checked_suffix(path: Path) -> Path:
-    """The path of a picture, if its suffix is one that can be written.
+    """Return the path of a picture, if its suffix is one that can be written.
 
     Raises:
         InputError: it is another.
@@ -134,7 +134,7 @@ PICTURE_MARK = "atplotlib"
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Writes a figure; the same figure gives the same bytes, as no date is kept in it."""
+    """Write a figure; the same figure gives the same bytes, as no date is kept in it."""
     suffix = Path(path).suffix.lower()
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with style():
@@ -142,7 +142,7 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def png_bytes(figure: Figure) -> bytes:
-    """A figure as the bytes of a PNG, for a page that holds its pictures itself."""
+    """Return a figure as the bytes of a PNG, for a page that holds its pictures itself."""
     buffer = io.BytesIO()
     with style():
         figure.savefig(buffer, format="png", dpi=DPI)

@@ -19,7 +19,7 @@ MOST_LABELLED = 36
 def draw_taxels(
     axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draws a map without axes; see :func:`taxel_boxes`."""
+    """Draw a map without axes; see :func:`taxel_boxes`."""
     boxes = taxel_boxes(axes, layout, taxels, values, norm, colours)
     axes.set_aspect("equal")
     axes.set_xticks([])
@@ -31,7 +31,7 @@ def draw_taxels(
 def taxel_boxes(
     axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draws taxels as coloured boxes [mm], with their values where there are not too many.
+    """Draw taxels as coloured boxes [mm], with their values where there are not too many.
 
     Args:
         axes: where to.

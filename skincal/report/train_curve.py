@@ -24,7 +24,7 @@ _PANELS = (
 
 
 def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
-    """Draws learning curves.
+    """Draw learning curves.
 
     Args:
         curves: columns of each run, by its name (see :func:`skincal.train.read_curve`).
@@ -48,7 +48,7 @@ def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
 def smoothed(
     steps: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means over blocks of :data:`SMOOTH_STEPS`; a block without any value is left out."""
+    """Return means over blocks of :data:`SMOOTH_STEPS`; a block without any value is left out."""
     block = (steps - 1) // SMOOTH_STEPS
     finite = np.isfinite(values)
     rows = [(steps[block == b].mean(), values[(block == b) & finite].mean())

@@ -13,7 +13,7 @@ DEFAULT_HAND = "dlr_hand_2"
 
 
 def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
-    """The description of a hand that comes with skincal.
+    """Return the description of a hand that comes with skincal.
 
     Raises:
         InputError: there is none of that name.

@@ -45,7 +45,7 @@ class JointContact:
 def contact_from_joints(
     kinematics: Kinematics, q_rad: ArrayLike, tau_nm: ArrayLike, *, indenter_radius_m: float | None = None
 ) -> JointContact:
-    """Contacts of the indenter with the skin (Kasolowsky & Baeuml, IROS 2024, section III-A).
+    """Return the contacts of the indenter with the skin (Kasolowsky & Baeuml, IROS 2024, section III-A).
 
     At rest, and with gravity off or compensated, the force F of the indenter on the skin is what the drives hold:
     tau = J^T F for the finger with the indenter, tau = -J^T F for the finger with the skin, J the Jacobians of the
@@ -91,7 +91,7 @@ def contact_from_joints(
 def nearest_on_surface(
     cylinder_radius_m: float | None, points_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The nearest points of a cylinder about y, or of the plane z = 0.
+    """Return the nearest points of a cylinder about y, or of the plane z = 0.
 
     Args:
         cylinder_radius_m: radius [m]; None: the plane.
@@ -115,7 +115,7 @@ def nearest_on_surface(
 
 
 def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: FloatArray) -> FloatArray:
-    """The force on the skin (K, 3) [N], root frame: least squares of both fingers' torques."""
+    """Return the force on the skin (K, 3) [N], root frame: least squares of both fingers' torques."""
     square = push @ np.swapaxes(push, 1, 2) + hold @ np.swapaxes(hold, 1, 2)
     right = (push @ tau_push[..., None] - hold @ tau_hold[..., None])[..., 0]
     known = np.asarray(np.isfinite(square).all(axis=(1, 2)))

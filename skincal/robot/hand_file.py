@@ -35,7 +35,7 @@ _ROUNDING_RAD = 1e-3
 
 
 def read_hand(path: str | Path) -> HandDescription:
-    """Reads the description of a hand.
+    """Read the description of a hand.
 
     Args:
         path: ``hand.toml``, or the folder that holds it.
@@ -123,7 +123,7 @@ class _Reader:
     def _each(
         self, table: TomlTable, key: str, count: int, *, low: float = -math.inf, high: float = math.inf
     ) -> FloatArray:
-        """One number a joint; a single one stands for all."""
+        """Return one number a joint; a single one stands for all."""
         value = table.raw(key)
         numbers = cast(list[Any], value) if isinstance(value, list) else [value] * count
         plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers)
@@ -155,7 +155,7 @@ class _Reader:
         return home
 
     def _fingers(self) -> tuple[FingerDescription, FingerDescription]:
-        """The finger with the skin and the one with the indenter; empty ones, and an error, where there is none."""
+        """Return the finger with the skin and the one with the indenter; empty ones, and an error, where there is none."""
         found: dict[str, FingerDescription] = {}
         values = self._top.raw("fingers")
         tables = cast(dict[str, Any], values) if isinstance(values, dict) else {}
@@ -250,7 +250,7 @@ def _shown(value: Any) -> object:
 
 
 def _digest(*paths: Path) -> str:
-    """SHA-256 of some files, of those that can be read."""
+    """Return the SHA-256 of some files, of those that can be read."""
     digest = hashlib.sha256()
     for path in paths:
         try:

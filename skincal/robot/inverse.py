@@ -20,7 +20,7 @@ _LONGEST_RAD = 0.2
 
 
 def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike) -> FloatArray:
-    """Joint angles at which the sphere's centre lies at a point of the fingertip frame.
+    """Return the joint angles at which the sphere's centre lies at a point of the fingertip frame.
 
     Damped Newton steps, clipped to the joint limits. The finger with the skin stays where it is.
 
@@ -61,7 +61,7 @@ def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike
 def _step(
     jacobian: FloatArray, error: FloatArray, q: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """A damped step (J,) towards an error (3,); joints that would leave their limits take no part."""
+    """Return a damped step (J,) towards an error (3,); joints that would leave their limits take no part."""
     step = _damped(jacobian, error)
     held = ((q <= low) & (step < 0)) | ((q >= high) & (step > 0))
     if held.any() and not held.all():

@@ -21,7 +21,7 @@ FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits.
 
 
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
-    """Refuses limits that no finger has.
+    """Refuse limits that no finger has.
 
     Args:
         description: the hand.

@@ -70,7 +70,7 @@ class ChainPair:
         )
 
     def frames(self, q_rad: FloatArray) -> tuple[TipFrames, TipFrames]:
-        """Frames of both tips for joint angles (K, n) of the whole hand [rad]."""
+        """Return the frames of both tips for joint angles (K, n) of the whole hand [rad]."""
         q = q_rad[:, self.columns]
         turns = (
             self.constant + np.sin(q)[..., None, None] * self.sine + np.cos(q)[..., None, None] * self.cosine

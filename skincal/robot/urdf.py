@@ -69,7 +69,7 @@ class Urdf:
     joints: dict[str, UrdfJoint]
 
     def chain(self, link: str) -> tuple[UrdfJoint, ...]:
-        """The joints from the root to a link, fixed ones too."""
+        """Return the joints from the root to a link, fixed ones too."""
         found: list[UrdfJoint] = []
         while link != self.root:
             found.append(self.joints[link])
@@ -78,7 +78,7 @@ class Urdf:
 
 
 def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
-    """Reads the tree of a URDF.
+    """Read the tree of a URDF.
 
     Args:
         path: the file.
@@ -119,7 +119,7 @@ def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urd
 
 
 def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, findings: Findings) -> None:
-    """Adds an error for a mesh or texture that lies elsewhere; the simulation does without one that is missing."""
+    """Add an error for a mesh or texture that lies elsewhere; the simulation does without one that is missing."""
     for name in sorted({element.get("filename") or "?" for element in robot.iter()}):
         try:
             check_input(path.parent / name.rpartition("://")[2], within)
@@ -130,7 +130,7 @@ def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, fin
 
 
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
-    """A URDF whose link collides as a sphere about its origin, to be written to any folder.
+    """Return a URDF whose link collides as a sphere about its origin, to be written to any folder.
 
     Args:
         path: the URDF, one that has been read before.
@@ -152,7 +152,7 @@ def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
 
 
 def _root(file: str, links: tuple[str, ...], joints: dict[str, UrdfJoint], findings: Findings) -> str:
-    """The link without a parent, checked that all others hang on it."""
+    """Return the link without a parent, checked that all others hang on it."""
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -243,7 +243,7 @@ def _numbers(
 
 
 def rotation_of(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """The rotation matrix (3, 3) of a URDF's rpy [rad]: about x, then y, then z of the parent's frame."""
+    """Return the rotation matrix (3, 3) of a URDF's rpy [rad]: about x, then y, then z of the parent's frame."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
     return np.array(
         [

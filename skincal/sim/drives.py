@@ -73,12 +73,12 @@ class Drives:
         self.torque_nm = [0.0] * count
 
     def hold(self) -> None:
-        """Holds to the motors' angles from now on: what was exerted fades, and nothing new comes."""
+        """Hold to the motors' angles from now on: what was exerted fades, and nothing new comes."""
         self.target_rad = list(self.motor_rad)
         self.filtered_rad = list(self.motor_rad)
 
     def step(self, q_rad: Sequence[float], dq_rad_per_s: Sequence[float]) -> list[float]:
-        """Moves on by one step.
+        """Move on by one step.
 
         Args:
             q_rad: angles of the links [rad].

@@ -74,13 +74,13 @@ class SkinMemory:
         return self.past[-1].contact.time_s if self.past else -np.inf
 
     def keep(self, look: Look) -> None:
-        """Keeps another look."""
+        """Keep another look."""
         c = look.contact
         row = [c.time_s, *c.point_m, *c.normal, c.force_n, c.shear_u_n, c.shear_v_n, c.gap_m]
         self._file.write(np.array([*row, *c.q_rad, *look.q_rad, *look.tau_nm]).tobytes())
 
     def close(self) -> None:
-        """Closes the file; may be called twice."""
+        """Close the file; may be called twice."""
         self._file.close()
 
 

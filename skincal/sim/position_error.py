@@ -36,12 +36,12 @@ class PositionError:
     scatter_m: float
 
     def as_dict(self) -> dict[str, float]:
-        """Plain numbers, for a JSON file."""
+        """Return plain numbers, for a JSON file."""
         return dict(vars(self))
 
 
 def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
-    """The error that joint offsets, waves and the drives' true stiffness cause.
+    """Return the error that joint offsets, waves and the drives' true stiffness cause.
 
     Raises:
         WorkError: none of the places can be reached from the home pose.
@@ -62,7 +62,7 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
 
 
 def surface_error(radius_m: float | None, measured_m: FloatArray, true_m: FloatArray) -> FloatArray:
-    """Measured less true points (K, 3) of a cylinder about y, or of the plane z = 0, along the surface.
+    """Return the measured less true points (K, 3) of a cylinder about y, or of the plane z = 0, along the surface.
 
     Args:
         radius_m: of the cylinder [m]; None on a plane.
@@ -80,7 +80,7 @@ def surface_error(radius_m: float | None, measured_m: FloatArray, true_m: FloatA
 
 
 def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
-    """Points (3,) and normals (3,) of a grid round the nominal centre."""
+    """Return points (3,) and normals (3,) of a grid round the nominal centre."""
     meta = kinematics.description.meta
     steps = np.linspace(-_HALF_M, _HALF_M, _SIDE)
     places: list[tuple[FloatArray, FloatArray]] = []
@@ -100,7 +100,7 @@ def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
 def _error_at(
     kinematics: Kinematics, truth: Truth, point: FloatArray, normal: FloatArray
 ) -> tuple[float, float] | None:
-    """Measured less true position, across and along [m]; None where the place is out of reach."""
+    """Return the measured less true position, across and along [m]; None where the place is out of reach."""
     meta = kinematics.description.meta
     assert meta.indenter.radius_m is not None
     try:
@@ -124,7 +124,7 @@ def _error_at(
 def _torques(
     kinematics: Kinematics, q: FloatArray, skin: TipFrames, point: FloatArray, force: FloatArray
 ) -> FloatArray:
-    """Torques (n,) [N m] that hold a force (3,) on the skin at a point (3,), both in the fingertip frame."""
+    """Return torques (n,) [N m] that hold a force (3,) on the skin at a point (3,), both in the fingertip frame."""
     at, root_force = skin.to_root(point[None]), skin.rotations[0] @ force
     tau = np.zeros(len(q))
     indenter = kinematics.indenter_frames(q)

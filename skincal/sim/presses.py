@@ -54,7 +54,7 @@ class PressTracker:
         self._touched_s = -np.inf
 
     def next(self, contact: TrueContact) -> Covariates:
-        """The covariates of the next sample."""
+        """Return the covariates of the next sample."""
         if contact.touching and contact.time_s - self._touched_s > APART_S:
             self._begin(contact)
         phase = self._phase(contact)

@@ -122,12 +122,12 @@ class SimulatedHand:
         self._desired = desired
 
     def hold(self) -> None:
-        """Holds to where the motors are: no force that was not there, and that fades."""
+        """Hold to where the motors are: no force that was not there, and that fades."""
         self._drives.hold()
         self._desired = self._measured_angles()
 
     def advance(self, steps: int) -> None:
-        """Moves on by some physics steps."""
+        """Move on by some physics steps."""
         fingers, drives = self._fingers, self._drives
         # The controller sees angles with the sensors' errors, which change little over such a time.
         motors = np.array(drives.motor_rad)
@@ -163,7 +163,7 @@ class SimulatedHand:
         )
 
     def truth_dict(self) -> dict[str, Any]:
-        """The truth as plain numbers, lists and texts, for a JSON file."""
+        """Return the truth as plain numbers, lists and texts, for a JSON file."""
         truth = self.truth
         return {
             "model": truth.model_dict(plane=self.description.meta.surface.kind == "plane"),
@@ -197,7 +197,7 @@ class SimulatedHand:
         }
 
     def close(self) -> None:
-        """Ends the client, and what is remembered; may be called twice."""
+        """End the client, and what is remembered; may be called twice."""
         self._fingers.close()
         if self._memory is not None:
             self._memory.close()
@@ -219,7 +219,7 @@ class SimulatedHand:
         return self.truth.joints.angle_error_rad(q_rad)
 
     def _measured_angles(self) -> FloatArray:
-        """Angles (n,) without noise, where the hand measures them: on the motors, or on the links."""
+        """Return angles (n,) without noise, where the hand measures them: on the motors, or on the links."""
         if self.description.compliance_rad_per_nm is None:
             q = np.array(self._fingers.joints()[0])
         else:

@@ -45,14 +45,14 @@ class TrueContact:
         return self.force_n > 0
 
     def contacts(self) -> Contacts:
-        """The contact as the skin model takes it."""
+        """Return the contact as the skin model takes it."""
         return Contacts(self.point_m[None], self.normal[None], np.array([self.force_n]))
 
 
 def true_contact(
     kinematics: Kinematics, time_s: float, q_rad: FloatArray, force_root_n: FloatArray
 ) -> TrueContact:
-    """The contact at true angles of the links.
+    """Return the contact at true angles of the links.
 
     Args:
         kinematics: the hand.
@@ -79,7 +79,7 @@ def true_contact(
 
 
 def contact_stiffness(description: HandDescription, elasticity_pa_per_m: float, force_n: float) -> float:
-    """Force over depth of a sphere in the skin at some force [N/m].
+    """Return the force over depth of a sphere in the skin at some force [N/m].
 
     For depths that are small beside the radii the skin model gives F = pi E sqrt(R1 R2) d², with R1 and R2 the radii
     of the gap along and across: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.

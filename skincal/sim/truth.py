@@ -53,12 +53,12 @@ class JointTruth:
     friction_nm: FloatArray
 
     def angle_error_rad(self, q_rad: FloatArray) -> FloatArray:
-        """Measured less true angles (..., n) at true angles (..., n) [rad]."""
+        """Return the measured less true angles (..., n) at true angles (..., n) [rad]."""
         turn = 2 * math.pi / self.wave_length_rad
         return self.offset_rad + self.wave_rad * np.sin(turn * q_rad + self.wave_phase_rad)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists, for a JSON file."""
+        """Return plain numbers and lists, for a JSON file."""
         return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
 
 
@@ -96,7 +96,7 @@ class Truth:
         options: TruthOptions | None = None,
         effects: Mapping[str, float] | None = None,
     ) -> Truth:
-        """Draws a truth.
+        """Draw a truth.
 
         Args:
             rng: source of chance.
@@ -122,7 +122,7 @@ class Truth:
         return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
 
     def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
-        """The same joints and noise under the skin of a calibration, its effects beside those that were drawn.
+        """Return the same joints and noise under the skin of a calibration, its effects beside those that were drawn.
 
         Args:
             calibration: of the hand's sensor.
@@ -152,7 +152,7 @@ class Truth:
         )
 
     def effects_list(self) -> list[dict[str, Any]]:
-        """The effects as plain numbers, lists and texts."""
+        """Return the effects as plain numbers, lists and texts."""
         return [
             {
                 "name": name,
@@ -169,7 +169,7 @@ class Truth:
         return {"noise_counts": self.noise_counts, "rest_counts": self.rest_counts, **each}
 
     def model_dict(self, *, plane: bool) -> dict[str, float]:
-        """The fitted parameters by the names of ``calibration.toml``; the mean scale, where taxels have their own."""
+        """Return the fitted parameters by the names of ``calibration.toml``; the mean scale, where taxels have their own."""
         place = {"x_m": self.pose.x_m} if plane else {"beta_deg": math.degrees(self.pose.beta_rad)}
         return {
             "y_m": self.pose.y_m,
@@ -183,7 +183,7 @@ class Truth:
 def _effects(
     rng: np.random.Generator, description: HandDescription, strengths: Mapping[str, float]
 ) -> dict[str, Mapping[str, FloatArray]]:
-    """Parameters of effects; each is drawn for itself, whatever others there are."""
+    """Return the parameters of effects; each is drawn for itself, whatever others there are."""
     root = int(rng.integers(2**63))
     layout = layout_of(description.meta.sensor, None)
     return {

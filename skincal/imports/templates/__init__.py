@@ -11,12 +11,12 @@ FOLDER = Path(__file__).parent
 
 
 def template_names() -> tuple[str, ...]:
-    """Names of the mapping files that there are."""
+    """Return the names of the mapping files that there are."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
 def template(kind: str) -> str:
-    """A mapping file that works, with comments.
+    """Return a mapping file that works, with comments.
 
     Args:
         kind: ``csv`` or ``rosbag``, or the name of a public data set.
