@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Where the two tips are, and how they move with the joints.
+    """Forward kinematics of the two tips.
 
     Build it with ``Kinematics(description)``; the URDF is read once.
 
@@ -66,7 +66,7 @@ class Kinematics:
         return skin.to_tip(indenter.origins_m)
 
     def link_angles(self, q_rad: ArrayLike, tau_nm: ArrayLike) -> FloatArray:
-        """Return the angles of the links (K, n) [rad]: measured ones (K, n) less what the drives give under torques (K, n)."""
+        """Return the link angles (K, n) [rad]: measured angles (K, n) less the give of the drives at torques (K, n)."""
         q = self.angles(q_rad)
         give = self.description.compliance_rad_per_nm
         return q if give is None else q - give * self.angles(tau_nm)

@@ -130,7 +130,7 @@ PRESSES: list[tuple[Edit, list[str]]] = [
     ),
     (put("force_n", 3, "2,5"), ["column force_n, row 4", "decimal point"]),
     (put("x_m", 2, np.nan), ["column x_m, row 3"]),
-    (put("press", 5, 4), ["column press, row 6", "each number once; got 4. Take the copy out"]),
+    (put("press", 5, 4), ["column press, row 6", "each number once; got 4. Remove the copy"]),
     (put("press", 5, 4.5), ["column press, row 6", "whole number", "4.5"]),
     (put("press", 5, -1), ["column press, row 6", "-1"]),
     (put("taxel_1_2", 5, 255.5), ["column taxel_1_2, row 6", "[0, 255]", "255.5"]),
