@@ -205,7 +205,7 @@ class SignalEffect(Effect):
 
     @abstractmethod
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """Return the changed signal (K, J): loads [N] at the transfer, values [counts] later; ``signal`` stays as it is."""
+        """Return the changed signal (K, J): loads [N] at the transfer, values [counts] later; keep ``signal`` as is."""
 
 
 def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:

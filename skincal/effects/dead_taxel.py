@@ -81,7 +81,7 @@ class DeadTaxel(SignalEffect):
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
     ) -> dict[str, FloatArray]:
-        """Return a case (:meth:`Effect.at_strength`); at strength 1 a sixteenth of the taxels, or one, is dead at zero."""
+        """Return a case (:meth:`Effect.at_strength`); at strength 1 a sixteenth of the taxels, or one, is dead."""
         del poses
         if not (np.isfinite(strength) and strength >= 0):
             raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])

@@ -83,7 +83,7 @@ def _delayed(x: FloatArray, now_s: FloatArray, delay_s: float, before: State) ->
 
 
 def _between(time: FloatArray, x: FloatArray, asked: FloatArray) -> FloatArray:
-    """Return the values (M, J) at times (M,), interpolated in values (K, J) at times (K,); constant before the first."""
+    """Return the values (M, J) at times (M,), interpolated in values (K, J) at times (K,); constant before them."""
     left = np.searchsorted(time, asked, side="right") - 1
     left = np.maximum(left, 0)
     right = np.minimum(left + 1, len(time) - 1)

@@ -1,4 +1,4 @@
-"""Pictures of what each effect does to a press: the model with it and without it, where it shows best."""
+"""Figures of the influence of each effect on a press: the model with and without it, where it is most visible."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from skincal.model.arrays import FloatArray
 from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, style
 
 FEW = 16
-"""Up to so many values are drawn as bars."""
+"""Most values that are drawn as bars."""
 
 STRENGTH = 2.0
-"""Strength of the effect in a picture: twice a typical case."""
+"""Strength of the effect in a figure: twice a typical case."""
 
 _FORCE_N, _SEED = 3.0, 3
 _CENTRE_M, _RADIUS_M = 0.0235, 0.0115
 _PLACE_M = (0.6e-3, 1.0e-3)
-"""Where presses are, across and along from the middle of the patch: between taxels, so that several feel it [m]."""
+"""Position of presses relative to the middle of the patch: between taxels, so that several feel them [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One line of a picture: values (n,) over x (n,), without the effect and with it."""
+    """A line of a figure: values (n,) over x (n,), without and with the effect."""
 
     label: str
     x: FloatArray
@@ -43,15 +43,15 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What an effect does.
+    """The influence of an effect.
 
     Attributes:
-        name: of the effect.
-        x_label: of the curves.
-        y_label: of the curves.
-        curves: where it shows best.
+        name: name of the effect.
+        x_label: label of the x axis.
+        y_label: label of the y axis.
+        curves: curves that show it best.
         change: (rows, cols) change of the image where it is largest [counts].
-        place_m: (2,) where that press is on the patch [m]; NaN where nothing touches.
+        place_m: (2,) position of that press on the patch [m]; NaN without contact.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Signature:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Samples of some presses, and how to look at them: label, taxel and rows of each curve."""
+    """Samples of some presses, with label, taxel and rows of each curve."""
 
     samples: Samples
     place_m: FloatArray
@@ -83,10 +83,10 @@ def _base() -> EffectSkin:
 
 
 def signature(name: str, strength: float = STRENGTH) -> Signature:
-    """What an effect does to a sensor of 4 by 4 taxels on a fingertip.
+    """Return the influence of an effect on a sensor of 4 by 4 taxels on a fingertip.
 
     Args:
-        name: of the effect.
+        name: name of the effect.
         strength: 1 is a typical case.
 
     Raises:
@@ -113,10 +113,10 @@ def signature(name: str, strength: float = STRENGTH) -> Signature:
 
 
 def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
-    """Return the picture of an effect: curves without it and with it, and a map of the largest change.
+    """Return the figure of an effect: curves without and with it, and a map of the largest change.
 
     Args:
-        name: of the effect.
+        name: name of the effect.
         strength: 1 is a typical case.
 
     Raises:
@@ -166,7 +166,7 @@ def _draw_change(figure: Figure, axes: Axes, found: Signature) -> None:
 
 
 def _samples(place_m: FloatArray, force_n: FloatArray, **covariates: ArrayLike) -> Samples:
-    """Return the presses at places (K, 2) across and along from the middle of the patch, with all covariates."""
+    """Return presses at positions (K, 2) across and along from the middle of the patch, with all covariates."""
     surface = Cylinder(_RADIUS_M)
     start = np.tile([0.0, _CENTRE_M, _RADIUS_M], (len(place_m), 1))
     points = surface.offset(start, place_m[:, 0], place_m[:, 1])
@@ -245,7 +245,7 @@ def _speeds() -> _View:
 
 
 def _forces() -> _View:
-    """Hold at several forces: the strongest taxel and the next one."""
+    """Return holds at several forces: the strongest taxel and the next one."""
     force = np.linspace(0.0, 5.0, 51)
     first, second = _strongest()
     curves = (("strongest taxel", first, slice(None)), ("the next one", second, slice(None)))
@@ -253,7 +253,7 @@ def _forces() -> _View:
 
 
 def _poses() -> _View:
-    """Hold at several forces in two hand poses."""
+    """Return holds at several forces in two hand poses."""
     force, taxel = np.linspace(0.01, 4.0, 41), _strongest()[0]
     pose = np.repeat([0, 1], 41)
     samples = _samples(_here(82), np.tile(force, 2), pose=pose)
@@ -283,7 +283,7 @@ def _touches() -> _View:
 
 
 def _places() -> _View:
-    """Return a press that wanders across the patch, as one taxel sees it."""
+    """Return a press that moves across the patch, as one taxel sees it."""
     across = np.linspace(-8e-3, 8e-3, 81)
     place = np.column_stack([across, np.full(81, _PLACE_M[1])])
     samples = _samples(place, np.full(81, _FORCE_N))
@@ -322,4 +322,4 @@ _VIEWS: Final[Mapping[str, Callable[[], _View]]] = MappingProxyType(
         "baseline_drift": lambda: _session(touching=False),
     }
 )
-"""Where an effect shows best. Others, those to come included, are drawn over force, or over time if they remember."""
+"""View in which an effect is most visible. Others, new ones included, are drawn over force, with memory over time."""
