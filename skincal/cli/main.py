@@ -23,7 +23,6 @@ app = typer.Typer(
     name="skincal",
     help="Calibrate the simulation of a tactile skin against the real one, and know how far to trust it.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     # Plain help: boxes and colours take as long to import as all the rest of it.
     rich_markup_mode=None,

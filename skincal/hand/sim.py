@@ -19,6 +19,7 @@ from skincal.hand.errors import HandError
 from skincal.hand.hands import hand_named
 from skincal.robot.description import HandDescription
 from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
+from skincal.sim.bullet import check_engine
 
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1
@@ -74,6 +75,7 @@ class SimDriver(HandDriver):
         options: SimOptions | None = None,
         truth_options: TruthOptions | None = None,
     ) -> None:
+        check_engine()
         self._options = options or SimOptions()
         if not 0 < rate_hz <= self._options.physics_hz or self._options.physics_hz % rate_hz:
             expected = f"a divisor of the physics' {self._options.physics_hz} Hz"

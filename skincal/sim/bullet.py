@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import importlib.util
 import math
 import os
 import sys
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import WorkError
+from skincal.errors import InputError, Problem, WorkError
 from skincal.robot import HandDescription, urdf_with_sphere
 from skincal.sim.options import SimOptions
 
@@ -38,7 +39,7 @@ class Fingers:
         self, description: HandDescription, options: SimOptions, contact_stiffness_n_per_m: float
     ) -> None:
         with quiet():
-            self._engine: Any = importlib.import_module("pybullet")
+            self._engine: Any = load_engine()
             self._client: int = self._engine.connect(self._engine.DIRECT)
             if self._client < 0:
                 raise WorkError(
@@ -169,6 +170,24 @@ def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: flo
         # Normal and friction are those that act on the first of the two links.
         total += force if row[3] == skin_link else -force
     return total
+
+
+def check_engine() -> None:
+    """Check that PyBullet is installed, without importing it.
+
+    Raises:
+        InputError: it is not; there are no wheels for Python 3.12 and later.
+    """
+    if importlib.util.find_spec("pybullet") is None:
+        here = f"none for Python {sys.version_info.major}.{sys.version_info.minor}"
+        fix = "Use Python 3.11, for which it is installed with skincal; or build it: pip install pybullet"
+        raise InputError([Problem("physics", "the package pybullet", here, fix)])
+
+
+def load_engine() -> Any:
+    """Return the module ``pybullet``; raise as :func:`check_engine` does."""
+    check_engine()
+    return importlib.import_module("pybullet")
 
 
 @contextmanager

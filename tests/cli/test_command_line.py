@@ -93,6 +93,18 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"skincal {__version__}\n"
 
 
+def test_a_shell_completes_verbs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (
+        ("_SKINCAL_COMPLETE", "complete_bash"),
+        ("COMP_WORDS", "skincal di"),
+        ("COMP_CWORD", "1"),
+    ):
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit):
+        main([])
+    assert capsys.readouterr().out.split() == ["diagnose"]
+
+
 @pytest.mark.parametrize(
     "arguments", [["nonsense"], ["dataset", "chek"], ["dataset", "check"], ["dataset", "check", "--no"]]
 )
