@@ -1,4 +1,4 @@
-"""``[columns]`` of a mapping file: where each column of the dataset comes from."""
+"""``[columns]`` of a mapping file: the source of each column of the dataset."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ AXES = ("x", "y", "z")
 
 
 def read_columns(table: StrictTable, source: str, rows: str, findings: Findings) -> tuple[Quantity, ...]:
-    """Return all of ``[columns]``.
+    """Return the quantities of ``[columns]``.
 
     Args:
         table: the table.
         source: ``csv`` or ``bag``.
-        rows: what a row of the source is.
-        findings: where errors go.
+        rows: meaning of a row of the source.
+        findings: collects the errors.
     """
     quantities: list[Quantity] = []
     for target, content in table.items().items():
@@ -40,7 +40,7 @@ def read_columns(table: StrictTable, source: str, rows: str, findings: Findings)
         quantities += read_quantities(entry, target, source)
     doubled = {q.target for q in quantities if sum(p.target == q.target for p in quantities) > 1}
     for target in sorted(doubled):
-        table.error(target, "each column once", "it stands alone and in a vector")
+        table.error(target, "each column once", "it occurs alone and in a vector")
     return tuple(quantities)
 
 
@@ -120,7 +120,7 @@ def _unit(entry: StrictTable, target: str) -> Unit:
 
 
 def _constants(entry: StrictTable, target: str, parts: Sequence[str], unit: Unit) -> list[float | str] | None:
-    """Return the constant values in SI; None where the column is measured."""
+    """Return the constant values in SI; None if the column is measured."""
     if not entry.has("value"):
         return None
     for key in ("column", "columns", "topic", "field", "fields"):
