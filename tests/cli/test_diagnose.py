@@ -130,7 +130,7 @@ def test_refusals(cal: Path, looped: Path, tmp_path: Path, capsys: pytest.Captur
     content = (cal / "calibration.toml").read_text()
     for given in (cal, cal / "calibration.toml"):
         assert run("diagnose", looped, given, "--out", cal, "--force") == 2
-        assert "what is read stays as it is" in capsys.readouterr().err
+        assert "inputs are not replaced" in capsys.readouterr().err
     assert (cal / "calibration.toml").read_text() == content
 
 
