@@ -1,4 +1,4 @@
-"""What every driver of a stage must do, as checks that are run against one."""
+"""The contract of drivers of a stage, as checks that run against a driver."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from skincal.hand.stage import StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
 
 STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
-"""The tip is moved by so much [m]; so many states are looked at; ``stop`` may take so long [s]."""
+"""Motion of the tip [m]; number of states that are checked; longest duration of ``stop`` [s]."""
 
 
 def states(stage: StageDriver) -> str:
-    """Return the finite states of the right shape, whose clock goes on, within travel and force."""
+    """Finite states of the right shape, whose clock advances, within travel and force."""
     with GuardedStage(stage) as guarded:
         seen = [guarded.observe() for _ in range(PERIODS)]
     periods = np.diff([state.time_s for state in seen])
@@ -24,7 +24,7 @@ def states(stage: StageDriver) -> str:
 
 
 def moves(stage: StageDriver) -> str:
-    """Return a commanded step up is made, and one back."""
+    """The tip makes a commanded step up, and one back."""
     with GuardedStage(stage) as guarded:
         start = guarded.observe().position_m
         rig = stage.description
@@ -39,7 +39,7 @@ def moves(stage: StageDriver) -> str:
                 state = guarded.observe()
             off = float(np.linalg.norm(state.position_m - target))
             if off > 0.5 * STEP_M:
-                raise AssertionError(f"the tip is {1e3 * off:.3g} mm from where it was sent")
+                raise AssertionError(f"the tip is {1e3 * off:.3g} mm from its target")
     return f"{1e3 * STEP_M:g} mm and back"
 
 
@@ -65,7 +65,7 @@ def stops(stage: StageDriver) -> str:
 
 
 def describes(stage: StageDriver) -> str:
-    """Return a description with travel, speed and force above zero, and a flat sensor."""
+    """A description with travel, speed and force above zero, and a flat sensor."""
     rig = stage.description
     if not (rig.upper_m > rig.lower_m).all() or not min(rig.max_speed_m_per_s, rig.max_force_n) > 0:
         raise AssertionError(
@@ -87,9 +87,9 @@ def run_stage_checks(
 
     Args:
         name: the driver's name, for the report.
-        make: makes a driver that is not connected; called once a check.
-        move: whether the stage is moved at all.
-        told: is told every result as it comes.
+        make: creates a driver that is not connected; called once per check.
+        move: whether to move the stage.
+        told: callback with every result.
     """
     results: list[CheckResult] = []
     for check in (describes, states, moves, stops):

@@ -157,7 +157,9 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
     kept = tmp_path / ".cal.fit"
     assert status == 1 and "No space left" in err
     assert kept.exists() == (turns > 0)
-    assert (f"its grid so far is saved in {kept}; give the same command again to continue" in err) == (turns > 0)
+    assert (f"its grid so far is saved in {kept}; give the same command again to continue" in err) == (
+        turns > 0
+    )
 
 
 def test_a_fault_that_would_come_again_keeps_nothing(

@@ -310,9 +310,7 @@ def test_incomplete_rows_are_left_out_where_asked(tmp_path: Path, original: Data
     path = write_press_table(tmp_path / "p.csv", table)
     content = mapping(PRESS_ROWS, csv={"drop_incomplete": True})
     done = import_csv(write_mapping(tmp_path, content), tmp_path / "out", [path])
-    assert [str(dropped) for dropped in done.dropped] == [
-        "2 rows: no value in a required column (force_n)"
-    ]
+    assert [str(dropped) for dropped in done.dropped] == ["2 rows: no value in a required column (force_n)"]
     assert read_dataset(tmp_path / "out").presses.press.tolist() == [k for k in range(60) if k not in (3, 7)]
 
 
