@@ -193,7 +193,7 @@ def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
     second = int(others.argmax())
     if 1 - others[second] ** 2 < ALIKE * (1 - filled[at] ** 2) + 1e-9:
         raise NoOffsetError(
-            f"two offsets are equally good, {lags[at]:.4g} s and {lags[second]:.4g} s (correlations {filled[at]:.3f} and "
+            f"offsets of {lags[at]:.4g} s and {lags[second]:.4g} s are equally good (correlations {filled[at]:.3f} and "
             f"{others[second]:.3f}): the presses are too similar; within_s narrows the search"
         )
 
