@@ -224,7 +224,7 @@ def _driver_options(
     twice = [name for name in own if name in options]
     if twice:
         got = ", ".join(twice)
-        raise InputError([Problem("--driver-option", "options that have no option of their own", got)])
+        raise InputError([Problem("--driver-option", "options without an own command-line option", got)])
     return {**options, **own}
 
 

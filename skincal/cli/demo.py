@@ -128,7 +128,7 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
 
 
 def story(fitted: dict[str, Any], out: Path, seconds: float, *, policy: bool) -> None:
-    """Print the results of the fit beside the true values."""
+    """Print the results of the fit next to the true values."""
     hidden = json.loads((out / "truth.json").read_text(encoding="utf-8"))
     truth: dict[str, float] = hidden["model"] | hidden["session"]["truth_as_the_positions_tell_it"]
     print(f"\nWhat happened, in {seconds:.0f} s\n")

@@ -208,7 +208,7 @@ def _no_effects_here(effects: Path, dataset: Path) -> InputError:
     expected = (
         f"a dataset of presses; under uniform pressure, as in {dataset}, a fit finds scales and nothing else"
     )
-    fix = "leave --effects out; `skincal diagnose` finds the effects of such a session anew"
+    fix = "leave --effects out; `skincal diagnose` searches for the effects of such a session"
     return InputError([Problem("--effects", expected, str(effects), fix)])
 
 
@@ -353,7 +353,7 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
 
 
 def _draws(calibration: Calibration) -> dict[str, int] | None:
-    """Return the numbers of posterior draws that are written, and of independent draws that they are worth."""
+    """Return the number of posterior draws that are written, and their effective number."""
     effective = calibration.loss.extra.get("effective_draws")
     if calibration.draws is None or effective is None:
         return None

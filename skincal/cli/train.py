@@ -159,7 +159,7 @@ def _same(out: Path, task: Task, stated: dict[str, Any], work: Work, used: Range
     if str(work.task) != task.value:
         found.append(Problem(str(out), f"a run of {task.value}", f"one of {work.task}"))
     if "--ranges" in stated and read_ranges(stated["--ranges"]) != used:
-        fix = "Leave --ranges out, or begin a run of its own."
+        fix = "Leave --ranges out, or start a separate run."
         found.append(Problem(f"{out}, --ranges", "the ranges with which the run began", "others", fix))
     if found:
         raise InputError(found)

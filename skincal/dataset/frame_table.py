@@ -59,7 +59,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
 
 
 def _phase(reader: ColumnReader) -> np.ndarray:
-    """Return the index into PHASES, shape (rows,); a word that is no phase reads as idle."""
+    """Return the index into PHASES, shape (rows,); an unknown word reads as idle."""
     if not reader.has("phase"):
         return np.zeros(reader.rows, dtype=np.int8)
     codes, words = {word: i for i, word in enumerate(PHASES)}, reader.text("phase")

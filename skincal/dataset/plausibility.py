@@ -309,7 +309,7 @@ def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings
     numbers = ", ".join(str(press) for press in presses.press[other][:6].tolist())
     got = f"another image at another place or force for {int(other.sum())} of {looked} (press {numbers})"
     say = findings.error if other.sum() > looked / 2 else findings.warn
-    fix = "Are the presses numbered alike in both files?"
+    fix = "Are the presses numbered equally in both files?"
     say(f"{file}, column press", "frames of the presses of the table", got, fix)
 
 

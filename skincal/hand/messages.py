@@ -207,4 +207,4 @@ def _nulls(values: FloatArray) -> list[float | None]:
 
 
 def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")

@@ -90,7 +90,7 @@ class ReplayDriver(HandDriver):
         self.commands.append((time_s, HandCommand(np.array(command.q_desired_rad, dtype=float))))
 
     def stop(self) -> None:
-        """Nothing moves."""
+        """Do nothing: a recording does not move."""
 
     def close(self) -> None:
         """End the replay."""

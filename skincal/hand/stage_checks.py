@@ -60,7 +60,7 @@ def stops(stage: StageDriver) -> str:
         raise AssertionError(f"stop() took {took:.3g} s")
     moved = float(np.linalg.norm(after.position_m - before.position_m))
     if moved > STEP_M:
-        raise AssertionError(f"the tip went on by {1e3 * moved:.3g} mm")
+        raise AssertionError(f"the tip moved on by {1e3 * moved:.3g} mm")
     return f"within {1e3 * took:.3g} ms"
 
 

@@ -101,7 +101,7 @@ def _cut(top: StrictTable, quantities: tuple[Quantity, ...], rows: str, findings
             top.error("[series]", "no such table if each row is a press", "one", "Remove it.")
         return CutRules()
     if "phase" in mapped and "press" not in mapped:
-        top.error("[columns.phase]", "a column press beside it", "none", "Map press, or leave phase out.")
+        top.error("[columns.phase]", "also a column press", "none", "Map press, or leave phase out.")
     constant = any(q.target == "force_n" and q.constant is not None for q in quantities)
     return read_cut(table, numbered="press" in mapped, constant_force=constant)
 

@@ -64,7 +64,7 @@ def from_calibration(
 
     Raises:
         InputError: there is no such preset; ``joint`` is set and the calibration has no draws; or the assumed
-            scale is no range.
+            scale is not a range.
         WorkError: the calibration leaves S open, and no range is assumed. S belongs to one sensor and converter: the
             preset's is that of another.
     """
@@ -215,7 +215,7 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
     scales = calibration.model.scale_per_taxel_per_n
     if scales is not None:
         common = calibration.model.scale_per_n
-        # Keep a taxel that does not answer at zero for every S that is drawn.
+        # Keep a taxel that does not respond at zero for every S that is drawn.
         most = 2 * max(common, *(end for end in calibration.intervals["scale_per_n"] if isfinite(end)))
         if calibration.draws is not None:
             most = max(most, float(calibration.draws["scale_per_n"].max()))

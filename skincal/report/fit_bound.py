@@ -51,7 +51,7 @@ def _of_the_grid(result: FitResult) -> str:
     as_good = int((grid.mse_counts2 <= grid.mse_at_best_counts2).sum())
     others = f"{as_good:,}" if as_good else "none"
     return (
-        f"The draws are worth {result.effective_draws:.0f} independent ones. The grid of {grid.grid.combinations:,} "
+        f"The effective number of draws is {result.effective_draws:.0f}. The grid of {grid.grid.combinations:,} "
         "points only gave their start. As in the paper, the grid places every press by its normalised image, with a "
         f"loss of {grid.mse_at_best_counts2:.3g} counts² at the best point. The absolute images, which determine a "
         f"position better, have a loss of {result.mse_counts2:.3g} counts² there; the two losses are not comparable. "

@@ -51,7 +51,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
         ),
     ]
     low, high = calibration.intervals["scale_per_n"]
-    told = outcome.scales.told
+    responding = outcome.scales.told
     page = rendered(
         "fit_uniform.html",
         name=calibration.provenance.dataset or "dataset",
@@ -59,7 +59,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
         tone="",
         headline="The scale of each taxel was fitted; uniform pressure does not determine pose and elasticity.",
         verdict=[
-            f"{int(told.sum())} of {len(told)} taxels respond. Their median scale is "
+            f"{int(responding.sum())} of {len(responding)} taxels respond. Their median scale is "
             f"{with_digits(outcome.scales.common_per_n, 3)} counts/N, {with_digits(low, 3)} to {with_digits(high, 3)}; "
             f"the rms residual of the straight lines is {calibration.loss.mse_counts2**0.5:.2f} counts.",
         ],

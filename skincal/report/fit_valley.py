@@ -1,7 +1,7 @@
 """The paper's loss over the macro variables: the grid, projected on every pair of them.
 
 The grid places every press by its normalised image. By default the valley is bounded by another likelihood, that of
-the absolute images, whose bound is no level of this loss and is not drawn here. The loss of the grid at the best
+the absolute images, whose bound is not a level of this loss and is not drawn here. The loss of the grid at the best
 point is drawn.
 """
 

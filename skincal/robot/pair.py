@@ -42,7 +42,7 @@ class ChainPair:
 
     @classmethod
     def of(cls, first: Chain, second: Chain) -> ChainPair:
-        """Two chains."""
+        """Return the pair of two chains."""
         both = (first, second)
         length = max(len(chain.columns) for chain in both)
 

@@ -105,7 +105,7 @@ def test_one_violation(tmp_path: Path, changes: dict, text: str):
         ({"series": {"by": "press"}}, "expected a column press in [columns]; got none"),
         ({"series": {"by": "plateau"}}, 'Did you mean "plateaus"?'),
         ({"columns": {"press": "n"}, "series": {"by": "force"}}, '"press" where [columns.press] is mapped'),
-        ({"columns": {"phase": "p"}}, "[columns.phase]: expected a column press beside it"),
+        ({"columns": {"phase": "p"}}, "[columns.phase]: expected also a column press"),
         ({"columns": {"time_s": None}}, "expected the column time_s; got nothing"),
         ({"columns": {"t_hold_s": "t"}}, "one that only the other kind of rows has"),
     ],
