@@ -106,7 +106,7 @@ def fit(
         ),
     ] = "noise",
     level: Annotated[
-        float, typer.Option("--level", min=0.5, max=0.999, help="Probability that the intervals contain.")
+        float, typer.Option("--level", min=0.5, max=0.999, help="Posterior probability inside each interval.")
     ] = 0.98,
     draws: Annotated[int, typer.Option("--draws", min=10, help="Number of posterior draws to write.")] = 2000,
     per_taxel: Annotated[bool, typer.Option("--per-taxel", help="Also fit a scale for every taxel.")] = False,

@@ -124,7 +124,7 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     except SkincalError:
         raise
     except (Exception, SystemExit) as error:
-        raise WorkError(f'driver "{name}" cannot be created:  {type(error).__name__}: {error}') from error
+        raise WorkError(f'driver "{name}" cannot be created: {type(error).__name__}: {error}') from error
     if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver or StageDriver"
         raise InputError([Problem(f'driver "{name}"', expected, type(driver).__name__)])

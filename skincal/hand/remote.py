@@ -219,7 +219,7 @@ class RemoteDriver(HandDriver):
                 reply = decode(socket.recv(), REPLIES)
             except MessageError as error:
                 raise HandError(
-                    f"{self._address} does not speak this protocol:  {error}", "refused"
+                    f"{self._address} does not speak this protocol: {error}", "refused"
                 ) from error
             own = (reply.number, reply.session) == (request.number, request.session)
             if own or reply.session == "-":

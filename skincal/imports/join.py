@@ -178,7 +178,7 @@ def _aligned(
         findings.warn(
             f"{entry.place} offset_s", f"the clock of the taxels, with {entry.offset_s:g} s added",
             f"{found.by} correlates best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
-            "Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s =  "
+            "Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = "
             f'{entry.offset_s + found.offset_s:.6g}, or "estimate".',
         )  # fmt: skip
     return replace(found, offset_s=entry.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)

@@ -145,7 +145,7 @@ def _effects(found: Diagnosis) -> list[dict[str, str]]:
         elif rival:
             kind, outcome = "rival", f"cannot be distinguished from {rival}"
         elif name in found.audit.cannot_see:
-            kind, outcome = "blind", f"not visible:  {found.audit.reasons.get(name, '')}"
+            kind, outcome = "blind", f"not visible: {found.audit.reasons.get(name, '')}"
         elif tried is not None and tried.good:
             outcome = "improves the fit, but others explain more"
         seen = "never" if not np.isfinite(smallest) else f"{smallest:.2g}"

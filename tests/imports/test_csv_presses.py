@@ -336,7 +336,9 @@ def test_every_bad_cell_is_named_at_once(tmp_path: Path, original: Dataset):
     table.loc[6, "s2"] = "?"
     found = refused(tmp_path, table, mapping(PRESS_ROWS, csv={"decimal": "."}))
     assert found[0].startswith("p.csv, column \"X\", row 5 (line 6): expected a number; got 'left'")
-    assert any('column "Fz", row 6 (line 7): expected a number (force_n is needed' in text for text in found)
+    assert any(
+        'column "Fz", row 6 (line 7): expected a number (force_n is required' in text for text in found
+    )
     assert any("column \"s2\", row 7 (line 8): expected a number; got '?'" in text for text in found)
     assert len(found) == 3
 

@@ -53,7 +53,7 @@ def test_every_press_and_taxel_is_drawn(session: Session, caplog: pytest.LogCapt
 def test_answers_and_forces_are_counted(session: Session, caplog: pytest.LogCaptureFixture) -> None:
     dataset = session(30)
     figure = drawn(dataset, caplog)
-    answers = axes_titled(figure, "Answers")
+    answers = axes_titled(figure, "Active taxels")
     heights = [bar.get_height() for bar in answers.patches]
     assert heights == np.bincount(active_taxels(dataset).sum(axis=1)).tolist()
     assert sum(bar.get_height() for bar in axes_titled(figure, "Forces").patches) == 30
