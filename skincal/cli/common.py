@@ -1,4 +1,4 @@
-"""What the verbs share: options, JSON on standard output, messages on standard error."""
+"""Parts shared by the verbs: options, JSON on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -17,43 +17,44 @@ DatasetArgument = Annotated[
     Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.", show_default=False)
 ]
 OutOption = Annotated[
-    Path, typer.Option("--out", help="Where to write; made whole or not at all.", show_default=False)
+    Path,
+    typer.Option("--out", help="Folder to write; it appears complete or not at all.", show_default=False),
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else there.")
+    bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace an earlier output of skincal.")]
 SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")
+    int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed gives the same result.")
 ]
 
 WorkersOption = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+    int | None, typer.Option("--workers", min=1, help="Number of processes.", show_default="one per core")
 ]
 SchedulerOption = Annotated[
     str | None,
     typer.Option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes of this machine.",
+        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes on this machine.",
         show_default=False,
     ),
 ]
 
 
 def example(*commands: str) -> str:
-    """The end of a verb's help: what a person types."""
-    # The first line tells click to keep the lines as they are.
+    """Return the epilog of a verb's help: commands as a person types them."""
+    # The first line tells click to keep the line breaks.
     return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Prints one JSON object on standard output; what JSON has no number for (NaN, inf) becomes null."""
+    """Print one JSON object on standard output; NaN and inf, which JSON lacks, become null."""
     typer.echo(json.dumps(plain(content), allow_nan=False))
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: arrays as lists, paths as text, NaN and inf as null."""
+    """Return a value as JSON has it: arrays as lists, paths as text, NaN and inf as null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, str) or value is None or isinstance(value, bool):
@@ -70,18 +71,18 @@ def plain(value: Any) -> Any:
 
 
 def say(message: str) -> None:
-    """Prints a message on standard error, if anybody can read it: a terminal may be gone."""
+    """Print a message on standard error; do nothing where the terminal is gone."""
     with suppress(OSError):
         typer.echo(message, err=True)
 
 
 def problems_json(problems: Iterable[Problem]) -> list[dict[str, str]]:
-    """Problems as JSON has them."""
+    """Return problems as JSON objects."""
     return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
 
 
 def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:
-    """Problems that programs can ask for, by their codes."""
+    """Return problems with their codes, for programs."""
     return [
         {
             "code": p.code,
@@ -96,6 +97,6 @@ def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:
 
 
 def warn(problems: Iterable[Problem]) -> None:
-    """Prints warnings on standard error."""
+    """Print warnings on standard error."""
     for problem in problems:
         say(f"skincal: {problem.severity}: {problem}")

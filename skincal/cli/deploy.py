@@ -34,9 +34,9 @@ WIDTH_MM = 12.0
 
 
 def deploy(
-    task: Annotated[Task, typer.Argument(help="What is rolled.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
     policy: Annotated[
-        str, typer.Argument(metavar="POLICY", help="A policy file, or the name of one that comes along.")
+        str, typer.Argument(metavar="POLICY", help="A policy file, or the name of a bundled policy.")
     ],
     out: OutOption,
     driver: Annotated[
@@ -50,7 +50,7 @@ def deploy(
         typer.Option(
             "--effect",
             metavar="NAME=STRENGTH",
-            help="An effect that the reference hand's skin has; may be given several times.",
+            help="Effect of the reference hand's skin; may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -60,13 +60,15 @@ def deploy(
     ] = None,
     trajectory: Annotated[
         str,
-        typer.Option("--trajectory", help="Of the marble: `circle`, `still`, or a CSV file with u_m, v_m."),
+        typer.Option(
+            "--trajectory", help="Trajectory of the marble: `circle`, `still`, or a CSV file with u_m, v_m."
+        ),
     ] = "circle",
     write: Annotated[
         str | None, typer.Option("--write", help="Letters that the marble draws, such as DLR.")
     ] = None,
     frequency_hz: Annotated[
-        float, typer.Option("--frequency-hz", min=0.05, max=1.0, help="Of the bolt's sine.")
+        float, typer.Option("--frequency-hz", min=0.05, max=1.0, help="Frequency of the bolt's sine.")
     ] = 0.25,
     duration_s: Annotated[
         float | None,
@@ -84,10 +86,10 @@ def deploy(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Run a policy on a hand: take the object, act at 10 Hz, let go.
+    """Run a policy on a hand: grasp the object, act at 10 Hz, let go.
 
-    Put the object between the open fingers; they close until both feel it. All limits of the guard hold; whatever is
-    odd stops the hand. OUT keeps the run as a session, which `--driver replay` plays, with a picture.
+    Put the object between the open fingers; they close until both feel it. All limits of the guard apply; any
+    irregularity stops the hand. OUT holds the run as a session, which `--driver replay` plays, with a picture.
     """
     from skincal.deploy import deploy as run
     from skincal.deploy import write_record
@@ -116,7 +118,7 @@ def deploy(
     with whole_folder(out, force=force, marker=MARKER) as folder:
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"
         write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
-        _write_beside(found, hand.description, content, folder)
+        _write_records(found, hand.description, content, folder)
     if as_json:
         print_json(content)
         return
@@ -163,7 +165,7 @@ def _driver_options(
     task: Task,
     pinch: Path | None,
 ) -> dict[str, Any]:
-    """Options of the driver; those of the verb's own go to drivers that have them."""
+    """Return the driver's options; this command's own options go only to drivers that have them."""
     from skincal.cli.collect import _effects
     from skincal.errors import InputError, Problem
     from skincal.hand.registry import driver_options, parse_options
@@ -178,7 +180,7 @@ def _driver_options(
 
 @contextmanager
 def _progress(hand: HandDescription) -> Generator[Callable[[HandState, str], None]]:
-    """What the hand does, its time and its tactile image, on a terminal; else a line for each stage."""
+    """Yield a callback that shows the stage, time and tactile image on a terminal, else one line per stage."""
     import time
 
     from rich.console import Console, Group
@@ -216,7 +218,7 @@ def _nothing() -> Generator[None]:
     yield None
 
 
-def _write_beside(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
+def _write_records(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
     import json
 
     from skincal.cli.common import plain

@@ -1,4 +1,4 @@
-"""What the guard looks at in a command before it goes: form, joint limits, and how far it steps in the time passed."""
+"""The guard's checks of a command before it is sent: form, joint limits, and step size for the time passed."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from skincal.hand.errors import HandError, Violation, shown
 FloatArray = NDArray[np.float64]
 
 ROUNDING_RAD = 1e-9
-"""What a command may pass a limit by, as sums of steps are not exact [rad]."""
+"""Tolerance of a command's limits, as sums of steps are not exact [rad]."""
 
 
 class CommandCheck:
-    """Checks commands, one after the other.
+    """Checker of commands, one after the other.
 
-    A command may step from the one before by velocity times time at most. The time is what has passed since that one
-    was sent, on the hand's clock and on ours, whichever is less, and one period at most: a state that comes early,
-    twice or with a clock that leaps earns no larger step. A simulated clock has nothing to do with ours, and counts
-    alone. Before the first command the hand holds to what it says, and the time is that since the first state.
+    A command may differ from the previous one by at most velocity times time. The time is that since the previous one
+    was sent, on the hand's clock or on ours, whichever is less, and at most one period: a state that comes early, twice
+    or with a jumping clock allows no larger step. A simulated clock is unrelated to ours, and counts alone. Before the
+    first command the hand holds its reported angles, and the time is that since the first state.
 
     Args:
-        driver: the hand, connected.
+        driver: the connected hand.
     """
 
     def __init__(self, driver: HandDriver) -> None:
@@ -39,7 +39,7 @@ class CommandCheck:
         self._hand_s = self._sent_hand_s = self._sent_own_s = math.nan
 
     def observed(self, state: HandState, now_s: float) -> None:
-        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
+        """Record a sound state that arrived at ``now_s`` on our clock [s]."""
         self._hand_s = float(state.time_s)
         if self._base_rad is None:
             self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
@@ -47,13 +47,13 @@ class CommandCheck:
             self._base_rad = state.q_desired_rad.copy()
 
     def sent(self, command: HandCommand, now_s: float) -> None:
-        """Takes a command that the driver has sent; ``now_s`` is our clock after that [s]."""
-        # A copy: whoever made the command may use its array again.
+        """Record a command that the driver has sent; ``now_s`` is our clock afterwards [s]."""
+        # Copy the array: the caller may reuse it.
         self._base_rad, self._sent = command.q_desired_rad.copy(), True
         self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
 
     def __call__(self, command: HandCommand, now_s: float) -> Violation | None:
-        """What is wrong with a command that is to be sent now; None: nothing."""
+        """Return the violation of a command that is to be sent now; None if it is allowed."""
         before_rad = self._before()
         if not isinstance(command, HandCommand):  # pyright: ignore[reportUnnecessaryIsInstance]
             return Violation("command", f"expected a HandCommand; got {shown(command)}")
@@ -68,7 +68,7 @@ class CommandCheck:
         return self._named(q, np.abs(q - before_rad), largest, now_s)
 
     def nearest(self, q_rad: FloatArray, now_s: float) -> FloatArray:
-        """The angles (n,) [rad] that are nearest to ``q_rad`` of those allowed now, joint by joint."""
+        """Return the allowed angles (n,) [rad] nearest to ``q_rad``, joint by joint."""
         before_rad, step = self._before(), self._step_rad(now_s)
         near = np.clip(q_rad, before_rad - step, before_rad + step)
         return np.clip(near, self._limits.lower_rad, self._limits.upper_rad)
@@ -79,7 +79,7 @@ class CommandCheck:
         return self._base_rad
 
     def _passed_s(self, now_s: float) -> float:
-        """The time that counts since the last command [s]."""
+        """Return the time since the last command that counts [s]."""
         own_s = now_s - self._sent_own_s if self._real_time else math.inf
         return max(0.0, min(self._hand_s - self._sent_hand_s, own_s, self._period_s))
 

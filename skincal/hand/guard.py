@@ -1,14 +1,14 @@
-"""The guard: what stands between a hand and whoever moves it.
+"""The guard between a hand and the program that moves it.
 
-Every state is checked before it is handed on, every command before it is sent. Whatever goes wrong, the driver's
-``stop`` is called, and an error says what happened. A command that breaks a limit is *refused* and stops the hand; it
-is not cut down to what is allowed, because then the hand would do something that nobody asked for, and whoever asked
-would not know. Who wants the nearest allowed command asks for it: :meth:`GuardedHand.nearest`.
+Every state is checked before it is returned, every command before it is sent. On any fault the driver's ``stop`` is
+called, and an error says what happened. A command that breaks a limit is *refused* and stops the hand. It is not
+clipped to what is allowed: the hand would then do something that nobody asked for, without the caller's knowledge. To
+get the nearest allowed command, call :meth:`GuardedHand.nearest`.
 
-That the hand was stopped is said when ``stop`` returned, and only then; else the error says to cut its power. Signals
+Only if ``stop`` returned does the error say that the hand was stopped; otherwise it says to cut the power. Signals
 that would end the process wait until that is known.
 
-Times: from a bad state, a bad command or an exception to the call of ``stop`` a millisecond passes; from a call that
+Times: from a bad state, a bad command or an exception to the call of ``stop`` a millisecond passes; for a call that
 hangs, ``timeout_s``. Python cannot leave a driver that hangs in foreign code without releasing the interpreter lock.
 """
 
@@ -37,13 +37,13 @@ from skincal.robot import HandDescription, check_limits
 FloatArray = NDArray[np.float64]
 
 LONGEST_PERIOD_S = 1.0
-"""A hand that is commanded less often than this is not controlled [s]."""
+"""Longest period of a controlled hand [s]."""
 
 
 class GuardedHand:
-    """A hand that is safe to move: used as a driver is, within a ``with`` block, for one connection.
+    """A hand that is safe to move: used like a driver, within a ``with`` block, for one connection.
 
-    Calls to the driver are made by one thread of the guard's own, except for ``stop``.
+    A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
     Args:
         driver: the hand.
@@ -86,23 +86,23 @@ class GuardedHand:
 
     @property
     def real_time(self) -> bool:
-        """Whether the hand's clock runs as fast as ours."""
+        """True if the hand's clock runs as fast as ours."""
         return self._driver.real_time
 
     @property
     def failure(self) -> HandError | None:
-        """Why the hand was stopped by the guard; None while all is well."""
+        """Error for which the guard stopped the hand; None without a fault."""
         return self._failure
 
     def connect(self) -> None:
-        """Takes the hand.
+        """Connect to the hand.
 
         Raises:
             InputError: the limits of its description are beyond those of any finger.
-            HandError: it does not answer, or has been connected before.
+            HandError: it does not respond, or has been connected before.
         """
         if self._worker is not None:
-            raise HandError(f"{self.name}: a guarded hand is connected once; make a new one", "order")
+            raise HandError(f"{self.name}: a guarded hand connects only once; create a new one", "order")
         options = self._options
         check_limits(self._driver.description, beyond=options.beyond_limits)
         self._worker = Worker(f"hand {self.name}", options.idle_s, self._idle)
@@ -118,7 +118,7 @@ class GuardedHand:
             self._check_state = StateCheck(self._driver, options, self._contact_force)
             self._check_command = CommandCheck(self._driver)
         except BaseException as error:
-            # A `with` block that was not entered does not leave.
+            # The exit of a `with` block that was not entered is not called.
             if isinstance(error, HandError) and error.stopped is not None:
                 self._leave(error, "")
             else:
@@ -126,10 +126,10 @@ class GuardedHand:
             raise
 
     def observe(self) -> HandState:
-        """Waits for the next state, checks it and returns it.
+        """Wait for the next state, check it and return it.
 
         Raises:
-            HandError: something is wrong; the hand has been stopped.
+            HandError: a check failed; the hand has been stopped.
         """
         start_s = self._clock()
         state: HandState = self._call("observe", self._driver.observe, timeout_s=self._options.timeout_s)
@@ -141,14 +141,14 @@ class GuardedHand:
         return state
 
     def act(self, command: HandCommand) -> None:
-        """Checks a command and sends it.
+        """Check a command and send it.
 
         Raises:
             HandError: the command breaks a limit and was not sent, or the driver failed; the hand has been stopped.
         """
         self._ready("act")
         if self._halted:
-            raise HandError(f"{self.name}: the hand has been stopped; connect anew to move it", "stopped")
+            raise HandError(f"{self.name}: the hand has been stopped; connect again to move it", "stopped")
         violation = self._check_command(command, self._clock())
         if violation is not None:
             self._violated(violation)
@@ -156,12 +156,12 @@ class GuardedHand:
         self._check_command.sent(command, self._clock())
 
     def nearest(self, q_desired_rad: FloatArray) -> HandCommand:
-        """The allowed command that is nearest to these angles (n,) [rad], within joint limits and speed."""
+        """Return the allowed command nearest to some angles (n,) [rad], within joint limits and speed."""
         self._ready("nearest")
         return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
 
     def stop(self) -> None:
-        """Stops the hand; may be called at any time and from any thread. States can still be observed.
+        """Stop the hand; may be called at any time and from any thread. States can still be observed.
 
         Raises:
             HandError: the driver's ``stop`` raised, or did not return.
@@ -171,7 +171,7 @@ class GuardedHand:
             raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
 
     def close(self) -> None:
-        """Gives the hand back. May be called twice.
+        """Release the hand. May be called twice.
 
         Raises:
             HandError: the driver's ``close`` raised, or did not return; the hand is stopped.
@@ -183,17 +183,17 @@ class GuardedHand:
             raise error
 
     def __enter__(self) -> Self:
-        """Connects."""
+        """Connect."""
         self.connect()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, whatever happened, and gives it back. What ended the block has a note that it was stopped.
+        """Stop the hand, whatever happened, and release it. Add a note to the exception that the hand was stopped.
 
         Raises:
-            HandError: it could not be stopped.
+            HandError: the hand could not be stopped.
         """
         try:
             with held_back() as came:
@@ -202,7 +202,7 @@ class GuardedHand:
                     try:
                         self._leave(error, trouble)
                     finally:
-                        # It ends already, and what there is to say must be said.
+                        # The process is ending already, and the error must be reported.
                         came.clear()
                     return
         except KeyboardInterrupt as interrupt:
@@ -212,16 +212,16 @@ class GuardedHand:
         self._leave(error, trouble)
 
     def _leave(self, error: BaseException | None, trouble: str) -> None:
-        """Gives the hand back, and tells whether it was stopped."""
+        """Release the hand, and report whether it was stopped."""
         told = isinstance(error, HandError) and error.stopped is False
         try:
             if not (trouble or told or isinstance(error, KeyboardInterrupt)):
                 self.close()
             elif self._worker is not None and not self._closed:
-                # Whoever has to cut the power, or wants an end, is not kept waiting.
+                # Do not delay a user who must cut the power, or a process that is to end.
                 self._give_back(self._worker, min(self._options.connect_timeout_s, HURRY_S))
         except HandError:
-            # What ended the block is the news, not that closing failed after it.
+            # The exception of the block matters, not a failure to close after it.
             if error is None:
                 raise
         except BaseException as interrupt:
@@ -230,7 +230,7 @@ class GuardedHand:
         self._tell(error, trouble)
 
     def _tell(self, error: BaseException | None, trouble: str) -> None:
-        """Notes at what ends the block that the hand was stopped; where it was not, that is what ends it."""
+        """Note on the block's exception that the hand was stopped; raise an error if it was not."""
         if isinstance(error, HandError) and error.stopped is not None:
             return
         if trouble:
@@ -246,13 +246,13 @@ class GuardedHand:
             error.add_note(STOPPED)
 
     def _at_exit(self) -> None:
-        """At the end of a process that forgot its hand."""
+        """Stop a hand that is still connected at the end of the process."""
         trouble = self._halt()
         if trouble:
             print(f"{self.name}: {trouble}", file=sys.stderr)
 
     def _ready(self, what: str) -> Worker:
-        """The worker, where the hand is connected and nothing has gone wrong."""
+        """Return the worker of a connected hand without faults."""
         if self._failure is not None:
             raise again(self._failure)
         if self._worker is None or self._closed:
@@ -260,7 +260,7 @@ class GuardedHand:
         return self._worker
 
     def _call(self, what: str, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Makes a call to the driver; whatever goes wrong, the hand is stopped."""
+        """Make a call to the driver; stop the hand on any fault."""
         worker = self._ready(what)
         try:
             return worker.call(self._unless_failed, work, arguments, timeout_s=timeout_s)
@@ -279,13 +279,13 @@ class GuardedHand:
             raise
 
     def _unless_failed(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """In the worker: nothing is sent after the hand was stopped while the call waited for its turn."""
+        """Run in the worker: do nothing if the hand was stopped while the call waited for its turn."""
         if self._failure is not None:
             raise self._failure
         return work(*arguments)
 
     def _send(self, command: HandCommand) -> None:
-        """In the worker: nothing is sent after the hand was stopped while the command waited for its turn."""
+        """Run in the worker: send nothing if the hand was stopped while the command waited for its turn."""
         if self._halted:
             raise HandError("the hand has been stopped; the command was not sent", "stopped")
         self._driver.act(command)
@@ -302,7 +302,7 @@ class GuardedHand:
         limit: float | None = None,
         cause: BaseException | None = None,
     ) -> NoReturn:
-        """Stops the hand, and raises what happened; the first failure is the one that counts."""
+        """Stop the hand and raise the error; only the first failure counts."""
         trouble = self._halt()
         end = trouble or f"The hand was stopped. {ADVICE[kind]}"
         error = HandError(
@@ -313,29 +313,29 @@ class GuardedHand:
         raise error from cause
 
     def _halt(self) -> str:
-        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
+        """Stop the hand; return the failure to do so, or ''."""
         self._halted = True
         return halt(self._driver.stop, self._options.stop_timeout_s, self.name)
 
     def _idle(self) -> None:
-        """In the worker: nobody has called for ``idle_s``."""
+        """Run in the worker: stop a hand that has not been called for ``idle_s``."""
         if self._closed or self._halted:
             return
         try:
             self._fail("idle", f"no call for {self._options.idle_s:g} s", limit=self._options.idle_s)
         except HandError:
-            # The next call raises it.
+            # The next call raises the error.
             return
 
     def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
-        """Closes the driver and lets the worker end. Returns what went wrong."""
+        """Close the driver and let the worker end; return the error of closing, or None."""
         self._closed = True
         atexit.unregister(self._at_exit)
         options = self._options
         timeout_s = timeout_s or options.connect_timeout_s
         hung = self._failure is not None and self._failure.kind == "timeout"
         try:
-            # Behind a call that hangs there is no closing, and nothing to wait for.
+            # A driver with a hanging call cannot be closed; do not wait.
             worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)
             worker.call(self._driver.close, timeout_s=timeout_s)
         except CallTimeoutError:

@@ -1,4 +1,4 @@
-"""Stopping a hand so that nothing cuts it short, and saying truly whether it was stopped."""
+"""Stopping of a hand without interruption, and a true report of whether it was stopped."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STOPPED = "The hand was stopped."
 POWER = "Cut the hand's power."
 
 HURRY_S = 2.0
-"""Closing may take so long where somebody waits for the end [s]."""
+"""Longest time for closing while somebody waits for the end [s]."""
 
 _OTHERS = {
     *(signal.SIGKILL, signal.SIGSTOP),  # cannot be caught
@@ -30,17 +30,17 @@ _OTHERS = {
 }
 
 ENDING: tuple[int, ...] = tuple(sorted(signal.valid_signals() - _OTHERS))
-"""Every signal that ends a process or suspends it, if nobody does anything about it, and that can be caught."""
+"""All catchable signals that end or suspend a process that does not handle them."""
 
 
 @contextmanager
 def held_back() -> Generator[list[int]]:
-    """Keeps signals that would end the process, or interrupt it, from cutting a piece of work short.
+    """Hold back signals that would end or interrupt the process while a block runs.
 
-    They come after it, to whoever handles them. The work must have an end of its own.
+    They are delivered afterwards to their handlers. The block must end by itself.
 
     Yields:
-        The signals that have come; those that the work takes out do not come after it.
+        The signals received so far; those that the block removes are not delivered.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
@@ -64,10 +64,10 @@ def held_back() -> Generator[list[int]]:
 
 
 def halt(stop: Callable[[], None], timeout_s: float, name: str) -> str:
-    """Calls a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
+    """Call a driver's ``stop``, twice if it raises; it takes at most ``timeout_s`` and is not interrupted.
 
     Returns:
-        What went wrong with it; empty: it returned, the hand is stopped.
+        The failure of the call; '' if it returned, so that the hand is stopped.
     """
     trouble = ""
     with held_back():

@@ -1,4 +1,4 @@
-"""The guard of a stage: every state and every command is checked, and whatever goes wrong stops the stage."""
+"""The guard of a stage: it checks every state and every command, and stops the stage on any fault."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageS
 from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
 
 ROUNDING_M = 1e-9
-"""A command may pass a limit by so much, for rounding [m]."""
+"""Tolerance of a command's limits, for rounding [m]."""
 
 BEYOND_M = 0.5e-3
-"""A measured place may pass the travel by so much, for overshoot [m]."""
+"""Tolerance of a measured position beyond the travel, for overshoot [m]."""
 
 
 class GuardedStage:
@@ -25,7 +25,7 @@ class GuardedStage:
 
     Args:
         driver: the stage.
-        options: times; ``max_force_n`` replaces that of the description.
+        options: time-outs; ``max_force_n`` replaces that of the description.
     """
 
     def __init__(self, driver: StageDriver, options: GuardOptions | None = None) -> None:
@@ -47,14 +47,14 @@ class GuardedStage:
         return self._driver.period_s
 
     def __enter__(self) -> Self:
-        """Connects.
+        """Connect.
 
         Raises:
-            HandError: the stage does not answer, or has been connected before.
+            HandError: the stage does not respond, or has been connected before.
         """
         if self._worker is not None:
             raise HandError(
-                f"{self._driver.name}: a guarded stage is connected once; make a new one", "order"
+                f"{self._driver.name}: a guarded stage connects only once; create a new one", "order"
             )
         self._worker = Worker(f"stage {self._driver.name}")
         try:
@@ -67,23 +67,23 @@ class GuardedStage:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the stage, whatever happened, and gives it back."""
+        """Stop the stage, whatever happened, and release it."""
         trouble = self._halt()
         self._close()
         if trouble and error is None:
             raise HandError(f"{self._driver.name}: {trouble}", "driver", stopped=False)
 
     def observe(self) -> StageState:
-        """Waits for the next state, checks it and returns it.
+        """Wait for the next state, check it and return it.
 
         Raises:
-            HandError: something is wrong; the stage has been stopped.
+            HandError: a check failed; the stage has been stopped.
         """
         state: StageState = self._call("observe", self._driver.observe, timeout_s=self._options.timeout_s)
         rig, sensor = self.description, self.description.meta.sensor
         place, taxels = np.asarray(state.position_m), np.asarray(state.taxels)
         if place.shape != (3,) or not np.isfinite([*place, state.force_n, state.time_s]).all():
-            self._fail("state", f"expected a finite time, place (3,) and force; got {state}")
+            self._fail("state", f"expected a finite time, position (3,) and force; got {state}")
         if taxels.shape != (sensor.rows * sensor.cols,):
             self._fail("taxels", f"expected {sensor.rows * sensor.cols} taxel values; got {taxels.shape}")
         if self._last is not None and state.time_s <= self._last.time_s:
@@ -97,29 +97,29 @@ class GuardedStage:
         return state
 
     def act(self, position_m: FloatArray) -> None:
-        """Checks a command and sends it.
+        """Check a command and send it.
 
         Raises:
-            HandError: it leaves the travel or is too fast, and was not sent; the stage has been stopped.
+            HandError: the command leaves the travel or is too fast, and was not sent; the stage has been stopped.
         """
         if self._last is None:
             raise HandError(f"{self._driver.name}: observe a state before the first command", "order")
         place = np.array(position_m, dtype=np.float64)
         rig, base = self.description, self._last.position_m if self._sent is None else self._sent
         if place.shape != (3,) or not np.isfinite(place).all():
-            self._fail("command", f"expected a place (3,) of finite numbers; got {place}")
+            self._fail("command", f"expected a position (3,) of finite numbers; got {place}")
         if (place < rig.lower_m - ROUNDING_M).any() or (place > rig.upper_m + ROUNDING_M).any():
             self._fail("command", f"{_shown(place)} lies outside the travel")
         step = float(np.linalg.norm(place - base))
         longest = rig.max_speed_m_per_s * self.period_s
         if step > longest + ROUNDING_M:
-            text = f"a step of {1e3 * step:.3g} mm in a period, and {1e3 * longest:.3g} mm is the most"
+            text = f"a step of {1e3 * step:.3g} mm in a period; at most {1e3 * longest:.3g} mm are allowed"
             self._fail("command", text)
         self._call("act", self._driver.act, place, timeout_s=self._options.timeout_s)
         self._sent = place
 
     def stop(self) -> None:
-        """Stops the stage; may be called at any time and from any thread.
+        """Stop the stage; may be called at any time and from any thread.
 
         Raises:
             HandError: the driver's ``stop`` raised, or did not return.
@@ -151,7 +151,7 @@ class GuardedStage:
         raise self._failed from cause
 
     def _halt(self) -> str:
-        """Calls the driver's ``stop``, a second time if it raises; what went wrong with it, or nothing."""
+        """Call the driver's ``stop``, twice if it raises; return the failure to do so, or ''."""
         trouble = ""
         for _ in range(2):
             try:
@@ -173,7 +173,7 @@ class GuardedStage:
         try:
             self._worker.call(self._driver.close, timeout_s=timeout_s)
         except (CallTimeoutError, Exception, SystemExit):
-            # What ended the session has been told; the stage is stopped.
+            # The cause of the session's end has been reported; the stage is stopped.
             return
         finally:
             self._worker.end()

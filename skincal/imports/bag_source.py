@@ -1,4 +1,4 @@
-"""ROS bags to a recording: every stream on the clock of the taxels' topic."""
+"""Reader of ROS bags: a recording with every stream on the clock of the taxels' topic."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from skincal.imports.values import constant, length
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:
-    """Reads bags after a mapping.
+    """Read bags by a mapping.
 
     Args:
-        mapping: what their topics mean.
+        mapping: the mapping.
         bags: the bags, in the order of the session.
-        findings: where errors go.
+        findings: collects the errors.
 
     Returns:
-        One row a message of the taxels' topic; None, and errors, where something is wrong.
+        One row per message of the taxels' topic; None, with errors added, if something is wrong.
 
     Raises:
         InputError: a bag cannot be opened.
@@ -81,7 +81,7 @@ def _read_messages(
 
 
 def _recording(mapping: Mapping, part: int, file: str, collector: Collector, zero_ns: int) -> Recording:
-    """One bag; samples of the taxels without a force, or a place, at their time are left out."""
+    """Return one bag, without samples of the taxels that have no force or position at their time."""
     taxels = collector.streams[mapping.taxels.topic]
     time = taxels.times_s(zero_ns)
     order = np.argsort(time, kind="stable")
@@ -127,7 +127,7 @@ def _resampled(
     order = np.argsort(time, kind="stable")
     rules = stream.rules
     if targets.is_whole(target):
-        # Half of press 3 and half of press 4 is no press.
+        # A value between press 3 and press 4 belongs to neither.
         rules = type(rules)(rules.clock, "previous", rules.max_age_s, rules.lag_s)
     return resampled(time[order], np.array(samples, dtype=np.float64)[order], onto_s, rules)
 
@@ -157,7 +157,7 @@ def _why(target: str, mapping: Mapping) -> str:
 
 
 def _check_left(mapping: Mapping, parts: Sequence[Recording], findings: Findings) -> None:
-    """Adds an error for a bag whose streams never meet, most often for two clocks."""
+    """Add an error for a bag whose streams never meet, most often because of two clocks."""
     for recording in parts:
         if len(recording):
             continue

@@ -150,7 +150,7 @@ def test_a_dead_taxel_is_no_reason_to_stop_but_a_dead_sensor_is() -> None:
     driver = FakeHand(changed(taxels=np.full(4, nan), taxel_time_s=np.full(4, nan)))
     error, _ = run(driver, periods=200)
     assert error.kind == "taxels"
-    assert "no taxel has answered for 0.51 s" in str(error)
+    assert "no taxel has responded for 0.51 s" in str(error)
 
 
 def test_a_force_above_the_limit_stops_the_hand() -> None:
@@ -359,7 +359,7 @@ def test_order_of_calls() -> None:
     hand.close()
     with pytest.raises(HandError, match="not connected"):
         hand.observe()
-    with pytest.raises(HandError, match="connected once"):
+    with pytest.raises(HandError, match="connects only once"):
         hand.connect()
 
 

@@ -314,7 +314,7 @@ def test_another_hand_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nobody_there() -> None:
     driver = RemoteDriver("tcp://127.0.0.1:9", silence_s=0.3)
     start = time.monotonic()
-    with pytest.raises(HandError, match=r"has not answered hello for .* nobody listens there") as caught:
+    with pytest.raises(HandError, match=r"has not answered hello for .* no server listens there") as caught:
         driver.connect()
     assert caught.value.kind == "lost"
     assert time.monotonic() - start < 0.3 + SLACK_S
@@ -450,12 +450,12 @@ def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path)
         for name, folder in (("client.key_secret", "others"), ("hand.key", "keys")):
             (mixed / name).write_bytes((tmp_path / folder / "client" / name).read_bytes())
         for keys in (None, tmp_path / "others" / "client", mixed):
-            with pytest.raises(HandError, match="nobody who admits a client") as caught:
+            with pytest.raises(HandError, match="none that admits a client") as caught:
                 RemoteDriver(server.address, keys=keys, silence_s=0.3).connect()
             assert caught.value.kind == "lost"
         assert hands.last is first
         # A client with keys does not talk to a server that cannot show the hand's.
-    with served(hands) as server, pytest.raises(HandError, match="nobody who admits"):
+    with served(hands) as server, pytest.raises(HandError, match="none that admits"):
         RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
 
 
@@ -553,7 +553,7 @@ def test_making_a_driver_may_fail_or_hang_without_end(monkeypatch: pytest.Monkey
     monkeypatch.setattr("skincal.hand.serve.MAKE_S", 0.1)
     made = iter([FakeHand, lambda: time.sleep(0.5), lambda: exec("raise SystemExit(0)"), FakeHand])
     with served(Hands(lambda: next(made)())) as server:
-        for text in ("", "not made within 0.1 s", "SystemExit", ""):
+        for text in ("", "not created within 0.1 s", "SystemExit", ""):
             driver = RemoteDriver(server.address)
             if text:
                 with pytest.raises(HandError, match=text):
