@@ -50,6 +50,8 @@ class Bag:
                 str(self.path), "types that the bag or the mapping defines", f"no type {error}", fix
             )
             raise InputError([problem]) from error
+        except MemoryError:
+            raise
         except Exception as error:  # the library raises whatever its parsers raise
             raise InputError([_damaged(self.path, error)]) from error
 
@@ -82,6 +84,8 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
     with ExitStack() as stack:
         try:
             reader: Any = stack.enter_context(AnyReader([path], default_typestore=store))
+        except MemoryError:
+            raise
         except Exception as error:  # the library raises whatever its parsers raise
             raise InputError([_damaged(path, error)]) from error
         # A bag may define some of its types and not others.
