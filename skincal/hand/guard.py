@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.hand.checks import ContactForce, StateCheck
+from skincal.hand.clock import SLOWEST
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
@@ -107,8 +108,10 @@ class GuardedHand:
         check_limits(self._driver.description, beyond=options.beyond_limits)
         self._worker = Worker(f"hand {self.name}", options.idle_s, self._idle)
         atexit.register(self._at_exit)
+        # What a simulated hand computes first (it may compile its skin model) takes longer where others are at work.
+        patience = 1.0 if self._driver.real_time else SLOWEST
         try:
-            self._call("connect", self._driver.connect, timeout_s=options.connect_timeout_s)
+            self._call("connect", self._driver.connect, timeout_s=patience * options.connect_timeout_s)
             period_s = self._driver.period_s
             if not 0 < period_s <= LONGEST_PERIOD_S:
                 text = (

@@ -14,7 +14,8 @@ class GuardOptions:
 
     Attributes:
         timeout_s: a call to the driver that takes longer is left, and the hand stopped [s].
-        connect_timeout_s: the same for connecting and for closing [s].
+        connect_timeout_s: the same for connecting and for closing [s]; a simulated hand may take ten times as long
+            to connect.
         stop_timeout_s: ``stop`` is waited for so long [s].
         idle_s: the hand is stopped when nobody calls for so long [s]; None: never.
         stale_s: the hand's clock must advance within this time, on our clock [s].

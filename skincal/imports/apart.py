@@ -31,7 +31,7 @@ BYTES_PER_S: Final = 1e5
 
 _CHILD: Final = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
-    "from skincal.imports.apart import _answer; _answer()"
+    "from skincal.imports.apart import answer; answer()"
 )
 
 
@@ -78,11 +78,11 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
     return value
 
 
-def _answer() -> None:
+def answer() -> None:
     """In the other process: do what is asked, and send what came of it."""
     most, longest_s, read, path, arguments = pickle.load(sys.stdin.buffer)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked, which ends this one
-    answer = os.fdopen(os.dup(1), "wb")
+    sink = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no part of the answer
     _limit(most, longest_s)
     try:
@@ -92,8 +92,8 @@ def _answer() -> None:
         data = pickle.dumps((None, MemoryError()))
     except Exception as error:
         data = pickle.dumps((None, _sendable(error)))
-    with answer:
-        answer.write(data)
+    with sink:
+        sink.write(data)
 
 
 def _limit(most_bytes: int, longest_s: int) -> None:

@@ -459,6 +459,17 @@ def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path)
         RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
 
 
+def test_keys_are_read_once(tmp_path: Path) -> None:
+    """What lies in the folder later is never opened: a pipe, say, at which the authenticator would wait for ever."""
+    make_keys(tmp_path / "keys")
+    keys = hand_keys(tmp_path / "keys" / "hand")
+    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
+    with served(Hands(), keys=keys) as server:
+        driver = RemoteDriver(server.address, keys=tmp_path / "keys" / "client")
+        driver.connect()
+        driver.close()
+
+
 def test_keys_are_private_and_kept(tmp_path: Path) -> None:
     make_keys(tmp_path / "keys")
     files = sorted(
