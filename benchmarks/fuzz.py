@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from benchmarks.fuzz_readers import Reader
 
 LIMIT_S, LIMIT_BYTES = 10, 4 << 30
-BATCH = 200
+BATCH = 500
 """Inputs of one reader in a row, in a process of their own; so many are counted at once."""
 
 
@@ -90,7 +90,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--inputs", type=int, default=1_000_000)
-    parser.add_argument("--least", type=int, default=10_000, help="inputs that every reader gets")
+    parser.add_argument("--least", type=int, default=4_000, help="inputs that every reader gets")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"))
     parser.add_argument("--reader", help="one reader only")

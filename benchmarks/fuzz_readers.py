@@ -283,7 +283,7 @@ def _of_bags(scratch: Path) -> list[Reader]:
 
     (scratch / "bag.toml").write_text(tomli_w.dumps(RIG | BAG))
     mapping = read_mapping(scratch / "bag.toml", "bag")
-    recording = recorded(make_session(1, frames_per_press=0), rate_hz=20.0)
+    recording = recorded(make_session(1, frames_per_press=0), rate_hz=5.0)
 
     def read(bag: Path) -> None:
         findings = Findings()
