@@ -166,6 +166,12 @@ VERBS = {
             look=_collected,
             prepare=lambda folder: write_plan(PLAN, folder / "plan.toml"),
         ),
+        Verb(
+            "collect with a stage",
+            _verb("collect", "--driver", "skincal.hand.stage_sim:StageSim", "--plan", "plan.toml"),
+            look=_collected,
+            prepare=lambda folder: write_plan(PLAN, folder / "plan.toml"),
+        ),
         Verb("train", _train, look=_trained, partial=True),
     )
 }  # fmt: skip
@@ -173,7 +179,8 @@ VERBS = {
 WAYS = {"new": (False, True), "replaced": (True, True), "replaced by two moves": (True, False)}
 """Whether there is an earlier output, and whether the kernel can exchange two names."""
 
-CASES = [(verb, way) for verb in VERBS for way in WAYS if way == "new" or verb not in ("collect", "train")]
+GOING_ON = ("collect", "collect with a stage", "train")
+CASES = [(verb, way) for verb in VERBS for way in WAYS if way == "new" or verb not in GOING_ON]
 """Sessions and runs go on in place of beginning again; what replaces them is written as all else."""
 
 
