@@ -23,7 +23,6 @@ from threading import Lock
 from types import TracebackType
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
-from skincal.hand.clock import SLOWEST
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
 from skincal.hand.halt import HURRY_S, halt, held_back, stopped
@@ -34,6 +33,9 @@ from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 LONGEST_PERIOD_S = 1.0
 """A rig that is commanded less often than this is not controlled [s]."""
 
+
+PATIENCE = 10.0
+"""A simulated rig may take so many times longer to connect; compiling takes a quarter of a minute on an idle core."""
 
 State = TypeVar("State")
 Command = TypeVar("Command")
@@ -114,7 +116,7 @@ class Guarded(ABC, Generic[State, Command]):
         self._worker = Worker(f"{self.rig} {self.name}", options.idle_s, self._idle)
         atexit.register(self._at_exit)
         # What a simulated rig computes first (it may compile its skin model) takes longer where others are at work.
-        patience = 1.0 if self._made.real_time else SLOWEST
+        patience = 1.0 if self._made.real_time else PATIENCE
         try:
             self._call("connect", self._made.connect, timeout_s=patience * options.connect_timeout_s)
             period_s = self._made.period_s
