@@ -197,6 +197,11 @@ def test_a_refusal_of_the_hand(refusal, value):
     refusal("message, refused", "message.json", '"value": 1', f'"value": {value}')
 
 
+@pytest.mark.parametrize("rows", ["", "nan,0.0\n", "0.0,inf\n", "1e9,0.0\n", "0.001\n"])
+def test_targets_that_no_skin_has(refusal, rows):
+    assert "t.csv" in refusal("trajectory", "t.csv", "0.0,0.001\n0.001,0.002\n", rows)
+
+
 def test_a_loop_of_links(refusal):
     said = refusal("hand", "hand.urdf", '<parent link="palm"/>\n    <child link="thumb_base"/>',
                    '<parent link="thumb_medial"/>\n    <child link="thumb_base"/>')  # fmt: skip
