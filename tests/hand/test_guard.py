@@ -201,7 +201,13 @@ def test_a_hand_that_does_not_connect_is_stopped_and_closed() -> None:
     assert error.kind == "driver"
     assert "connect() raised OSError: no such port" in str(error)
     assert driver.calls == ["connect", "stop", "close"]
-    assert run(FakeHand(hang={"connect": 1.0}))[0].kind == "timeout"
+    assert run(FakeHand(hang={"connect": 1.0}, real_time=True))[0].kind == "timeout"
+
+
+def test_a_simulated_hand_may_take_longer_to_connect() -> None:
+    """It may compile its skin model, on a computer that is busy."""
+    with GuardedHand(FakeHand(hang={"connect": 2 * QUICK.connect_timeout_s}), QUICK) as hand:
+        hand.observe()
 
 
 def test_a_stop_that_raises_is_tried_again_and_told() -> None:

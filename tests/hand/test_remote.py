@@ -459,6 +459,32 @@ def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path)
         RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
 
 
+def test_a_client_that_does_not_wait_for_answers_fills_no_memory() -> None:
+    hands = Hands(lambda: FakeHand(hang={"observe": 0.2}))
+    with served(hands) as server:
+        driver = RemoteDriver(server.address)
+        driver.connect()
+        session = server._session  # pyright: ignore[reportPrivateUsage]
+        assert session is not None
+        for number in range(2, 5000):
+            session.request(b"x", Message("observe", number, session.token))
+        waiting = session._requests.qsize()  # pyright: ignore[reportPrivateUsage]
+        driver.stop()
+        driver.close()
+    assert waiting <= 8
+
+
+def test_keys_are_read_once(tmp_path: Path) -> None:
+    """What lies in the folder later is never opened: a pipe, say, at which the authenticator would wait for ever."""
+    make_keys(tmp_path / "keys")
+    keys = hand_keys(tmp_path / "keys" / "hand")
+    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
+    with served(Hands(), keys=keys) as server:
+        driver = RemoteDriver(server.address, keys=tmp_path / "keys" / "client")
+        driver.connect()
+        driver.close()
+
+
 def test_keys_are_private_and_kept(tmp_path: Path) -> None:
     make_keys(tmp_path / "keys")
     files = sorted(
