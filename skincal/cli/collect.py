@@ -201,7 +201,7 @@ def _stage(
         refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
     source = f"skincal collect: stage, driver {driver}, plan {chosen.name}, {rig.description.name}"
-    with stage_bars() as told, moving(lambda: _kept(out)), _resumable(out):
+    with stage_bars() as reporter, moving(lambda: _kept(out)), _resumable(out):
         found = collect_stage(
             chosen,
             lambda: rig,
