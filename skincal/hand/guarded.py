@@ -1,11 +1,10 @@
-"""What stands between any rig and whoever moves it: calls that return in time, and a stop that is one.
+"""The guard between a rig and the program that moves it: calls that return in time, and a true stop.
 
-Every state is checked before it is handed on, every command before it is sent. Whatever goes wrong, the driver's
-``stop`` is called, and an error says what happened. A command that breaks a limit is *refused* and stops the rig; it
-is not cut down to what is allowed, because then the rig would do something that nobody asked for, and whoever asked
-would not know. Who wants the nearest allowed command asks for it.
+Every state is checked before it is returned, every command before it is sent. On any fault the driver's ``stop`` is
+called, and an error says what happened. A command that breaks a limit is *refused* and stops the rig. It is not
+clipped to what is allowed: the rig would then do something that nobody asked for, without the caller's knowledge.
 
-That the rig was stopped is said when ``stop`` returned, and only then; else the error says to cut its power. Signals
+Only if ``stop`` returned does the error say that the rig was stopped; otherwise it says to cut its power. Signals
 that would end the process wait until that is known.
 
 Times: from a bad state, a bad command or an exception to the call of ``stop`` a millisecond passes; from a call that
@@ -110,7 +109,7 @@ class Guarded(ABC, Generic[State, Command]):
             HandError: it does not answer, or has been connected before.
         """
         if self._worker is not None:
-            raise HandError(f"{self.name}: a guarded {self.rig} is connected once; make a new one", "order")
+            raise HandError(f"{self.name}: a guarded {self.rig} connects only once; create a new one", "order")
         options = self._options
         self._check_limits()
         self._worker = Worker(f"{self.rig} {self.name}", options.idle_s, self._idle)
