@@ -165,7 +165,7 @@ def bound_tiles_by_part(
     begin: FloatArray,
     near: FloatArray,
 ) -> None:
-    """As :func:`skincal.model.press.meet.bound_tiles` for one part: lowers ``begin`` and ``near`` (B,) to its own."""
+    """Lower ``begin`` and ``near`` (B,) to those of one part: see :func:`skincal.model.press.meet.bound_tile`."""
     nx, ny, nz = frame[0], frame[1], frame[2]
     sx, sy, sz = bound[3], bound[4], bound[5]
     slope, nearest, round_, along_, wide_ = bound[6], bound[7], bound[8], bound[9], bound[10]

@@ -18,12 +18,12 @@ import numpy as np
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.press.balance import linear_depth, power_depth
 from skincal.model.press.jit import device, plain_device
-from skincal.model.press.meet import FAR, Frame, bound_tiles, meet, paraboloid
+from skincal.model.press.meet import FAR, Frame, bound_tile, meet, paraboloid
 from skincal.model.press.status import Status
 
 AHEAD = 1.15
 """How much deeper than the guess is looked at once. A guess that was too low costs a second look, no more."""
-_SKIN_BEND = 40.0
+SKIN_BEND = 40.0
 """Curvature over two of a fingertip of 12 mm [1/m]: where Newton's method starts, no more."""
 _CELL = 0.75
 """Parts of a cell's area that its furthest corner lies from its middle, squared: a half for a square, 5/8 for 2 : 1."""
@@ -112,7 +112,7 @@ def guess(
         first = min(first, middle[b])
     if first >= FAR:
         return math.inf, math.inf
-    start = math.sqrt(2.0 * load * (bend + _SKIN_BEND) / math.pi)
+    start = math.sqrt(2.0 * load * (bend + SKIN_BEND) / math.pi)
     # The first step leads to the solution or above it: what lies beyond carries nothing.
     carried = 0.0
     moment = 0.0
@@ -164,7 +164,7 @@ def gather(
         frame: see :func:`frame_of`.
         origin: of the indenter's frame [m].
         points: (6, N) position [m] and normal times area [m²].
-        begin: (B,) of :func:`skincal.model.press.meet.bound_tiles`.
+        begin: (B,) of :func:`skincal.model.press.meet.bound_tile`.
         each: points of a tile.
         limit: [m].
         gap: filled with distances beyond the smallest; about ``FAR`` where nothing is met [m].
@@ -199,19 +199,25 @@ def gather(
 
 
 @device
+def over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float, float]) -> bool:
+    """Whether an axis along the contact normal goes through the cell of point k, which faces it."""
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    x = points[0, k] - axis[0]
+    y = points[1, k] - axis[1]
+    z = points[2, k] - axis[2]
+    along = x * nx + y * ny + z * nz
+    carries = points[3, k] * nx + points[4, k] * ny + points[5, k] * nz
+    area = math.sqrt(points[3, k] ** 2 + points[4, k] ** 2 + points[5, k] ** 2)
+    return carries > 0 and x * x + y * y + z * z - along * along <= _CELL * area
+
+
+@device
 def falls_between(points: FloatArray, frame: Frame, axis: tuple[float, float, float]) -> bool:
     """Whether an indenter that touches no point lies over a cell: then it is finer than the points."""
-    nx, ny, nz = frame[0], frame[1], frame[2]
+    over = False
     for k in range(points.shape[1]):
-        x = points[0, k] - axis[0]
-        y = points[1, k] - axis[1]
-        z = points[2, k] - axis[2]
-        along = x * nx + y * ny + z * nz
-        carries = points[3, k] * nx + points[4, k] * ny + points[5, k] * nz
-        area = math.sqrt(points[3, k] ** 2 + points[4, k] ** 2 + points[5, k] ** 2)
-        if carries > 0 and x * x + y * y + z * z - along * along <= _CELL * area:
-            return True
-    return False
+        over = over or over_cell(points, k, frame, axis)
+    return over
 
 
 @device
@@ -488,7 +494,8 @@ def press(
         origin = (row[3], row[4], row[5])
         ax, ay, az, nearest, bend, reach = paraboloid(kind, size, frame)
         axis = (origin[0] + ax, origin[1] + ay, origin[2] + az)
-        bound_tiles(tiles, normal, axis, nearest, bend, reach, begin, middle, area)
+        for b in range(count_tiles):
+            begin[b], middle[b], area[b] = bound_tile(tiles, b, normal, axis, nearest, bend, reach)
         own = (starts[p], starts[p + 1])
         most = largest(force, info, own[0], own[1]) / elasticity
         level, first = guess(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
