@@ -65,7 +65,9 @@ class DeviceSkin:
         from skincal.model.gpu import kernel
         from skincal.model.gpu.target import Target
 
-        target = Target(precision, BLOCK=block)
+        # A block's memory holds half as many numbers of twice the size.
+        near = kernel.POINTS if precision == "single" else kernel.POINTS // 2
+        target = Target(precision, BLOCK=block, POINTS=near)
         self._kernel, self._block, self._real = target.kernel(kernel.press), block, target.real
         tiled, law, converter = skin.patch.tiled, skin.law, skin.converter
         # Single precision has digits for a patch about its middle, not for a finger.
@@ -90,7 +92,7 @@ class DeviceSkin:
         )  # fmt: skip
         count, tile_count = points.shape[1], tiles.shape[1]
         blocks = _BLOCKS * _multiprocessors(cuda)
-        if count > kernel.POINTS or tile_count > kernel.TILES:
+        if count > near or tile_count > kernel.TILES:
             each = 4 * (count * (1 + 3 * self._real().itemsize // 4) + tile_count)
             blocks = max(1, min(blocks, _SCRATCH // each))
         self._blocks = blocks
