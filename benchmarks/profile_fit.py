@@ -6,6 +6,7 @@ Looks a hundred times a second of processor time which package's function is run
 compiled routine's work included, counts for the function that called it.
 """
 
+# ruff: noqa: E402 - the number of threads is read when numpy is imported
 from __future__ import annotations
 
 import os
@@ -25,7 +26,7 @@ from types import FrameType
 from typing import Any
 
 SAMPLE = "data/paper-like"
-_PLACE = re.compile(r"(?:site-packages|lib/python3\.\d+)/(\w+)")
+_PLACE = re.compile(r".*(?:site-packages|lib/python3\.\d+)/(\w+)")
 _EVERY_S = 0.01
 _LEAST = 0.01
 """Packages with a smaller part of the time are put together."""
@@ -35,7 +36,7 @@ def package(file: str) -> str:
     """The package that a file belongs to; parts of skincal one level deeper."""
     if (at := file.rfind("/skincal/")) >= 0:
         return "skincal." + file[at + 9 :].split("/")[0].removesuffix(".py")
-    found = _PLACE.search(file)
+    found = _PLACE.match(file)
     return "other" if found is None else found[1]
 
 

@@ -2,8 +2,8 @@
 
     python -m benchmarks.scaling [--rounds 5] [--out FILE]
 
-Processor time of one core, medians of rounds taken in turns, after a first one that is not counted. ``slope`` is that of
-a line through the logarithms: 1 where the cost grows in proportion, 0 where it does not grow.
+Processor time of one core, medians of rounds taken in turns, after a first one that is not counted. ``slope`` is that
+of a line through the logarithms: 1 where the cost grows in proportion, 0 where it does not grow.
 """
 
 # ruff: noqa: E402 - the number of threads is read when numpy is imported
