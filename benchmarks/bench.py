@@ -27,7 +27,7 @@ from benchmarks.model_speed import cpu_model
 from skincal.version import __version__
 
 RESULTS = Path(__file__).parent / "results"
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "embreex", "pybullet", "numba-cuda")
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "embreex", "pybullet", "mujoco", "numba-cuda")
 MODULES: dict[str, list[str]] = {
     "model_speed": ["--json"],
     "scaling": ["--out", "OUT"],
@@ -37,11 +37,14 @@ MODULES: dict[str, list[str]] = {
     "dataset_load": ["--frames", "300000", "--out", "OUT"],
     "sim_speed": ["--json"],
     "env_speed": ["--steps", "400", "--json"],
+    "mujoco_sensors": ["--out", "OUT"],
     "gpu": ["--out", "OUT"],
 }
 """Benchmarks and their options; what prints its figures instead of writing them to OUT has ``--json``."""
-NO_DEVICE, MISSED = 2, 1
-"""Exit statuses: bad input, for a GPU that there is none; an aim that was missed, which the figures show."""
+OPTIONAL = ("mujoco_sensors", "gpu")
+"""They need a package or a device, and are left out where it is not there."""
+NOT_THERE, MISSED = 2, 1
+"""Exit statuses: bad input, for a device or package that is not there; an aim that was missed, which the figures show."""
 COMMANDS: dict[str, list[str]] = {
     "collect, the full protocol of the simulated hand": [
         "collect",
@@ -87,12 +90,12 @@ def commands() -> dict[str, Any]:
 
 
 def module(name: str, options: Sequence[str]) -> dict[str, Any] | None:
-    """The figures of a benchmark; None where it needs a device that is not there."""
+    """The figures of a benchmark; None where it needs what is not there."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.json"
         words = [sys.executable, "-m", f"benchmarks.{name}", *(o.replace("OUT", str(out)) for o in options)]
         done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False)
-        if name == "gpu" and done.returncode == NO_DEVICE:
+        if name in OPTIONAL and done.returncode == NOT_THERE:
             return None
         if done.returncode not in (0, MISSED) or (done.returncode and "--json" not in options):
             raise subprocess.CalledProcessError(done.returncode, words)
@@ -147,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             continue
         if found is not None:
             save(given.results / f"{name}.json", found)
-        print(f"{name}: {time.perf_counter() - begin:.0f} s{'' if found else ', no device'}", flush=True)
+        print(f"{name}: {time.perf_counter() - begin:.0f} s{'' if found else ', left out'}", flush=True)
     save(given.results / "bench.json", {**place, "measured": chosen, "failed": failed})
     return 1 if failed else 0
 
