@@ -44,7 +44,7 @@ MODULES: dict[str, list[str]] = {
 OPTIONAL = ("mujoco_sensors", "gpu")
 """They need a package or a device, and are left out where it is not there."""
 NOT_THERE, MISSED = 2, 1
-"""Exit statuses: bad input, for a device or package that is not there; an aim that was missed, which the figures show."""
+"""Exit statuses: bad input, so for a device or package that is not there; an aim that was missed."""
 COMMANDS: dict[str, list[str]] = {
     "collect, the full protocol of the simulated hand": [
         "collect",

@@ -2,8 +2,8 @@
 
 ``{results} FILE.json`` shows any file in the folder of results, ``{coverage} FILE.json`` that of the coverage study,
 ``{speed} FILE.json`` that of the model's speed, ``{against} FILE.json`` that of its meshes against embree alone,
-``{scaling} FILE.json`` the cost of an image against sizes, drawn, ``{blind} FILE.json`` that of the blind test of the
-diagnosis.
+``{scaling} FILE.json`` the cost of an image against sizes, drawn, ``{cost} FILE.json`` what many fits cost,
+``{blind} FILE.json`` that of the blind test of the diagnosis.
 """
 
 from __future__ import annotations
@@ -149,6 +149,24 @@ def against(content: Mapping[str, Any]) -> list[str]:
     return [*lines, ""]
 
 
+SKINS, CORES = 1000, 100
+"""For which the cost of fits is worked out."""
+
+
+def cost(content: Mapping[str, Any]) -> list[str]:
+    """What many fits cost, from the time of one."""
+    one, wall = content["processor time [s]"], content["whole process, report included [s]"]
+    kept = one / (wall * content["cores"])
+    hours = SKINS * one / 3600
+    return [
+        f"A fit of {content['presses']} presses over {content['combinations']} combinations takes {one:.0f} s of "
+        f"processor time, in which {content['cores']} cores are busy for {100 * kept:.0f} % of the whole. {SKINS} "
+        f"skins are {hours:.0f} core hours: {60 * hours / CORES:.0f} minutes on {CORES} cores, if each core fits "
+        "skins of its own, which needs no traffic between them.",
+        "",
+    ]
+
+
 class Results(SphinxDirective):
     """The tables of one file in the folder of results."""
 
@@ -241,6 +259,14 @@ class Against(Results):
         return against(content)
 
 
+class Cost(Results):
+    """What many fits cost."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return cost(content)
+
+
 class Scaling(Results):
     """The cost of an image against sizes, as a picture with logarithmic axes and a table of slopes."""
 
@@ -280,5 +306,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("speed", Speed)
     app.add_directive("against", Against)
     app.add_directive("scaling", Scaling)
+    app.add_directive("cost", Cost)
     app.add_directive("blind", Blind)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
