@@ -366,7 +366,8 @@ def press_cast(  # noqa: D417
     room = 1
     for p in range(at.shape[0]):
         room = max(room, begins[p + 1] - begins[p])
-    scratch = room_for(room, np.empty(loads.shape[1] + 1))
+    sums = np.empty(loads.shape[1] + 1)
+    scratch = room_for(room, sums)
     found, which = scratch.found, scratch.which
     for p in range(at.shape[0]):
         if not again[p]:
