@@ -54,12 +54,8 @@ types: $(VENV)/.lint-stamp ## static types, strict in the core
 docs: $(VENV)/.docs-stamp ## the documentation, notebooks executed, warnings as errors
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
 
-bench: $(VENV)/.test-stamp ## speed of the model, the dataset, a fit, the simulated hand and the environments
-	$(BIN)/python benchmarks/model_speed.py
-	$(BIN)/python benchmarks/dataset_load.py
-	$(BIN)/python benchmarks/fit_speed.py
-	$(BIN)/python benchmarks/sim_speed.py
-	$(BIN)/python benchmarks/env_speed.py
+bench: $(VENV)/.test-stamp ## speed of everything, for docs/performance.md (about eight minutes)
+	$(BIN)/python -m benchmarks.bench
 
 coverage: $(VENV)/.test-stamp ## do the intervals hold the truth? (about half an hour; goes on after an interruption)
 	$(BIN)/python benchmarks/interval_coverage.py

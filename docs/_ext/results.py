@@ -1,7 +1,9 @@
 """Results of benchmarks as tables, or the words "not measured" where there are none.
 
 ``{results} FILE.json`` shows any file in the folder of results, ``{coverage} FILE.json`` that of the coverage study,
-``{speed} FILE.json`` that of the model's speed, ``{blind} FILE.json`` that of the blind test of the diagnosis.
+``{speed} FILE.json`` that of the model's speed, ``{against} FILE.json`` that of its meshes against embree alone,
+``{scaling} FILE.json`` the cost of an image against sizes, drawn, ``{cost} FILE.json`` what many fits cost,
+``{blind} FILE.json`` that of the blind test of the diagnosis.
 """
 
 from __future__ import annotations
@@ -133,6 +135,38 @@ def speed(content: Mapping[str, Any]) -> list[str]:
     return [*lines, ""]
 
 
+def against(content: Mapping[str, Any]) -> list[str]:
+    """Speed of meshes against embree's bare query as Markdown."""
+    lines = ["| | embree alone | skincal, in a batch | skincal, one by one |", "|---|---|---|---|"]
+    for case in content["cases"]:
+        seconds = case["seconds_an_image"]
+        if least := seconds.get("bare_query"):
+            ours = [
+                f"{1e6 * seconds[way]:.0f} µs, {seconds[way] / least:.2f} times that"
+                for way in ("ours_batch", "ours_single")
+            ]
+            lines.append(f"| {case['case']} | {1e6 * least:.0f} µs | {' | '.join(ours)} |")
+    return [*lines, ""]
+
+
+SKINS, CORES = 1000, 100
+"""For which the cost of fits is worked out."""
+
+
+def cost(content: Mapping[str, Any]) -> list[str]:
+    """What many fits cost, from the time of one."""
+    one, wall = content["processor time [s]"], content["whole process, report included [s]"]
+    kept = one / (wall * content["cores"])
+    hours = SKINS * one / 3600
+    return [
+        f"A fit of {content['presses']} presses over {content['combinations']} combinations takes {one:.0f} s of "
+        f"processor time, in which {content['cores']} cores are busy for {100 * kept:.0f} % of the whole. {SKINS} "
+        f"skins are {hours:.0f} core hours: {60 * hours / CORES:.0f} minutes on {CORES} cores, if each core fits "
+        "skins of its own, which needs no traffic between them.",
+        "",
+    ]
+
+
 class Results(SphinxDirective):
     """The tables of one file in the folder of results."""
 
@@ -217,11 +251,61 @@ class Speed(Results):
         return speed(content)
 
 
+class Against(Results):
+    """The table of meshes against embree."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return against(content)
+
+
+class Cost(Results):
+    """What many fits cost."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        return cost(content)
+
+
+class Scaling(Results):
+    """The cost of an image against sizes, as a picture with logarithmic axes and a table of slopes."""
+
+    def lines(self, content: Any) -> list[str]:
+        """The content as Markdown."""
+        sys.path.insert(0, str(Path(__file__).parents[2]))
+        from matplotlib.figure import Figure
+
+        from skincal.report.style import save
+
+        cost = content["cost"]
+        figure = Figure(figsize=(10, 2.3 * -(-len(cost) // 3)), layout="constrained")
+        axes = figure.subplots(-(-len(cost) // 3), 3, squeeze=False).ravel()
+        for axis in axes[len(cost) :]:
+            axis.set_visible(False)
+        for axis, (name, found) in zip(axes, cost.items(), strict=False):
+            sizes, us = zip(*((row[name], row["us an image"]) for row in found["points"]), strict=True)
+            axis.loglog(sizes, us, marker="o")
+            axis.set_title(f"slope {found['slope']:g}")
+            axis.set_xlabel(name)
+            axis.set_ylabel("µs an image")
+        made = Path("_build", "made", "scaling.png")
+        (Path(self.env.srcdir) / made).parent.mkdir(parents=True, exist_ok=True)
+        save(figure, Path(self.env.srcdir) / made)
+        rows = "; ".join(
+            f"{name}: " + ", ".join(f"{row[name]:g}: {row['us an image']:g}" for row in found["points"])
+            for name, found in cost.items()
+        )
+        return [f"```{{figure}} /{made.as_posix()}", ":width: 100%", "", f"µs an image. {rows}.", "```", ""]
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Registers the directives."""
     app.add_config_value("results_folder", "", "env")
     app.add_directive("results", Results)
     app.add_directive("coverage", Coverage)
     app.add_directive("speed", Speed)
+    app.add_directive("against", Against)
+    app.add_directive("scaling", Scaling)
+    app.add_directive("cost", Cost)
     app.add_directive("blind", Blind)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -12,8 +12,13 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
+from typing import TYPE_CHECKING
 
+from skincal import compiling
 from skincal.fitting.tasks import Mapper
+
+if TYPE_CHECKING:
+    from multiprocessing.synchronize import Semaphore
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -50,7 +55,8 @@ def mapper(workers: int | None = None, scheduler: str | None = None) -> Generato
     # Workers are started afresh: a fork would copy the locks of threads that draw the progress.
     context = multiprocessing.get_context("spawn")
     with _one_thread_each():
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+        voice = context.Semaphore(0 if compiling.on_compile is None else 1)
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(voice,))
         try:
             _start(pool, count)
             yield pool.map
@@ -58,8 +64,14 @@ def mapper(workers: int | None = None, scheduler: str | None = None) -> Generato
             _end(pool)
 
 
-def _begin() -> None:
-    """Ctrl-C goes to every process of the terminal; only the first one shall act on it. A worker ends with that one."""
+def _begin(voice: Semaphore) -> None:
+    """Ctrl-C goes to every process of the terminal; only the first one shall act on it. A worker ends with that one.
+
+    Args:
+        voice: the worker that gets it says when it compiles. All do so at once; one line is enough.
+    """
+    if voice.acquire(block=False):
+        compiling.on_compile = compiling.tell
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_first, daemon=True).start()
 

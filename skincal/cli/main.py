@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
     logging.getLogger("skincal").handlers[:] = [_Said()]
-    compiling.on_compile = lambda: say("skincal: compiling the skin model, once on this machine (about 15 s)")
+    compiling.on_compile = lambda: say(compiling.NOTE)
     try:
         with json_alone("--json" in arguments), interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)

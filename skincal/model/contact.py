@@ -106,22 +106,6 @@ class Contacts:
         return self.points_m if self.origins_m is None else self.origins_m
 
     @property
-    def local_directions(self) -> FloatArray:
-        """(K, 3) contact normals in the indenter's frame: +z, unless rotations say otherwise."""
-        if self.rotations is None:
-            upward = np.zeros((len(self), 3))
-            upward[:, 2] = 1.0
-            return upward
-        return np.einsum("kij,ki->kj", self.rotations, self.normals)
-
-    @property
-    def local_points_m(self) -> FloatArray:
-        """(K, 3) contact points in the indenter's frame [m]: its origin, unless origins say otherwise."""
-        if self.origins_m is None:
-            return np.zeros((len(self), 3))
-        return np.einsum("kij,ki->kj", self.indenter_rotations, self.points_m - self.origins_m)
-
-    @property
     def known(self) -> BoolArray:
         """(K,) True where the force and all that says where it acts are finite."""
         # Rotations that are left out are those of the normals.

@@ -42,5 +42,5 @@ def solve_penetration(gap_m: ArrayLike, weight_m2: ArrayLike, force_over_elastic
     pressed = np.isfinite(load) & (load > 0) & met.any(axis=1)
     for k in np.flatnonzero(pressed):
         some = met[k]
-        depth[k] = routine().depth(gap[k, some], weight[k, some], load[k])
+        depth[k] = routine().depth(gap[k, some], weight[k, some], int(some.sum()), load[k], 0.0)
     return np.where(np.isfinite(load), first + depth, np.nan)

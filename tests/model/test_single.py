@@ -87,7 +87,7 @@ def test_an_unchecked_contact_is_the_checked_one() -> None:
     point, normal, rotation = np.array([0.001, 0.02, 0.01]), np.array([0.0, 0.6, 0.8]), np.eye(3)[[1, 2, 0]]
     one = Contacts.one(point, normal, 2.0, rotation, 2 * point)
     checked = Contacts(point[None], normal[None], np.array([2.0]), rotation[None], 2 * point[None])
-    for name in ("points_m", "normals", "force_n", "rotations", "origins_m", "local_directions", "known"):
+    for name in ("points_m", "normals", "force_n", "rotations", "origins_m", "known"):
         assert np.array_equal(getattr(one, name), getattr(checked, name)), name
     assert not Contacts.one(point, normal, np.nan).known[0]
     assert not Contacts.one(point, normal, 1.0, rotation * np.nan, point).known[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,6 +10,9 @@ from typing import ClassVar
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import FloatArray
+
+MISSED = math.inf
+"""Distance to an indenter that a ray does not meet [m]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import as_floats, positive
-from skincal.model.indenters.base import ClosedForm, RayHits
+from skincal.model.indenters.base import MISSED, ClosedForm, RayHits
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) 
     y += distance * ny
     z += distance * nz
     hit = rise != 0 and x * x + y * y + z * z <= radius * radius
-    return distance if hit else math.inf, abs(rise)
+    return distance if hit else MISSED, abs(rise)
 
 
 def paraboloid(radius: float, frame: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:

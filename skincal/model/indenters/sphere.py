@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import as_floats, positive
-from skincal.model.indenters.base import ClosedForm, RayHits
+from skincal.model.indenters.base import MISSED, ClosedForm, RayHits
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) 
     along = x * frame[0] + y * frame[1] + z * frame[2]
     half_2 = along * along - (x * x + y * y + z * z) + radius * radius
     half = math.sqrt(max(half_2, 0.0))
-    return -along - half if half_2 >= 0 else math.inf, half / radius
+    return -along - half if half_2 >= 0 else MISSED, half / radius
 
 
 def paraboloid(radius: float, frame: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:

@@ -15,6 +15,8 @@ _ENOUGH = 1e-12
 """Relative change of the depth in a step below which it is found."""
 _CLOSED = 1e-14
 """Relative width of a bracket that rounding no longer lets shrink."""
+NO_END = math.inf
+"""No upper end of the bracket yet."""
 
 
 @device
@@ -48,6 +50,42 @@ def linear_depth(gap: FloatArray, weight: FloatArray, count: int, load: float, s
 
 
 @device
+def power_step(
+    depth: float, low: float, high: float, total: float, slope: float, load: float, exponent: float
+) -> tuple[float, float, float, bool]:
+    """A step of :func:`power_depth`.
+
+    Args:
+        depth: so far [m].
+        low: the bracket's lower end [m].
+        high: its upper end [m].
+        total: what the points carry at that depth [m³].
+        slope: the sum of what each carries over its own penetration [m²].
+        load: F / E [m³].
+        exponent: of the law.
+
+    Returns:
+        The next depth, the bracket, and whether the depth is found.
+    """
+    if total < load:
+        low = depth
+    else:
+        high = depth
+    step = 1.0
+    if total > 0:
+        step = min(max(math.log(load / total) * total / (exponent * slope * depth), -1.0), 1.0)
+    new = depth * math.exp(step)
+    found = abs(new - depth) <= _ENOUGH * depth
+    if not found and not low < new < high:
+        # From the ends of the bracket a step may lead to and fro between them, where the law is steep at 0.
+        new = (low + high) / 2.0 if high < NO_END else 2.0 * depth
+        if high - low <= _CLOSED * depth:
+            new = depth
+        found = abs(new - depth) <= _ENOUGH * depth
+    return new, low, high, found
+
+
+@device
 def power_depth(
     gap: FloatArray,
     weight: FloatArray,
@@ -64,7 +102,7 @@ def power_depth(
     """
     depth = start
     low = 0.0
-    high = math.inf
+    high = NO_END
     for _ in range(_LAW_STEPS):
         total = 0.0
         slope = 0.0
@@ -74,22 +112,7 @@ def power_depth(
                 stress = reference * (local / reference) ** exponent * weight[i]
                 total += stress
                 slope += stress / local
-        if total < load:
-            low = depth
-        else:
-            high = depth
-        step = 1.0
-        if total > 0:
-            step = min(max(math.log(load / total) * total / (exponent * slope * depth), -1.0), 1.0)
-        new = depth * math.exp(step)
-        if abs(new - depth) <= _ENOUGH * depth:
-            return new
-        if not low < new < high:
-            # From the ends of the bracket a step may lead to and fro between them, where the law is steep at 0.
-            new = (low + high) / 2 if high < math.inf else 2 * depth
-            if high - low <= _CLOSED * depth:
-                new = depth
-        if abs(new - depth) <= _ENOUGH * depth:
-            return new
-        depth = new
+        depth, low, high, found = power_step(depth, low, high, total, slope, load, exponent)
+        if found:
+            return depth
     return depth

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 from skincal.model.press.jit import device
 from skincal.model.press.meet import FAR, ROUNDING, Frame
-from skincal.model.press.routine import depth_of, finish, frame_of, group, guess, largest, untouched
+from skincal.model.press.routine import (
+    Ground,
+    Told,
+    depth_of,
+    finish,
+    frame_of,
+    guess,
+    largest,
+    room_for,
+    untouched,
+)
 
 BOUND = 13
 """Numbers of a paraboloid: a point of its axis (3), a side (3), ``slope``, ``nearest``, three ``bend``, two ``reach``.
@@ -64,19 +74,6 @@ def outside(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, f
         x * frame[4] + y * frame[7] + z * frame[10],
         x * frame[5] + y * frame[8] + z * frame[11],
     )
-
-
-def places(
-    rows: FloatArray,
-    turned: bool,
-    force: FloatArray,
-    loads: FloatArray,
-    info: FloatArray,
-    starts: IntArray,
-    at: IntArray,
-) -> int:
-    """See :func:`skincal.model.press.routine.group`."""
-    return group(rows, turned, force, loads, info, starts, at)
 
 
 def enclose(
@@ -165,7 +162,7 @@ def bound_tiles_by_part(
     begin: FloatArray,
     near: FloatArray,
 ) -> None:
-    """As :func:`skincal.model.press.meet.bound_tiles` for one part: lowers ``begin`` and ``near`` (B,) to its own."""
+    """Lower ``begin`` and ``near`` (B,) to those of one part: see :func:`skincal.model.press.meet.bound_tile`."""
     nx, ny, nz = frame[0], frame[1], frame[2]
     sx, sy, sz = bound[3], bound[4], bound[5]
     slope, nearest, round_, along_, wide_ = bound[6], bound[7], bound[8], bound[9], bound[10]
@@ -365,11 +362,13 @@ def press_cast(  # noqa: D417
         again: (P,) which places are meant; filled: whether the limit was too low.
     """
     law = (elasticity, exponent, reference)
-    sums = np.empty(loads.shape[1] + 1)
+    ground, told = Ground(points, taxel, border), Told(loads, info, entry, entries, entry_loads)
     room = 1
     for p in range(at.shape[0]):
         room = max(room, begins[p + 1] - begins[p])
-    found, active, which = np.empty((3, room)), np.empty((3, room)), np.empty((2, room), np.int64)
+    sums = np.empty(loads.shape[1] + 1)
+    scratch = room_for(room, sums)
+    found, which = scratch.found, scratch.which
     for p in range(at.shape[0]):
         if not again[p]:
             continue
@@ -413,7 +412,4 @@ def press_cast(  # noqa: D417
         limits[p] = first + deepest
         if again[p]:
             continue
-        finish(
-            points, taxel, border, found, which, count, deepest, most, law, through, active, sums,
-            own, force, loads, info, entry, entries, entry_loads,
-        )  # fmt: skip
+        finish(ground, scratch, count, deepest, most, law, through, own, force, told)

@@ -8,7 +8,7 @@ from typing import Any
 import numba
 from numba.core import event, types
 
-from skincal.model.press import casting, routine, slopes
+from skincal.model.press import balance, casting, routine, slopes
 from skincal.model.press.jit import SETTINGS, stamp
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
@@ -22,8 +22,8 @@ _PLACES = _F2, _B, _F1
 _LAW = _F, _F, _F
 _OUT = _F2, _F2, _I1, _I1, _F1
 SIGNATURES: dict[str, tuple[Any, Any]] = {
-    "depth": (routine.depth, _F(_F1, _F1, _F)),
-    "group": (casting.places, _I(*_PLACES, _F2, _F2, _I1, _I1)),
+    "depth": (balance.linear_depth, _F(_F1, _F1, _I, _F, _F)),
+    "group": (routine.group, _I(*_PLACES, _F2, _F2, _I1, _I1)),
     "press": (routine.press, types.void(_F2, _I1, _F1, _F2, _I, _F, _F, *_PLACES, *_LAW, *_OUT)),
     "enclose": (casting.enclose, types.void(_F2, _I1, _F2, _F2, _F2, _B, _I1, _F3)),
     "select": (
@@ -86,6 +86,7 @@ class Routine:
 
 
 def _compile(name: str, function: Any, signature: Any) -> Any:
+    function = getattr(function, "py_func", function)
     # Part of the name of the cache file: numba knows only whether the file with the entry point has changed.
     function.__qualname__ = f"{name}_{stamp()[:16]}"
     try:

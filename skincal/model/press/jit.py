@@ -28,15 +28,19 @@ _modules: set[str] = set()
 
 
 def device(function: _Function) -> _Function:
-    """Compile a function that only compiled functions call."""
+    """Compile a function that only compiled functions call.
+
+    It is compiled into each of them. Called as a function, it would be optimised twice, by itself and in what calls it,
+    and the process that compiles would take the one, those that read the cache the other: sums in another order.
+    """
     _modules.add(function.__module__)
-    return cast(_Function, numba.njit(**SETTINGS)(function))
+    return cast(_Function, numba.njit(forceinline=True, **SETTINGS)(function))
 
 
 def plain_device(function: _Function) -> _Function:
     """As :func:`device`, for a function that looks for NaN: arithmetic as it is written."""
     _modules.add(function.__module__)
-    return cast(_Function, numba.njit(nogil=True, error_model="numpy")(function))
+    return cast(_Function, numba.njit(forceinline=True, nogil=True, error_model="numpy")(function))
 
 
 def stamp() -> str:

@@ -10,6 +10,7 @@ import math
 
 from skincal.model.arrays import FloatArray
 from skincal.model.indenters import flat, sphere
+from skincal.model.indenters.base import MISSED
 from skincal.model.press.jit import device
 
 SPHERE, FLAT = sphere.Sphere.kind, flat.FlatPunch.kind
@@ -22,26 +23,29 @@ Frame = tuple[float, ...]
 
 
 @device
-def meet(
-    kind: int, size: float, frame: Frame, place: FloatArray, count: int, gap: FloatArray, facing: FloatArray
-) -> None:
-    """Distances [m] and facing of points, into ``gap`` and ``facing``.
+def meet_point(kind: int, size: float, frame: Frame, x: float, y: float, z: float) -> tuple[float, float]:
+    """Distance [m] and facing of a point: see :func:`skincal.model.indenters.sphere.meet`.
 
     Args:
         kind: of closed form.
         size: of the indenter [m].
         frame: contact normal and the axes of the indenter's frame.
-        place: (3, count) points from the origin of the indenter's frame, fingertip frame [m].
-        count: number of points.
-        gap: filled; inf where the indenter is missed.
-        facing: filled with max(-n_s . n_c, 0).
+        x: the point from the origin of the indenter's frame, fingertip frame [m].
+        y: the same.
+        z: the same.
     """
     if kind == SPHERE:
-        for i in range(count):
-            gap[i], facing[i] = _meet_sphere(size, frame, place[0, i], place[1, i], place[2, i])
-    else:
-        for i in range(count):
-            gap[i], facing[i] = _meet_flat(size, frame, place[0, i], place[1, i], place[2, i])
+        return _meet_sphere(size, frame, x, y, z)
+    return _meet_flat(size, frame, x, y, z)
+
+
+@device
+def meet(
+    kind: int, size: float, frame: Frame, place: FloatArray, count: int, gap: FloatArray, facing: FloatArray
+) -> None:
+    """Distances [m] and facing of points (3, count), into ``gap`` and ``facing``: see :func:`meet_point`."""
+    for i in range(count):
+        gap[i], facing[i] = meet_point(kind, size, frame, place[0, i], place[1, i], place[2, i])
 
 
 @device
@@ -57,47 +61,44 @@ def paraboloid(kind: int, size: float, frame: Frame) -> tuple[float, float, floa
 
 
 @device
-def bound_tiles(
+def bound_tile(
     tiles: FloatArray,
+    b: int,
     normal: tuple[float, float, float],
     axis: tuple[float, float, float],
     nearest: float,
     bend: float,
     reach: float,
-    begin: FloatArray,
-    middle: FloatArray,
-    weight: FloatArray,
-) -> None:
-    """Distances before which no point of a tile meets a paraboloid, those at the tiles' middles, and areas along n_c.
+) -> tuple[float, float, float]:
+    """The distance before which no point of tile b meets a paraboloid, that at its middle, and its area along n_c.
 
     Args:
-        tiles: see :class:`skincal.model.tiles.Tiles`.
+        tiles: see :class:`skincal.model.press.points.TiledPoints`.
+        b: number of the tile.
         normal: contact normal.
         axis: a point of the paraboloid's axis [m].
         nearest: see :func:`paraboloid`.
         bend: the same.
         reach: the same.
-        begin: (B,) filled; inf where it is not met at all.
-        middle: (B,) filled; ``FAR`` where it is not met.
-        weight: (B,) filled; 0 where it is not met.
+
+    Returns:
+        Where it begins [m], inf where it is not met at all; distance at its middle [m] and area [m²], ``FAR`` and 0
+        where that is not met.
     """
     nx, ny, nz = normal
-    cx, cy, cz = axis
-    for b in range(tiles.shape[1]):
-        x = tiles[0, b] - cx
-        y = tiles[1, b] - cy
-        z = tiles[2, b] - cz
-        along = x * nx + y * ny + z * nz
-        aside = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-        radius = tiles[3, b]
-        across = abs(tiles[7, b] * nx + tiles[8, b] * ny + tiles[9, b] * nz)
-        slab = across * tiles[10, b] + math.sqrt(max(1.0 - across * across, ROUNDING)) * radius
-        near = max(aside - radius, 0.0)
-        begin[b] = nearest - along - min(slab, radius) + bend * near * near if near <= reach else math.inf
-        area = tiles[4, b] * nx + tiles[5, b] * ny + tiles[6, b] * nz
-        met = aside <= reach and area > 0
-        middle[b] = nearest - along + bend * aside * aside if met else FAR
-        weight[b] = area if met else 0.0
+    x = tiles[0, b] - axis[0]
+    y = tiles[1, b] - axis[1]
+    z = tiles[2, b] - axis[2]
+    along = x * nx + y * ny + z * nz
+    aside = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+    radius = tiles[3, b]
+    across = abs(tiles[7, b] * nx + tiles[8, b] * ny + tiles[9, b] * nz)
+    slab = across * tiles[10, b] + math.sqrt(max(1.0 - across * across, ROUNDING)) * radius
+    near = max(aside - radius, 0.0)
+    begin = nearest - along - min(slab, radius) + bend * near * near if near <= reach else MISSED
+    area = tiles[4, b] * nx + tiles[5, b] * ny + tiles[6, b] * nz
+    met = aside <= reach and area > 0
+    return begin, nearest - along + bend * aside * aside if met else FAR, area if met else 0.0
 
 
 FAR = 1e3

@@ -12,23 +12,56 @@ depend on the presses beside it nor on what the limit was.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.press.balance import linear_depth, power_depth
 from skincal.model.press.jit import device, plain_device
-from skincal.model.press.meet import FAR, Frame, bound_tiles, meet, paraboloid
+from skincal.model.press.meet import FAR, Frame, bound_tile, meet, paraboloid
 from skincal.model.press.status import Status
 
 AHEAD = 1.15
 """How much deeper than the guess is looked at once. A guess that was too low costs a second look, no more."""
-_SKIN_BEND = 40.0
+SKIN_BEND = 40.0
 """Curvature over two of a fingertip of 12 mm [1/m]: where Newton's method starts, no more."""
 _CELL = 0.75
 """Parts of a cell's area that its furthest corner lies from its middle, squared: a half for a square, 5/8 for 2 : 1."""
 Law = tuple[float, float, float]
 """E [Pa/m], the exponent (1: linear) and the reference [m] of the law."""
+
+
+class Ground(NamedTuple):
+    """What is pressed on: ``points`` (6, N), ``taxel`` (N,) and ``border`` (N,) of :func:`press`."""
+
+    points: FloatArray
+    taxel: IntArray
+    border: FloatArray
+
+
+class Scratch(NamedTuple):
+    """Room for the points of a press: gaps, weights and facing of :func:`gather`, those that carry, their numbers.
+
+    ``found`` (3, room), ``active`` (3, room), ``which`` (2, room), and ``sums`` (J + 1,) for the taxels.
+    """
+
+    found: FloatArray
+    active: FloatArray
+    which: IntArray
+    sums: FloatArray
+
+
+class Told(NamedTuple):
+    """What the routine fills: ``loads`` (K, J), ``info`` (K, 7), ``entry`` (K,), ``entries`` (n,) and theirs (n,)."""
+
+    loads: FloatArray
+    info: FloatArray
+    entry: IntArray
+    entries: IntArray
+    entry_loads: FloatArray
+
+
 OK, AT_BORDER, THROUGH_FINGER = int(Status.OK), int(Status.AT_BORDER), int(Status.THROUGH_FINGER)
 NO_FORCE, UNKNOWN, PRESSES = int(Status.NO_FORCE), int(Status.UNKNOWN), -1
 NOT_TOUCHED, FINER_THAN_POINTS = int(Status.NOT_TOUCHED), int(Status.FINER_THAN_POINTS)
@@ -112,7 +145,7 @@ def guess(
         first = min(first, middle[b])
     if first >= FAR:
         return math.inf, math.inf
-    start = math.sqrt(2.0 * load * (bend + _SKIN_BEND) / math.pi)
+    start = math.sqrt(2.0 * load * (bend + SKIN_BEND) / math.pi)
     # The first step leads to the solution or above it: what lies beyond carries nothing.
     carried = 0.0
     moment = 0.0
@@ -164,7 +197,7 @@ def gather(
         frame: see :func:`frame_of`.
         origin: of the indenter's frame [m].
         points: (6, N) position [m] and normal times area [m²].
-        begin: (B,) of :func:`skincal.model.press.meet.bound_tiles`.
+        begin: (B,) of :func:`skincal.model.press.meet.bound_tile`.
         each: points of a tile.
         limit: [m].
         gap: filled with distances beyond the smallest; about ``FAR`` where nothing is met [m].
@@ -199,19 +232,25 @@ def gather(
 
 
 @device
+def over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float, float]) -> bool:
+    """Whether an axis along the contact normal goes through the cell of point k, which faces it."""
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    x = points[0, k] - axis[0]
+    y = points[1, k] - axis[1]
+    z = points[2, k] - axis[2]
+    along = x * nx + y * ny + z * nz
+    carries = points[3, k] * nx + points[4, k] * ny + points[5, k] * nz
+    area = math.sqrt(points[3, k] ** 2 + points[4, k] ** 2 + points[5, k] ** 2)
+    return carries > 0 and x * x + y * y + z * z - along * along <= _CELL * area
+
+
+@device
 def falls_between(points: FloatArray, frame: Frame, axis: tuple[float, float, float]) -> bool:
     """Whether an indenter that touches no point lies over a cell: then it is finer than the points."""
-    nx, ny, nz = frame[0], frame[1], frame[2]
+    over = False
     for k in range(points.shape[1]):
-        x = points[0, k] - axis[0]
-        y = points[1, k] - axis[1]
-        z = points[2, k] - axis[2]
-        along = x * nx + y * ny + z * nz
-        carries = points[3, k] * nx + points[4, k] * ny + points[5, k] * nz
-        area = math.sqrt(points[3, k] ** 2 + points[4, k] ** 2 + points[5, k] ** 2)
-        if carries > 0 and x * x + y * y + z * z - along * along <= _CELL * area:
-            return True
-    return False
+        over = over or over_cell(points, k, frame, axis)
+    return over
 
 
 @device
@@ -230,46 +269,41 @@ def untouched(
 
 
 @device
+def room_for(count: int, sums: FloatArray) -> Scratch:
+    """Room for so many points."""
+    return Scratch(np.empty((3, count)), np.empty((3, count)), np.empty((2, count), np.int64), sums)
+
+
+@device
 def settle(
-    points: FloatArray,
-    taxel: IntArray,
-    border: FloatArray,
-    found: FloatArray,
-    which: IntArray,
+    ground: Ground,
+    scratch: Scratch,
     count: int,
     depth: float,
     load: float,
     law: Law,
     through: float,
-    active: FloatArray,
-    sums: FloatArray,
-    loads: FloatArray,
-    info: FloatArray,
-    entry: int,
-    entries: IntArray,
-    entry_loads: FloatArray,
+    told: Told,
+    s: int,
 ) -> None:
     """Loads and sums of one force, from the points nearer than its level; the level is found again from those alone.
 
     Args:
-        points: see :func:`gather`.
-        taxel: (N,) flat index; -1: none.
-        border: (N,) 1 where the patch ends, 0 elsewhere.
-        found: (3, count) gaps, weights and facing of :func:`gather`.
-        which: (2, count) numbers of the points; the second row is scratch.
-        count: number of points.
+        ground: the patch.
+        scratch: what :func:`gather` has found, and room.
+        count: number of points found.
         depth: of :func:`depth_of` [m].
         load: F / E [m³].
         law: E [Pa/m], exponent and reference [m].
         through: penetration from which on the press is through [m].
-        active: (3, count) scratch.
-        sums: (J + 1,) scratch.
-        loads: (J,) filled [N].
-        info: (7,) filled: penetration, force, centroid, points touched, status.
-        entry: where this press begins in the following.
-        entries: (n,) filled with the numbers of the points that feel something; empty: not asked for.
-        entry_loads: (n,) filled with what each feels [N].
+        told: filled for press s. Of the last three, ``entry`` says where the press begins in the others; if they are
+            not empty, they are filled with the numbers of the points that feel something, and what each feels [N].
+        s: the press.
     """
+    found, active, which, sums = scratch
+    points, taxel, border = ground
+    loads, info = told.loads[s], told.info[s]
+    entries, entry_loads, entry = told.entries, told.entry_loads, told.entry[s]
     elasticity, exponent, reference = law
     some = 0
     for i in range(count):
@@ -320,38 +354,26 @@ def settle(
 
 @device
 def finish(
-    points: FloatArray,
-    taxel: IntArray,
-    border: FloatArray,
-    found: FloatArray,
-    which: IntArray,
+    ground: Ground,
+    scratch: Scratch,
     count: int,
     deepest: float,
     most: float,
     law: Law,
     through: float,
-    active: FloatArray,
-    sums: FloatArray,
     samples: tuple[int, int],
     force: FloatArray,
-    loads: FloatArray,
-    info: FloatArray,
-    entry: IntArray,
-    entries: IntArray,
-    entry_loads: FloatArray,
+    told: Told,
 ) -> None:
     """Settle every force of a place; the largest over E is ``most``, its depth ``deepest``. See :func:`settle`."""
     for s in range(samples[0], samples[1]):
-        if info[s, 6] != PRESSES:
+        if told.info[s, 6] != PRESSES:
             continue
         load = force[s] / law[0]
         depth = deepest
         if load != most:
-            depth = depth_of(found[0], found[1], count, load, depth, law[1], law[2])
-        settle(
-            points, taxel, border, found, which, count, depth, load, law, through,
-            active, sums, loads[s], info[s], entry[s], entries, entry_loads,
-        )  # fmt: skip
+            depth = depth_of(scratch.found[0], scratch.found[1], count, load, depth, law[1], law[2])
+        settle(ground, scratch, count, depth, load, law, through, told, s)
 
 
 @device
@@ -423,11 +445,6 @@ def group(
     return places
 
 
-def depth(gap: FloatArray, weight: FloatArray, load: float) -> float:
-    """The depth at which points carry a load; see :func:`skincal.model.press.balance.linear_depth`."""
-    return linear_depth(gap, weight, gap.shape[0], load, 0.0)
-
-
 def press(
     points: FloatArray,
     taxel: IntArray,
@@ -478,9 +495,9 @@ def press(
     each = points.shape[1] // max(count_tiles, 1)
     begin, middle, area = np.empty(count_tiles), np.empty(count_tiles), np.empty(count_tiles)
     coarse = np.empty((2, count_tiles))
+    ground, told = Ground(points, taxel, border), Told(loads, info, entry, entries, entry_loads)
     sums = np.empty(loads.shape[1] + 1)
-    room = 1024
-    found, active, which = np.empty((3, room)), np.empty((3, room)), np.empty((2, room), np.int64)
+    scratch = room_for(1024, sums)
     for p in range(places):
         row = rows[at[p]]
         frame = frame_of(row, turned)
@@ -488,7 +505,8 @@ def press(
         origin = (row[3], row[4], row[5])
         ax, ay, az, nearest, bend, reach = paraboloid(kind, size, frame)
         axis = (origin[0] + ax, origin[1] + ay, origin[2] + az)
-        bound_tiles(tiles, normal, axis, nearest, bend, reach, begin, middle, area)
+        for b in range(count_tiles):
+            begin[b], middle[b], area[b] = bound_tile(tiles, b, normal, axis, nearest, bend, reach)
         own = (starts[p], starts[p + 1])
         most = largest(force, info, own[0], own[1]) / elasticity
         level, first = guess(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
@@ -499,12 +517,12 @@ def press(
             need = 0
             for b in range(count_tiles):
                 need += each if begin[b] <= limit else 0
-            if need > room:
-                room = need
-                found, active, which = np.empty((3, room)), np.empty((3, room)), np.empty((2, room), np.int64)
+            if need > scratch.found.shape[1]:
+                scratch = room_for(need, sums)
+            found = scratch.found
             count, first = gather(
                 kind, size, frame, origin, points, begin, each, limit,
-                found[0], found[1], found[2], which[0], active,
+                found[0], found[1], found[2], scratch.which[0], scratch.active,
             )  # fmt: skip
             if first >= FAR:
                 count = 0
@@ -521,7 +539,4 @@ def press(
         if count == 0:
             untouched(points, frame, axis, own, info)
             continue
-        finish(
-            points, taxel, border, found, which, count, deepest, most, law, through, active, sums,
-            own, force, loads, info, entry, entries, entry_loads,
-        )  # fmt: skip
+        finish(ground, scratch, count, deepest, most, law, through, own, force, told)

@@ -1,0 +1,212 @@
+"""A skin on a GPU: batches of presses of closed forms, arrays of the device in and out."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skincal.errors import InputError, Problem, WorkError
+from skincal.model.arrays import FloatArray
+from skincal.model.gpu.target import Precision
+from skincal.model.indenters.base import ClosedForm, Indenter
+from skincal.model.skin import Skin
+
+EXTRA = "pip install 'skincal[gpu]'"
+_DLPACK_CUDA = 2
+"""The number of CUDA in DLPack."""
+_BLOCKS = 16
+"""Blocks for each multiprocessor: more than it holds at once."""
+_SCRATCH = 2**28
+"""Bytes of scratch at most, for presses that touch more points than a block's memory holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceResponse:
+    """Tactile images of K presses, on the device: each has ``__cuda_array_interface__``.
+
+    Attributes:
+        image: (K, J) [counts], through the converter; NaN where a press is not known.
+        penetration_m: (K,) [m].
+        status: (K,) numbers of :class:`skincal.model.Status`, 32 bits.
+    """
+
+    image: Any
+    penetration_m: Any
+    status: Any
+
+
+class DeviceSkin:
+    """A skin and an indenter on a GPU.
+
+    Images are those of :meth:`skincal.model.Skin.image` but for rounding: about 1e-6 of the largest value in single
+    precision. No press is refused; :attr:`DeviceResponse.status` tells which make no sense.
+
+    Args:
+        skin: the skin.
+        indenter: a closed form. Meshes are pressed on the processor.
+        precision: of all computing on the device, ``"single"`` or ``"double"``.
+        block: threads of a press, a power of two.
+
+    Raises:
+        InputError: the extra is not installed, there is no GPU, or the indenter is a mesh.
+    """
+
+    def __init__(
+        self, skin: Skin, indenter: Indenter, *, precision: Precision = "single", block: int = 128
+    ) -> None:
+        self._cuda = cuda = require_gpu()
+        if not isinstance(indenter, ClosedForm):
+            expected, fix = "an indenter in closed form", "Press meshes on the processor, with Skin.image."
+            raise InputError([Problem("DeviceSkin", expected, str(indenter), fix)])
+        from skincal.model.gpu import kernel
+        from skincal.model.gpu.target import Target
+
+        # A block's memory holds half as many numbers of twice the size.
+        near = kernel.POINTS if precision == "single" else kernel.POINTS // 2
+        target = Target(precision, BLOCK=block, POINTS=near)
+        self._kernel, self._block, self._real = target.kernel(kernel.press), block, target.real
+        tiled, law, converter = skin.patch.tiled, skin.law, skin.converter
+        # Single precision has digits for a patch about its middle, not for a finger.
+        middle = tiled.tiles[:3].mean(axis=1)
+        points, tiles = tiled.points.copy(), tiled.tiles.copy()
+        points[:3] -= middle[:, None]
+        tiles[:3] -= middle[:, None]
+        self.taxels = skin.patch.layout.taxels
+        scale = np.broadcast_to(np.asarray(skin.parameters.scale_per_n), (self.taxels,))
+        self._ground = (
+            self._put(points), cuda.to_device(tiled.taxel.astype(np.int32)),
+            cuda.to_device(tiled.border.astype(np.int8)), self._put(tiles), cuda.to_device(middle),
+            indenter.kind, self._real(indenter.radius_m),
+            self._real(min(indenter.depth_m, skin.patch.depth_m)),
+        )  # fmt: skip
+        low, high = converter.value_min, converter.value_max
+        self._how = (
+            self._real(skin.parameters.elasticity_pa_per_m), self._real(1.0 if law is None else law.exponent),
+            self._real(1.0 if law is None else law.reference_m), self._put(scale),
+            self._real(-np.inf if low is None else low), self._real(np.inf if high is None else high),
+            converter.integer,
+        )  # fmt: skip
+        count, tile_count = points.shape[1], tiles.shape[1]
+        blocks = _BLOCKS * _multiprocessors(cuda)
+        if count > near or tile_count > kernel.TILES:
+            each = 4 * (count * (1 + 3 * self._real().itemsize // 4) + tile_count)
+            blocks = max(1, min(blocks, _SCRATCH // each))
+        self._blocks = blocks
+        self._scratch = (
+            cuda.device_array((blocks, 3, count), self._real), cuda.device_array((blocks, count), np.int32),
+            cuda.device_array((blocks, tile_count), np.int32),
+        )  # fmt: skip
+
+    def respond(
+        self, normals: Any, origins_m: Any, force_n: Any, rotations: Any = None, *, image: Any = None
+    ) -> DeviceResponse:
+        """Press K times.
+
+        Arrays may be of numpy, which are copied, or of any package whose arrays have ``__cuda_array_interface__``
+        (PyTorch, CuPy, JAX, Warp, Numba) or ``__dlpack__``, which are used where they lie.
+
+        Args:
+            normals: (K, 3) unit contact normals n_c, fingertip frame; not checked.
+            origins_m: (K, 3) origins of the indenter's frame [m]; for an indenter without rotations the contact points.
+            force_n: (K,) normal forces [N].
+            rotations: (K, 3, 3) from the indenter's frame to the fingertip's; None: as of
+                :class:`skincal.model.Contacts`.
+            image: (K, J) to be filled, on the device, in the precision of this skin; None: a new one is made.
+
+        Returns:
+            Images, penetrations and statuses; the work may still be going on when this returns, as is usual on a
+            device, and what reads the arrays later on the same stream waits for it.
+
+        Raises:
+            ValueError: shapes that do not fit, or an image of another type.
+            WorkError: the device has no memory for the result.
+        """
+        cuda = self._cuda
+        force = self._given("force_n", force_n, (None,))
+        count = force.shape[0]
+        normal, origin = (
+            self._given(name, value, (count, 3))
+            for name, value in (("normals", normals), ("origins_m", origins_m))
+        )
+        turns = (
+            cuda.device_array((1, 9), self._real)
+            if rotations is None
+            else self._given("rotations", rotations, (count, 3, 3)).reshape(count, 9)
+        )
+        try:
+            out = self._out((count, self.taxels)) if image is None else self._given_image(image, count)
+            depth, status = cuda.device_array(count, self._real), cuda.device_array(count, np.int32)
+        except (MemoryError, RuntimeError) as error:
+            size = count * (self.taxels + 2) * self._real().itemsize / 1e6
+            fix = "Press fewer at once."
+            raise WorkError(
+                f"{count} presses at once: no memory on the GPU ({error}) for {size:.0f} MB. {fix}"
+            ) from None
+        if count:
+            self._kernel[min(count, self._blocks), self._block](
+                *self._ground, normal, origin, turns, rotations is not None, force, *self._how, *self._scratch,
+                out, depth, status,
+            )  # fmt: skip
+        return DeviceResponse(out, depth, status)
+
+    def _out(self, shape: tuple[int, int]) -> Any:
+        return self._cuda.device_array(shape, self._real)
+
+    def _put(self, values: FloatArray) -> Any:
+        return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))
+
+    def _given(self, name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
+        """An array on the device, not copied where it lies there."""
+        array = _on_device(self._cuda, value)
+        fits = len(array.shape) == len(shape) and all(
+            want in (None, got) for want, got in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            raise ValueError(f"{name}: expected shape {shape}; got {tuple(array.shape)}")
+        return array
+
+    def _given_image(self, image: Any, count: int) -> Any:
+        array = self._given("image", image, (count, self.taxels))
+        if array.dtype != self._real:
+            raise ValueError(f"image: expected {np.dtype(self._real)}; got {array.dtype}")
+        return array
+
+
+def require_gpu() -> Any:
+    """The package ``numba.cuda``, when there is a device that it can use.
+
+    Raises:
+        InputError: the extra is not installed, or there is no GPU.
+    """
+    from numba.core import config
+
+    simulated = bool(getattr(config, "ENABLE_CUDASIM", False))
+    if not simulated and importlib.util.find_spec("numba_cuda") is None:
+        raise InputError([Problem("GPU", "the package numba-cuda", "none", f"Install it with: {EXTRA}")])
+    from skincal.model.gpu.target import cuda
+
+    if not cuda.is_available():
+        fix = "Run it on a machine with an NVIDIA GPU and its driver, or press on the processor, with Skin.image."
+        raise InputError([Problem("GPU", "an NVIDIA GPU that CUDA can use", "none", fix)])
+    return cuda
+
+
+def _on_device(cuda: Any, value: Any) -> Any:
+    if hasattr(value, "copy_to_host"):
+        return value
+    if hasattr(value, "__cuda_array_interface__"):
+        return cuda.as_cuda_array(value)
+    if hasattr(value, "__dlpack_device__") and value.__dlpack_device__()[0] == _DLPACK_CUDA:
+        found, _ = importlib.import_module("numba.cuda.cudadrv.devicearray").auto_device(value)
+        return found
+    array = np.ascontiguousarray(value)
+    return cuda.to_device(array if array.dtype == np.float32 else array.astype(np.float64))
+
+
+def _multiprocessors(cuda: Any) -> int:
+    device = cuda.get_current_device() if hasattr(cuda, "get_current_device") else None
+    return int(getattr(device, "MULTIPROCESSOR_COUNT", 1))
