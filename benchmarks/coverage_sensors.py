@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import kstest
 
-from benchmarks.coverage import strict_json
+from benchmarks.interval_coverage import strict_json
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.sensors import KINDS, make

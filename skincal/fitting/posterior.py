@@ -245,7 +245,10 @@ def climb(
             break
     assert places is not None
     states, best = _at(problem, images, places, macro, sigmas)
-    covariance = _inverse(_reduced(problem, states, best, sigmas, _trust(states, best)).curvature)
+    curvature = _reduced(problem, states, best, sigmas, _trust(states, best)).curvature
+    # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
+    curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
+    covariance = _inverse(curvature)
     point = np.concatenate([macro, np.log(sigmas)])[None]
     places = _moved(places, states)
     density = float(log_posterior(problem, images, places, bounds, point)[0])
@@ -426,7 +429,11 @@ def _estimated_noise(
         rate = (1.0 - squares / total) / total
         return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
 
-    found = minimize(loss, np.log(sigmas[2:4]), jac=True, method="L-BFGS-B", options={"maxiter": 30})
+    # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
+    grown_only = 0.5 * np.log(max(float(np.mean(squares / np.maximum(grown, 1e-300))), 1e-300))
+    starts = (np.log(sigmas[2:4]), np.array([centres[0], max(centres[1], grown_only)]))
+    start = min(starts, key=lambda x: loss(x)[0])
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
     noise, misfit = np.exp(found.x)
     return max(float(noise), model.floor_counts * 1.05), float(misfit)
 
