@@ -10,13 +10,11 @@ import pytest
 
 from skincal.fitting.errors import FitError
 from skincal.fitting.findings import find
-from skincal.fitting.observe import Readout
 from skincal.fitting.options import GridSteps, SearchBox
-from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
+from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place
-from skincal.model import Plane, Sphere, TaxelLayout
 from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
 
 
@@ -265,20 +263,3 @@ def test_a_grid_without_end_is_refused(truth: Truth) -> None:
     fine = replace(QUICK, steps=GridSteps(1e-5, 1e-5, math.radians(0.05), 24))
     with pytest.raises(FitError, match="coarser steps"):
         plan_fit(problem, BOX, fine)
-
-
-def test_presses_at_one_place_unlike_the_model_end_in_a_verdict() -> None:
-    """Five large taxels, ten hard presses at one place, images of another law: little is told, and that is said."""
-    cross = 6e-3 * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
-    layout = TaxelLayout(1, 5, cross, np.full((5, 2), 4e-3))
-    readout = Readout(None, None, False, rest_subtracted=True)
-    flat = Rig(layout, Plane(), (Sphere(0.005),), readout, 0.5e-3, 1e-3)
-    force, place = np.linspace(33.5, 31.3, 10), np.zeros(10)
-    images = np.array([1800.0, 3970.0, 3330.0, 2120.0, 620.0]) + np.outer(
-        np.linspace(-1.0, 1.0, 10), [50.0, 0.0, 20.0, 50.0, -30.0]
-    )
-    table = PressTable(np.arange(10), place, place, force, images, np.zeros(10, dtype=np.intp))
-    box = SearchBox((-5e-3, 5e-3), (-5e-3, 5e-3), (-1.5, 1.5))
-    result = _fit(pose_problem(flat, table), box, replace(QUICK, law_spreads_m=(0.0,), rounds=(2, 3)))
-    assert {"one_place", "few_presses"} <= _codes(result)
-    assert all(result.intervals[name] == OPEN for name in POSE)
