@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from skincal.fitting.conclude import SCALE_WIDENING
 from skincal.fitting.options import SearchBox
 from skincal.fitting.valley import OPEN, closed
 
@@ -49,7 +48,6 @@ def as_shipped(
     quantiles: Sequence[float],
     levels: Sequence[float],
     level: float,
-    widening: float = SCALE_WIDENING,
 ) -> Record:
     """A session with its intervals made as the fit makes them, from its kept quantiles.
 
@@ -58,13 +56,14 @@ def as_shipped(
         quantiles: which quantiles of the draws it keeps.
         levels: probability contents to make intervals for.
         level: that of the fit.
-        widening: of S.
     """
-    if "failed" in record or ("levels" in record and record["scale_widening"] == widening):
+    # Sessions that were kept when the fit still widened its draws of S say by how much.
+    widened = record.get("scale_widening", 1.0)
+    if "failed" in record or ("levels" in record and widened == 1.0):
         return record
     clouds = dict(record["quantiles"])
     if _SCALE in clouds:
-        factor = widening / record["scale_widening"]
+        factor = 1.0 / widened
         clouds[_SCALE] = [_widened(cloud, quantiles, factor) for cloud in clouds[_SCALE]]
     box = SearchBox(**{name: (low, high) for name, (low, high) in record["box"].items()})
     made = {
@@ -77,7 +76,7 @@ def as_shipped(
         "quantiles": clouds,
         "levels": made,
         "intervals": made[str(level)],
-        "scale_widening": widening,
+        "scale_widening": 1.0,
     }
     return record | anew
 

@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import kstest
 
-from benchmarks.coverage import strict_json
 from benchmarks.coverage_store import Store, finished
 from benchmarks.coverage_tables import wilson
+from benchmarks.interval_coverage import strict_json
 from benchmarks.sensors import KINDS, make
 from skincal.calibrate import calibrate
 from skincal.errors import SkincalError

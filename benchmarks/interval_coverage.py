@@ -39,7 +39,6 @@ from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make
 from skincal.calibrate import calibrate, fit_problem
 from skincal.calibrate.workers import available_cores
 from skincal.errors import SkincalError
-from skincal.fitting.conclude import SCALE_WIDENING
 from skincal.fitting.options import FitOptions, GridSteps
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.valley import OPEN, interval
@@ -134,7 +133,6 @@ def compared(result: FitResult, truth: Truth) -> Record:
         "findings": [finding.code for finding in result.findings],
         "no_interval": not result.told,
         "readings_to_spare": result.problem.readings - result.problem.unknowns,
-        "scale_widening": SCALE_WIDENING,
     }
 
 
@@ -208,12 +206,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--first", type=int, help="fit only so many usable presses of each session")
     add("--keep", type=Path, help="also keep the sessions in short, compressed (.jsonl.gz)")
     add("--kept", type=Path, help="fit nothing; count sessions that were kept")
-    add(
-        "--scale-widening",
-        type=float,
-        default=SCALE_WIDENING,
-        help="of the intervals of S (default the fit's)",
-    )
     add("--poisson", **pair, default=(0.3, 0.45), help="of the layers (default 0.3 0.45)")
     return parser
 
@@ -229,8 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.keep is not None:
         write_kept(given.keep, study, records)
     level = float(study["options"]["level"])
-    widening = given.scale_widening
-    found = summary([as_shipped(r, study["quantiles"], LEVELS, level, widening) for r in records], level)
+    found = summary([as_shipped(r, study["quantiles"], LEVELS, level) for r in records], level)
     told = {key: value for key, value in study.items() if key != "quantiles"}
     content = json.dumps(strict_json({"study": told, "laws": found}), indent=1)
     given.out.write_text(content + "\n", encoding="utf-8")

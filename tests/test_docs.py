@@ -17,7 +17,6 @@ import typer
 from skincal.cli.main import app
 from skincal.dataset.columns import OPTIONAL, TIMES
 from skincal.fitting import findings
-from skincal.fitting.conclude import SCALE_WIDENING
 from skincal.fitting.options import FitOptions, GridSteps
 from skincal.fitting.places import MOST
 from skincal.fitting.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
@@ -97,7 +96,6 @@ def test_fit_page_tells_the_defaults():
     assert (FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART) == (0.005, 0.005, 0.01, 0.03)
     assert f"$\\sigma_f$ round {100 * FORCE_SIGMA:g} % (factor $e$)" in text
     assert f"round the scatter of untouched taxels (factor $e^{{{SPREADS[2]:g}}}$)" in text
-    assert f"moved away from their median by a factor of {SCALE_WIDENING:g}" in text
     assert MOST == 6
     assert "up to six are kept" in text
     assert f"the central {100 * options.level:g} % of its draws" in text

@@ -98,7 +98,7 @@ class ContactMap:
         place = (np.clip(slack_m, -self.half_m, self.half_m) / step + (side - 1) / 2).astype(np.float32)
         plane = (slot[:, None] * 6 + np.arange(6)).ravel()
         row, col = np.repeat(place[:, 0], 6), np.repeat(place[:, 1], 6)
-        got = cubic(self.planes.reshape(-1, side, side), plane, row, col).value.reshape(count, 6)
+        got = cubic(self.planes.reshape(-1, side, side), plane, row, col)[0].reshape(count, 6)
         points = np.asarray(self.measured_m[slot] + got[:, :3], dtype=np.float64)
         normals = got[:, 3:].astype(np.float64)
         return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)

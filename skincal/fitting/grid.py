@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.fitting.images import KernelImages, Level
-from skincal.fitting.micro import MicroSettings, gauss_newton
+from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.slab import place
 from skincal.fitting.types import Floats
 
 _SEARCH_STEP_M = 0.25e-3
@@ -152,33 +152,16 @@ def _evaluate_level(
     level: Level,
     search: _Search,
 ) -> tuple[Floats, Floats, Floats]:
-    slack, press = _search(problem, grid, alpha_rad, settings, images, level, search)
-    shape = (len(problem), len(grid.across_m), len(grid.y_m))
-    # Contact relative to the centre at slack zero, for every press and centre.
-    at_across = np.broadcast_to(problem.across_m[:, None, None] - grid.across_m[:, None], shape).reshape(-1)
-    at_along = np.broadcast_to(problem.along_m[:, None, None] - grid.y_m, shape).reshape(-1)
-    weight = np.where(problem.saturated, 0.0, problem.weight).astype(np.float32)
-    observed = (problem.values * weight).astype(np.float32)[press]
-    cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
-
-    def simulate(slack_m: Floats, number: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
-        across, along = at_across[number] + slack_m[:, 0], at_along[number] + slack_m[:, 1]
-        uv = np.stack([across * cos + along * sin, along * cos - across * sin], axis=1)
-        value, by_u, by_v = images.at_level(level, uv, press[number])
-        w = weight[press[number]]
-        return w * value, w * (cos * by_u - sin * by_v), w * (sin * by_u + cos * by_v)
-
-    slack, _ = gauss_newton(observed, slack, simulate, settings)
-    final, _, _ = simulate(slack, np.arange(len(slack)))
-    forces = final.reshape(*shape, -1) * problem.force_n[:, None, None, None]
-    seen = observed.reshape(*shape, -1)
-    scale, squares = least_squares_scale(forces, seen)
+    slack, shares = place_presses(problem, grid, alpha_rad, settings, images, level, search)
+    weight = np.where(problem.saturated, 0.0, problem.weight)
+    observed = (problem.values * weight)[:, None, None]
+    forces = shares * problem.force_n[:, None, None, None]
+    scale, squares = least_squares_scale(forces, np.broadcast_to(observed, forces.shape))
     mse = squares / max(1.0, float((weight > 0).sum()))
-    slack_rms = np.sqrt((slack**2).reshape(*shape, 2).mean(axis=(0, 3)))
-    return mse, scale, slack_rms
+    return mse, scale, np.sqrt((slack**2).mean(axis=(0, 3)))
 
 
-def _search(
+def place_presses(
     problem: FitProblem,
     grid: MacroGrid,
     alpha_rad: float,
@@ -186,32 +169,27 @@ def _search(
     images: KernelImages,
     level: Level,
     search: _Search,
-) -> tuple[Floats, NDArray[np.intp]]:
-    """The best node of the slack's square for every press and centre: (K * X * Y, 2) slacks and the press numbers."""
-    presses, rows, cols = len(problem), search.across_m.shape[1], search.along_m.shape[1]
-    across = np.repeat(search.across_m, cols, axis=1).reshape(-1)
-    along = np.tile(search.along_m, (1, rows)).reshape(-1)
-    press = np.repeat(np.arange(presses), rows * cols)
-    cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
-    uv = np.stack([across * cos + along * sin, along * cos - across * sin], axis=1)
-    weight = np.where(problem.saturated, 0.0, problem.weight).astype(np.float32)
-    simulated = (images.nearest_at_level(level, uv, press).reshape(presses, rows * cols, -1)) * weight[
-        :, None, :
-    ]
-    observed = problem.values.astype(np.float32) * weight
-    power = np.einsum("kpj,kpj->kp", simulated, simulated)
-    product = np.maximum(np.matmul(simulated, observed[:, :, None])[..., 0], 0.0)
-    gain = np.where(power > 1e-12, product**2 / np.maximum(power, 1e-12), 0.0)
-    mismatch = ((observed**2).sum(axis=1)[:, None] - gain).reshape(
-        presses, rows, cols
-    ) / settings.sigma_counts**2
-    penalty = settings.stiffness * (search.slack_across_m[:, None] ** 2 + search.slack_along_m**2)
-    window = penalty.shape
-    # Offsets grow as centres fall: the window of the last centre comes first.
-    windows = np.lib.stride_tricks.sliding_window_view(mismatch, window, axis=(1, 2))
-    windows = windows[:, :: search.stride[0], :: search.stride[1]][:, ::-1, ::-1]
-    total = windows + penalty.astype(np.float32)
-    best = total.reshape(presses, len(grid.across_m), len(grid.y_m), -1).argmin(axis=-1)
-    row, col = best // window[1], best % window[1]
-    slack = np.stack([search.slack_across_m[row], search.slack_along_m[col]], axis=-1).reshape(-1, 2)
-    return slack, np.repeat(np.arange(presses), len(grid.across_m) * len(grid.y_m))
+) -> tuple[Floats, Floats]:
+    """Slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares there (K, X, Y, J)."""
+    weight = np.where(problem.saturated, 0.0, problem.weight)
+    shape = (len(problem), len(grid.across_m), len(grid.y_m))
+    slack, shares = np.zeros((*shape, 2)), np.empty((*shape, problem.rig.layout.taxels))
+    place(
+        level.planes,
+        images.size_of,
+        problem.rig.layout.centres_m,
+        images.lattice,
+        weight,
+        problem.values * weight,
+        search.across_m,
+        search.along_m,
+        problem.across_m[:, None] - grid.across_m,
+        problem.along_m[:, None] - grid.y_m,
+        (search.slack_across_m, search.slack_along_m),
+        search.stride,
+        (float(np.cos(alpha_rad)), float(np.sin(alpha_rad))),
+        (1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m),
+        slack,
+        shares,
+    )
+    return slack, shares

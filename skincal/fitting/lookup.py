@@ -1,102 +1,156 @@
-"""Cubic look-ups in a stack of planes, with derivatives, for very many points at once."""
+"""Cubic look-ups in stacks of planes, with derivatives: the cubic convolution of Keys (1981, a = -1/2), compiled.
+
+It is exact for quadratics and has a continuous slope. Values are single precision, as the tables are; sums of them are
+double.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
+import numba
 import numpy as np
-from numba import njit  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True, eq=False)
-class Looked:
-    """Values and derivatives of a look-up, each (n,), per lattice step."""
-
-    value: NDArray[np.float32]
-    by_row: NDArray[np.float32]
-    by_col: NDArray[np.float32]
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def cubic(
-    planes: NDArray[np.float32], plane: NDArray[np.intp], row: NDArray[np.float32], col: NDArray[np.float32]
-) -> Looked:
-    """Interpolates with the cubic convolution of Keys (1981, a = -1/2): exact for quadratics, continuous slope.
+def compiled(function: _Function) -> _Function:
+    """Compile a function of the fit; the compilation is cached for all processes after the first."""
+    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+@compiled
+def keys(at: float, side: int) -> Any:  # pragma: no cover - compiled
+    """First of the four taps round a position, how much each counts, and the derivatives of that."""
+    at = min(max(at, 1.0), side - 2.001)
+    low = int(at)
+    t = at - low
+    weight = (
+        ((-0.5 * t + 1.0) * t - 0.5) * t,
+        (1.5 * t - 2.5) * t * t + 1.0,
+        ((-1.5 * t + 2.0) * t + 0.5) * t,
+        (0.5 * t - 0.5) * t * t,
+    )
+    slope = (
+        (-1.5 * t + 2.0) * t - 0.5,
+        (4.5 * t - 5.0) * t,
+        (-4.5 * t + 4.0) * t + 0.5,
+        (1.5 * t - 1.0) * t,
+    )
+    return low - 1, weight, slope
+
+
+@compiled
+def taps(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compiled
+    """Value of a plane (N, N) and its derivatives along both axes, for what :func:`keys` says of a row and a column."""
+    r0, rw, rs = rows
+    c0, cw, cs = cols
+    value = by_row = by_col = 0.0
+    for r in range(4):
+        along = slope = 0.0
+        for c in range(4):
+            tap = plane[r0 + r, c0 + c]
+            along += tap * cw[c]
+            slope += tap * cs[c]
+        value += rw[r] * along
+        by_row += rs[r] * along
+        by_col += rw[r] * slope
+    return value, by_row, by_col
+
+
+@compiled
+def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cover - compiled
+    """Look up values.
 
     Args:
-        planes: (P, N, N) stack of planes whose two outer rows and columns are zero.
+        planes: (P, N, N) stack of planes.
         plane: (n,) which plane.
         row: (n,) position along the first axis of the plane, in lattice steps; clamped to the plane.
         col: (n,) position along the second axis.
 
     Returns:
-        Values and their derivatives along both axes.
+        (3, n) values, and their derivatives along both axes per lattice step.
     """
-    return cubic_mixed(planes, plane[None], np.ones((1, len(plane)), dtype=np.float32), row, col)[1]
+    out = np.empty((3, len(plane)))
+    side = planes.shape[1]
+    for i in range(len(plane)):
+        out[0, i], out[1, i], out[2, i] = taps(planes[plane[i]], keys(row[i], side), keys(col[i], side))
+    return out
 
 
-def cubic_mixed(
-    planes: NDArray[np.float32],
-    plane: NDArray[np.intp],
-    share: NDArray[np.float32],
-    row: NDArray[np.float32],
-    col: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], Looked]:
-    """Looks up k planes at the same positions, and their weighted sum.
+@compiled
+def at_level(
+    planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (3, J) with the load shares of all taxels under one contact, and their slopes by u and v [1/m].
 
     Args:
-        planes: as for :func:`cubic`.
-        plane: (k, n) which planes.
-        share: (k, n) how much each counts in the sum.
-        row: (n,) position along the first axis.
-        col: (n,) position along the second axis.
-
-    Returns:
-        Value of each plane (k, n), and the sum with its derivatives.
+        planes: (K, M, N, N) load shares of presses, by taxel size.
+        size_of: (J,) which size each taxel has.
+        centres: (J, 2) of the taxels [m].
+        lattice: step and half the width of the planes [m].
+        u: contact in patch coordinates [m].
+        v: the same.
+        press: which.
+        out: filled.
     """
-    side, flat = planes.shape[1], planes.reshape(-1)
-    row_low, row_weight, row_slope = keys_weights(row, side)
-    col_low, col_weight, col_slope = keys_weights(col, side)
-    corner = (plane * side + (row_low - 1)) * side + (col_low - 1)
-    value: NDArray[np.float32] = np.empty(plane.shape, dtype=np.float32)
-    sums: NDArray[np.float32] = np.zeros((3, len(row)), dtype=np.float32)
-    _add_taps(flat, corner, side, share, row_weight, row_slope, col_weight, col_slope, value, sums)
-    return value, Looked(sums[0], sums[1], sums[2])
+    step, half = lattice
+    reach, side = half - 1.5 * step, planes.shape[2]
+    for j in range(len(centres)):
+        du, dv = u - centres[j, 0], v - centres[j, 1]
+        if abs(du) < reach and abs(dv) < reach:
+            value, by_row, by_col = taps(
+                planes[press, size_of[j]], keys((du + half) / step, side), keys((dv + half) / step, side)
+            )
+            out[0, j], out[1, j], out[2, j] = value, by_row / step, by_col / step
+        else:
+            out[0, j] = out[1, j] = out[2, j] = 0.0
 
 
-@njit(cache=True, fastmath=False)
-def _add_taps(  # pragma: no cover - compiled
-    flat: Any,
-    corner: Any,
-    side: int,
-    share: Any,
-    row_weight: Any,
-    row_slope: Any,
-    col_weight: Any,
-    col_slope: Any,
-    value: Any,
-    sums: Any,
-) -> None:
-    """Sum the 16 taps of each look-up: ``value`` (k, n) of each plane, ``sums`` (3, n) mixed with their slopes."""
-    planes, count = corner.shape
-    for i in range(count):
-        for k in range(planes):
-            total = by_row = by_col = np.float32(0.0)
-            for r in range(4):
-                along = slope = np.float32(0.0)
-                at = corner[k, i] + r * side
-                for c in range(4):
-                    tap = flat[at + c]
-                    along += tap * col_weight[c, i]
-                    slope += tap * col_slope[c, i]
-                total += row_weight[r, i] * along
-                by_row += row_slope[r, i] * along
-                by_col += row_weight[r, i] * slope
-            value[k, i] = total
-            sums[0, i] += share[k, i] * total
-            sums[1, i] += share[k, i] * by_row
-            sums[2, i] += share[k, i] * by_col
+@compiled
+def mixed(
+    shares: Any, size_of: Any, centres: Any, lattice: Any, uv: Any, kind: Any, turn: Any, ratio: Any, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (5, n, J): load shares, and their slopes by u, v, turn and log(F/E).
+
+    Args:
+        shares: (I, M, A, L, N, N) as in a kernel table.
+        size_of: (J,) which size each taxel has.
+        centres: (J, 2) of the taxels [m].
+        lattice: step and half the width of the planes [m].
+        uv: (n, 2) contacts in patch coordinates [m].
+        kind: (n,) indenter.
+        turn: (n,) tabled turn below, (n,) part of the step above it, and the step [rad].
+        ratio: the same of log(F/E).
+        out: zeros.
+    """
+    step, half = lattice
+    reach, side = half - 1.5 * step, shares.shape[4]
+    a_low, a_part, a_step = turn
+    r_low, r_part, r_step = ratio
+    turns = 2 if shares.shape[2] > 1 else 1
+    for i in range(len(uv)):
+        a, r = a_low[i], r_low[i]
+        wa, wr = a_part[i], r_part[i]
+        for j in range(len(centres)):
+            du, dv = uv[i, 0] - centres[j, 0], uv[i, 1] - centres[j, 1]
+            if not (abs(du) < reach and abs(dv) < reach):
+                continue
+            rows, cols = keys((du + half) / step, side), keys((dv + half) / step, side)
+            for over in range(turns):
+                tables = shares[kind[i], size_of[j], a + over]
+                below, below_u, below_v = taps(tables[r], rows, cols)
+                above, above_u, above_v = taps(tables[r + 1], rows, cols)
+                part = wa if over else 1.0 - wa
+                value = (1.0 - wr) * below + wr * above
+                out[0, i, j] += part * value
+                out[1, i, j] += part * ((1.0 - wr) * below_u + wr * above_u) / step
+                out[2, i, j] += part * ((1.0 - wr) * below_v + wr * above_v) / step
+                out[4, i, j] += part * (above - below) / r_step
+                if turns > 1:
+                    out[3, i, j] += (value if over else -value) / a_step
 
 
 def keys_weights(

@@ -18,7 +18,6 @@ from typing import Any
 
 import nlopt  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.fitting.types import Floats
 
@@ -46,25 +45,16 @@ class MicroSettings:
         sigma_counts: size of an image residual that counts as one [counts].
         position_sigma_m: one sigma of the measured contact position [m]; inf for none.
         slack_m: bound of the slack along each direction [m].
-        iterations: Gauss-Newton steps of the fast way.
     """
 
     sigma_counts: float
     position_sigma_m: float
     slack_m: float
-    iterations: int = 8
 
     @property
     def stiffness(self) -> float:
         """1 / sigma_p^2 [1/m²]."""
         return 1.0 / self.position_sigma_m**2 if np.isfinite(self.position_sigma_m) else 0.0
-
-
-def amplitude(observed: Floats, shares: Floats) -> Floats:
-    """Best non-negative amplitude c (n,) that takes shares (n, J) to observed values (n, J)."""
-    power = np.einsum("nj,nj->n", shares, shares)
-    product = np.einsum("nj,nj->n", shares, observed)
-    return np.where(power > _TINY, np.maximum(product, 0.0) / np.maximum(power, _TINY), 0.0)
 
 
 def image_mismatch(observed: Floats, shares: Floats) -> Floats:
@@ -73,69 +63,6 @@ def image_mismatch(observed: Floats, shares: Floats) -> Floats:
     product = np.maximum(np.einsum("nj,nj->n", shares, observed), 0.0)
     total = np.einsum("nj,nj->n", observed, observed)
     return total - np.where(power > _TINY, product**2 / np.maximum(power, _TINY), 0.0)
-
-
-def gauss_newton(
-    observed: Floats,
-    start_m: Floats,
-    images: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats, Floats]],
-    settings: MicroSettings,
-) -> tuple[Floats, Floats]:
-    """Improve n micro problems at once.
-
-    Args:
-        observed: (n, J) observed images [counts].
-        start_m: (n, 2) slacks to start from, across and along [m].
-        images: takes slacks (m, 2) and the numbers of their problems (m,) to weighted shares (m, J) and their
-            derivatives by both slacks.
-        settings: noise, stiffness of the slack, bounds.
-
-    Returns:
-        Slacks (n, 2) [m] and the objective Q (n,) there; never worse than at the start.
-    """
-    slack, rows = start_m.copy(), np.arange(len(start_m))
-    best_q, step = _step(observed, slack, images(slack, rows), settings)
-    now = slack.copy()
-    for _ in range(settings.iterations):
-        # Full steps, not only downhill ones: where two taxels answer, Q is a thin curved valley, and a step along it
-        # first leaves it and is brought back by the next. The best point seen is kept.
-        now = np.clip(now + step, -settings.slack_m, settings.slack_m)
-        q, step = _step(observed[rows], now, images(now, rows), settings)
-        better = q < best_q[rows]
-        slack[rows[better]], best_q[rows[better]] = now[better], q[better]
-        moving = np.abs(np.clip(now + step, -settings.slack_m, settings.slack_m) - now).max(axis=1) > 1e-6
-        if not moving.any():
-            break
-        rows, now, step = rows[moving], now[moving], step[moving]
-    return slack, best_q
-
-
-def _step(
-    observed: Floats,
-    slack_m: Floats,
-    images: tuple[Floats, Floats, Floats],
-    settings: MicroSettings,
-) -> tuple[Floats, Floats]:
-    """Objective (n,) and Gauss-Newton step (n, 2), the amplitude eliminated (variable projection, Kaufman 1975)."""
-    g, *slopes = images
-    c = amplitude(observed, g)
-    power = np.maximum(np.einsum("nj,nj->n", g, g), _TINY)
-    residual = c[:, None] * g - observed
-    stiff = settings.stiffness
-    weight = 1.0 / settings.sigma_counts**2
-    q = weight * np.einsum("nj,nj->n", residual, residual) + stiff * (slack_m**2).sum(axis=1)
-    jac = [c[:, None] * (d - g * (np.einsum("nj,nj->n", g, d) / power)[:, None]) for d in slopes]
-    a = weight * np.einsum("nj,nj->n", jac[0], jac[0]) + stiff
-    b = weight * np.einsum("nj,nj->n", jac[0], jac[1])
-    d = weight * np.einsum("nj,nj->n", jac[1], jac[1]) + stiff
-    e = weight * np.einsum("nj,nj->n", jac[0], residual) + stiff * slack_m[:, 0]
-    f = weight * np.einsum("nj,nj->n", jac[1], residual) + stiff * slack_m[:, 1]
-    # Where the image says nothing and the prior is off, the damping keeps the step finite.
-    floor = 1e-4 * (a + d) + 1.0
-    a, d = a + floor, d + floor
-    det = a * d - b * b
-    step = np.stack([-(d * e - b * f) / det, -(a * f - b * e) / det], axis=1)
-    return q, np.clip(step, -0.5e-3, 0.5e-3)
 
 
 def nlopt_micro(

@@ -24,7 +24,7 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.shared import integral
 from skincal.fitting.types import Floats, Ints
-from skincal.fitting.volume import fold_of, log_volume
+from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
 
@@ -121,8 +121,9 @@ def _log_density(problem: FitProblem, images: Images, places: Places, points: Fl
     start = starting_nuisance(problem, places, macro, press, count)
     state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
     fold = fold_of(problem, images, macro, sigmas, press, state)
-    paired = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
-    evidence = -0.5 * state.objective + log_volume(fold, paired)
+    tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
+    mirror = untracked(problem, images, macro, sigmas, press, state, fold, tracked)
+    evidence = -0.5 * state.objective + log_volume(fold, mirror)
     twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
     evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
     total, chance = np.zeros(count), np.empty((count, spots))
@@ -245,7 +246,10 @@ def climb(
             break
     assert places is not None
     states, best = _at(problem, images, places, macro, sigmas)
-    covariance = _inverse(_reduced(problem, states, best, sigmas, _trust(states, best)).curvature)
+    curvature = _reduced(problem, states, best, sigmas, _trust(states, best)).curvature
+    # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
+    curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
+    covariance = _inverse(curvature)
     point = np.concatenate([macro, np.log(sigmas)])[None]
     places = _moved(places, states)
     density = float(log_posterior(problem, images, places, bounds, point)[0])
@@ -426,7 +430,11 @@ def _estimated_noise(
         rate = (1.0 - squares / total) / total
         return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
 
-    found = minimize(loss, np.log(sigmas[2:4]), jac=True, method="L-BFGS-B", options={"maxiter": 30})
+    # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
+    grown_only = 0.5 * np.log(max(float(np.mean(squares / np.maximum(grown, 1e-300))), 1e-300))
+    starts = (np.log(sigmas[2:4]), np.array([centres[0], max(centres[1], grown_only)]))
+    start = min(starts, key=lambda x: loss(x)[0])
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
     noise, misfit = np.exp(found.x)
     return max(float(noise), model.floor_counts * 1.05), float(misfit)
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.residuals import add_up
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
 
@@ -77,37 +78,37 @@ def evaluate(
         nuisance: (n, 3) slack and force error.
     """
     got = images.see(problem, macro, press, nuisance)
-    readings, shared = problem.observation, problem.shared
-    counts = (np.exp(macro[:, 4] + nuisance[:, 2]) * problem.force_n[press])[:, None] * np.exp(
-        shared.log_gain
+    readings, shared, count, taxels = (
+        problem.observation,
+        problem.shared,
+        len(press),
+        problem.rig.layout.taxels,
     )
-    simulated = counts * got.value
-    above = simulated + (readings.offset + shared.level)
-    weight = problem.used[press] / np.sqrt(readings.variance(sigmas[:, 2], sigmas[:, 3], press))
-    if readings.link.clips:
-        expected, slope = readings.link(above)
-        difference, level_slope = expected - readings.target[press], weight * slope
-    else:
-        difference, level_slope = above - readings.target[press], weight
-    # A saturated taxel only says "at least this".
-    beyond = problem.saturated[press] & (difference > 0)
-    weight, level_slope = np.where(beyond, 0.0, weight), np.where(beyond, 0.0, level_slope)
-    counts = counts * level_slope
-    by_ratio, by_scale = counts * got.by_log_ratio, level_slope * simulated
-    nuisance_slope = np.concatenate(
-        [counts[..., None] * got.by_contact, (by_scale + by_ratio)[..., None]], axis=-1
+    state = PressStates(
+        nuisance,
+        np.empty(count),
+        np.empty((count, 3, 3)),
+        got.uv_m,
+        *(np.empty((count, taxels)) for _ in range(2)),
+        np.empty((count, taxels, 5)),
+        np.empty((count, taxels, 3)),
+        np.empty((count, taxels)),
     )
-    others = np.stack([counts * got.by_alpha, -by_ratio, by_scale], axis=-1)
-    macro_slope = np.concatenate([counts[..., None] * got.by_centre, others], axis=-1)
-    residual = weight * difference
-    prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
-    off = nuisance - problem.centre[press]
-    objective = (residual**2).sum(axis=1) + (prior * off**2).sum(axis=1)
-    hessian = np.matmul(nuisance_slope.transpose(0, 2, 1), nuisance_slope)
-    hessian[:, [0, 1, 2], [0, 1, 2]] += prior
-    return PressStates(
-        nuisance, objective, hessian, got.uv_m, residual, simulated, macro_slope, nuisance_slope, level_slope
+    link = readings.link
+    add_up(
+        (got.value, got.by_contact, got.by_centre, got.by_alpha, got.by_log_ratio),
+        np.exp(macro[:, 4] + nuisance[:, 2]) * problem.force_n[press],
+        np.exp(shared.log_gain),
+        readings.offset + shared.level,
+        (readings.target, readings.share, readings.signal, problem.used, problem.saturated),
+        (link.values, link.mean, link.slope),
+        press,
+        sigmas,
+        nuisance - problem.centre[press],
+        (state.objective, state.hessian, state.residual, state.simulated),
+        (state.macro_slope, state.nuisance_slope, state.level_slope),
     )
+    return state
 
 
 def settle(

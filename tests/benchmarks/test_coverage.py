@@ -16,7 +16,6 @@ from benchmarks.coverage_store import Store
 from benchmarks.coverage_tables import SCALES, as_text, summary, wilson
 from benchmarks.interval_coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
 from benchmarks.sessions import Law, Truth
-from skincal.fitting.conclude import SCALE_WIDENING
 from skincal.fitting.options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.result import PARAMETERS
 from skincal.fitting.valley import interval
@@ -51,7 +50,6 @@ def record(index: int, *, law: Law = "foundation", error: float = 0.0, half: flo
         "presses_used": 24 + index,
         "findings": ["glitches"] if index == 0 else [],
         "no_interval": False,
-        "scale_widening": SCALE_WIDENING,
     }
 
 
@@ -185,7 +183,7 @@ def draws() -> dict[str, list[np.ndarray]]:
 
 def test_kept_sessions_get_the_intervals_of_their_draws(draws: dict[str, list[np.ndarray]]) -> None:
     box = SearchBox(**{name: tuple(ends) for name, ends in BOX.items()})
-    found = as_shipped(_kept(draws, SCALE_WIDENING), QUANTILES, LEVELS, 0.98)
+    found = as_shipped(_kept(draws, 1.0), QUANTILES, LEVELS, 0.98)
     for name, laws in draws.items():
         for level in LEVELS:
             expected = interval(name, laws, found["best"][name], box, level)
@@ -194,15 +192,15 @@ def test_kept_sessions_get_the_intervals_of_their_draws(draws: dict[str, list[np
     assert as_shipped(found, QUANTILES, LEVELS, 0.98) is found
 
 
-def test_stored_draws_of_scale_are_widened_as_in_the_fit(
+def test_stored_draws_that_were_widened_are_narrowed(
     draws: dict[str, list[np.ndarray]],
 ) -> None:
-    plain = as_shipped(_kept(draws, SCALE_WIDENING), QUANTILES, LEVELS, 0.98)["intervals"]
-    wider = as_shipped(_kept(draws, SCALE_WIDENING / 2), QUANTILES, LEVELS, 0.98)["intervals"]
+    plain = as_shipped(_kept(draws, 1.0), QUANTILES, LEVELS, 0.98)["intervals"]
+    narrower = as_shipped(_kept(draws, 2.0), QUANTILES, LEVELS, 0.98)["intervals"]
     middle = np.median(draws["scale_per_n"][0])
-    below = np.log(middle / np.array([plain["scale_per_n"][0], wider["scale_per_n"][0]]))
-    assert below[1] == pytest.approx(2 * below[0])
-    assert {n: v for n, v in wider.items() if n != "scale_per_n"} == {
+    below = np.log(middle / np.array([plain["scale_per_n"][0], narrower["scale_per_n"][0]]))
+    assert below[1] == pytest.approx(0.5 * below[0])
+    assert {n: v for n, v in narrower.items() if n != "scale_per_n"} == {
         n: v for n, v in plain.items() if n != "scale_per_n"
     }
 
@@ -254,7 +252,7 @@ def test_missing_intervals_of_few_presses_are_counted(
     def session(spare: int, shift: float) -> dict[str, Any]:
         told = {name: laws[0].mean() * (1 + shift) for name, laws in draws.items()}
         more = {"told": told, "presses_used": 5, "readings_to_spare": spare}
-        return _kept(draws, SCALE_WIDENING, no_interval=spare <= 0, **more)
+        return _kept(draws, 1.0, no_interval=spare <= 0, **more)
 
     rows = counted([session(0, 0.0), session(-2, 9.0), session(3, 0.01), {"failed": "no peak"}], 0.98)
     held = "intervals of 98 % that hold the truth"

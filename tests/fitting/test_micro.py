@@ -12,8 +12,8 @@ import pytest
 from skincal.fitting import grid
 from skincal.fitting.general import Combination, evaluate_combination
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.grid import MacroGrid
-from skincal.fitting.micro import MicroSettings, gauss_newton, micro_objective, nlopt_micro, slack_lattice
+from skincal.fitting.grid import MacroGrid, place_presses
+from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
 from skincal.fitting.problem import FitProblem, pose_problem
 from tests.fitting.conftest import Truth, make_session, rig
 from tests.fitting.geometry import general_problem
@@ -74,13 +74,13 @@ def _fast(problem: FitProblem, macro: np.ndarray) -> tuple[np.ndarray, float, fl
     found = []
 
     def watched(*arguments):
-        found.append(gauss_newton(*arguments))
+        found.append(place_presses(*arguments))
         return found[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(grid, "gauss_newton", watched)
+        patch.setattr(grid, "place_presses", watched)
         slab = grid.evaluate_slab(problem, MacroGrid(*(macro[i : i + 1] for i in range(4))), 0, SETTINGS)
-    return found[0][0], float(slab.mse_counts2[0, 0, 0]), float(slab.scale_per_n[0, 0, 0])
+    return found[0][0][:, 0, 0], float(slab.mse_counts2[0, 0, 0]), float(slab.scale_per_n[0, 0, 0])
 
 
 def test_both_ways_find_places_that_are_equally_good(both: list[_Both]) -> None:

@@ -8,13 +8,15 @@ import pytest
 
 from skincal.fitting.errors import FitError
 from skincal.fitting.law import LawSpread, weigh_laws
+from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, climb
 from skincal.fitting.presses import evaluate, settle
-from skincal.fitting.problem import FitProblem, pose_problem
+from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
 from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.seen import from_patch, to_patch
 from skincal.fitting.tasks import Neighbourhood
+from skincal.model import Plane, Sphere, TaxelLayout
 from tests.fitting.conftest import Truth, make_session, rig
 
 
@@ -92,6 +94,31 @@ def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: T
     assert (error < 4.0).all()
     assert peak.sigmas[0] == pytest.approx(0.5e-3, rel=0.35)
     assert np.isfinite(peak.log_evidence)
+
+
+def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
+    """Ten like presses on five large taxels, images of another law: no noise, and the box bounds what is not told."""
+    cross = 6e-3 * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
+    layout = TaxelLayout(1, 5, cross, np.full((5, 2), 4e-3))
+    readout = Readout(None, None, False, rest_subtracted=True)
+    flat = Rig(layout, Plane(), (Sphere(0.005),), readout, 0.5e-3, 1e-3)
+    images = np.array([1800.0, 3970.0, 3330.0, 2120.0, 620.0]) + np.outer(
+        np.linspace(-9.0, 9.0, 10), np.ones(5)
+    )
+    table = PressTable(
+        np.arange(10),
+        np.zeros(10),
+        np.zeros(10),
+        np.linspace(33.5, 31.3, 10),
+        images,
+        np.zeros(10, dtype=np.intp),
+    )
+    bounds = Bounds(np.array([-5e-3, -5e-3, -1.5, 18.4, 0.0]), np.array([5e-3, 5e-3, 1.5, 21.4, 11.0]))
+    problem = pose_problem(flat, table)
+    start = np.array([2.5e-3, -2.5e-3, -0.15, 19.0, 7.0])
+    peak = climb(problem, Neighbourhood.around(start).images(problem), bounds, start)
+    assert np.isfinite(peak.log_density)
+    assert (np.sqrt(np.diag(peak.covariance)) < bounds.high - bounds.low).all()
 
 
 def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None:

@@ -1,0 +1,196 @@
+"""The micro problems of the grid, compiled: every press under every centre of the sensor, at one turn and one E.
+
+For one press with observed image D, simulated shares g and the free amplitude c of the normalisation, the objective is
+
+    Q(delta) = |c g(delta) - D|^2 / sigma^2 + |delta|^2 / sigma_p^2,    |delta_i| <= slack
+
+with the best c >= 0 (:mod:`skincal.fitting.micro`). A lattice of contacts that all centres share is looked up first,
+to the nearest node; from the best of the slack's square Gauss-Newton goes on, the amplitude eliminated (variable
+projection, Kaufman 1975). It takes full steps, not only downhill ones: where two taxels answer, Q is a thin curved
+valley, and a step along it first leaves it and is brought back by the next. The best point seen is kept.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skincal.fitting.lookup import at_level, compiled
+
+ITERATIONS = 8
+"""Gauss-Newton steps."""
+
+MOST_STEP_M = 0.5e-3
+_REST_M = 1e-6
+_TINY = 1e-12
+
+
+@compiled
+def mismatches(
+    tables: Any, weight: Any, observed: Any, across: Any, along: Any, turn: Any, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (P, Q): |D|^2 (1 - cos^2) [counts²] of one press at a lattice of contacts, to the nearest node.
+
+    Args:
+        tables: planes (K, M, N, N), sizes (J,), centres (J, 2), lattice, and which press.
+        weight: (J,) of the readings.
+        observed: (J,) weighted image.
+        across: (P,) contacts from the centre [m].
+        along: (Q,) the same.
+        turn: cosine and sine of alpha.
+        out: filled.
+    """
+    planes, size_of, centres, lattice, press = tables
+    step, half = lattice
+    reach = half - 1.5 * step
+    cos, sin = turn
+    total = (observed * observed).sum()
+    for p in range(len(across)):
+        for q in range(len(along)):
+            u, v = across[p] * cos + along[q] * sin, along[q] * cos - across[p] * sin
+            power = product = 0.0
+            for j in range(len(centres)):
+                du, dv = u - centres[j, 0], v - centres[j, 1]
+                if abs(du) < reach and abs(dv) < reach:
+                    row, col = int((du + half) / step + 0.5), int((dv + half) / step + 0.5)
+                    g = weight[j] * planes[press, size_of[j], row, col]
+                    power += g * g
+                    product += g * observed[j]
+            out[p, q] = total
+            if power > _TINY and product > 0.0:
+                out[p, q] -= product * product / power
+
+
+@compiled
+def descend(
+    tables: Any, weight: Any, observed: Any, at: Any, turn: Any, settings: Any, slack: Any, image: Any
+) -> float:  # pragma: no cover - compiled
+    """Gauss-Newton from ``slack`` (2,), which is moved to the best point seen; returns Q there.
+
+    Args:
+        tables: as for :func:`mismatches`.
+        weight: (J,) of the readings.
+        observed: (J,) weighted image.
+        at: contact from the centre across and along, at slack zero [m].
+        turn: cosine and sine of alpha.
+        settings: 1 / sigma² [1/counts²], 1 / sigma_p² [1/m²], bound of the slack [m].
+        slack: changed.
+        image: (3, J) room for work.
+    """
+    planes, size_of, centres, lattice, press = tables
+    cos, sin = turn
+    certain, stiff, most = settings
+    x, y = slack[0], slack[1]
+    best = np.inf
+    for _ in range(ITERATIONS + 1):
+        a, o = at[0] + x, at[1] + y
+        at_level(planes, size_of, centres, lattice, a * cos + o * sin, o * cos - a * sin, press, image)
+        power = product = gx = gy = 0.0
+        for j in range(len(weight)):
+            w = weight[j]
+            g, by_u, by_v = w * image[0, j], w * image[1, j], w * image[2, j]
+            dx, dy = cos * by_u - sin * by_v, sin * by_u + cos * by_v
+            image[0, j], image[1, j], image[2, j] = g, dx, dy
+            power += g * g
+            product += g * observed[j]
+            gx += g * dx
+            gy += g * dy
+        c = max(product, 0.0) / power if power > _TINY else 0.0
+        power = max(power, _TINY)
+        misfit = xx = xy = yy = rx = ry = 0.0
+        for j in range(len(weight)):
+            g = image[0, j]
+            r = c * g - observed[j]
+            jx, jy = c * (image[1, j] - g * gx / power), c * (image[2, j] - g * gy / power)
+            misfit += r * r
+            xx += jx * jx
+            xy += jx * jy
+            yy += jy * jy
+            rx += jx * r
+            ry += jy * r
+        q = certain * misfit + stiff * (x * x + y * y)
+        if q < best:
+            best = q
+            slack[0], slack[1] = x, y
+        xx, xy, yy = certain * xx + stiff, certain * xy, certain * yy + stiff
+        rx, ry = certain * rx + stiff * x, certain * ry + stiff * y
+        # Where the image says nothing and the prior is off, the damping keeps the step finite.
+        floor = 1e-4 * (xx + yy) + 1.0
+        xx, yy = xx + floor, yy + floor
+        determinant = xx * yy - xy * xy
+        step_x = min(max(-(yy * rx - xy * ry) / determinant, -MOST_STEP_M), MOST_STEP_M)
+        step_y = min(max(-(xx * ry - xy * rx) / determinant, -MOST_STEP_M), MOST_STEP_M)
+        new_x, new_y = min(max(x + step_x, -most), most), min(max(y + step_y, -most), most)
+        if abs(new_x - x) <= _REST_M and abs(new_y - y) <= _REST_M:
+            break
+        x, y = new_x, new_y
+    return best
+
+
+@compiled
+def place(
+    planes: Any,
+    size_of: Any,
+    centres: Any,
+    lattice: Any,
+    weight: Any,
+    observed: Any,
+    across: Any,
+    along: Any,
+    grid_across: Any,
+    grid_along: Any,
+    window: Any,
+    stride: Any,
+    turn: Any,
+    settings: Any,
+    slack: Any,
+    shares: Any,
+) -> None:  # pragma: no cover - compiled
+    """Place every press (K,) for every centre (X, Y) of the sensor.
+
+    Args:
+        planes: (K, M, N, N) load shares at this turn and E.
+        size_of: (J,) which size each taxel has.
+        centres: (J, 2) of the taxels [m].
+        lattice: step and half the width of the planes [m].
+        weight: (K, J) of the readings.
+        observed: (K, J) weighted images.
+        across: (K, P) lattice of contacts from the sensor's centre, falling centre first [m].
+        along: (K, Q) the same.
+        grid_across: (K, X) contacts from the centre at slack zero [m].
+        grid_along: (K, Y) the same.
+        window: slacks (W,) and (V,) of the lattice's nodes round a centre [m].
+        stride: nodes from centre to centre, across and along.
+        turn: cosine and sine of alpha.
+        settings: as for :func:`descend`.
+        slack: (K, X, Y, 2) filled [m].
+        shares: (K, X, Y, J) filled: weighted load shares there.
+    """
+    wide, long = window
+    certain, stiff, _ = settings
+    mismatch = np.empty((across.shape[1], along.shape[1]))
+    image = np.empty((3, len(centres)))
+    cos, sin = turn
+    last_x, last_y = grid_across.shape[1] - 1, grid_along.shape[1] - 1
+    for k in range(len(weight)):
+        tables = planes, size_of, centres, lattice, k
+        mismatches(tables, weight[k], observed[k], across[k], along[k], turn, mismatch)
+        for x in range(last_x + 1):
+            first = (last_x - x) * stride[0]
+            for y in range(last_y + 1):
+                second = (last_y - y) * stride[1]
+                least, own = np.inf, slack[k, x, y]
+                for i in range(len(wide)):
+                    for o in range(len(long)):
+                        q = certain * mismatch[first + i, second + o]
+                        q += stiff * (wide[i] * wide[i] + long[o] * long[o])
+                        if q < least:
+                            least = q
+                            own[0], own[1] = wide[i], long[o]
+                at = grid_across[k, x], grid_along[k, y]
+                descend(tables, weight[k], observed[k], at, turn, settings, own, image)
+                a, b = at[0] + own[0], at[1] + own[1]
+                at_level(planes, size_of, centres, lattice, a * cos + b * sin, b * cos - a * sin, k, image)
+                for j in range(len(centres)):
+                    shares[k, x, y, j] = weight[k, j] * image[0, j]
