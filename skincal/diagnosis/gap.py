@@ -7,6 +7,7 @@ that are predicted, and no more than what the better of the two models leaves: a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,11 +57,25 @@ class Gap:
         return self.added[0] > 0
 
 
-def placed_presses(fitter: Fitter, state: State, rows: IntArray) -> State:
-    """A state whose named presses stand where they fit best, within the slack and what is known of it; all else held."""
+def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
+    """A state whose named presses stand where they fit best, within the slack and what is known of it; all else held.
+
+    Args:
+        fitter: of the session, these presses among them.
+        state: of all else.
+        rows: of the presses.
+        others: states whose places are tried, too.
+    """
     if not len(rows):
         return state
-    at = placed_at(fitter, state, rows)
+    tried = [_settled(fitter, placed_at(fitter, state, rows), rows)]
+    tried += [_settled(fitter, replace(state, move=one.move), rows) for one in others]
+    best = np.argmin(np.stack([loss for _, loss in tried]), axis=0)
+    return replace(state, move=np.stack([move for move, _ in tried])[best, np.arange(len(best))])
+
+
+def _settled(fitter: Fitter, at: State, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(P, 3) where presses come to from where they are, and (P,) what they then leave, prior in."""
     count, owned = fitter.forward.presses, fitter.press >= 0
     owner, known = fitter.press[owned], fitter.before.move
     best, move = np.full(count, np.inf), at.move.copy()
@@ -84,7 +99,7 @@ def placed_presses(fitter: Fitter, state: State, rows: IntArray) -> State:
                 new[p] = move[p] + 0.3 * (at.move[p] - move[p])
         new[:, :2] = np.clip(new[:, :2], -fitter.before.slack_m, fitter.before.slack_m)
         at = replace(at, move=new)
-    return replace(at, move=move)
+    return move, best
 
 
 def gap_of(observed: Observed, before: State, after: State, rng: np.random.Generator) -> Gap:
@@ -100,8 +115,12 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
     fitter = observed.whole()
     whole = full_rate(observed)
     first = placed_presses(fitter, before, rows)
-    second = first if after is before else placed_presses(fitter, after, rows)
-    # A press may be trapped at one place before and at another after: each model has both to choose from.
+    if after is before:
+        second = first
+    else:
+        # A press may be trapped at one place before and at another after: each model has both to choose from.
+        second = placed_presses(fitter, after, rows, [first])
+        first = placed_presses(fitter, before, rows, [second])
     frames = _frames(whole, observed)
     square = [_squares(whole, s, frames, observed)[0] for s in (first, second)]
     noise = _squares(whole, second, frames, observed)[1]

@@ -32,6 +32,7 @@ class Constants:
         0.28,
     )  # T  of squares that may always be left; set by eye on a few sessions, not measured
     joint_steps: int = 4  # T  of a joint fit
+    last_steps: int = 12  # T  of that of the effect which is taken
     contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null

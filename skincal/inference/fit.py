@@ -19,6 +19,8 @@ from skincal.model.arrays import BoolArray, FloatArray
 NB = len(BASE) + len(LAW)
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
+_LAW = 3.0
+"""The law's numbers are no farther from the foundation than so many standard deviations of what is known of them."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -214,7 +216,9 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", d[0])
         pose = moved_pose(self.forward.surface, pose, "turn", d[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", d[2])
-        law = np.clip(s.law + d[6:NB], *(np.array([[-6.0], [6.0]]) * [C.law_power, C.law_blur, C.law_radius]))
+        law = np.clip(
+            s.law + d[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
+        )
         effects = (
             with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + d[NB:])
             if at.free

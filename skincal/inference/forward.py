@@ -417,7 +417,9 @@ class Forward:
             # A turn is a shift of each press, and a turn about the press. The shift is exactly that of the press's own
             # column; what points that come and go would add to it would seem to tell the turn.
             far = self._from_centre(s, places)
-            moved = far[np.maximum(self.row, 0), 1] * moves[0].T - far[np.maximum(self.row, 0), 0] * moves[1].T
+            moved = (
+                far[np.maximum(self.row, 0), 1] * moves[0].T - far[np.maximum(self.row, 0), 0] * moves[1].T
+            )
             turned = turned + 2 * _STEP["alpha"] * moved.T
         out[..., 2] = self.with_loads(seen, turned / 2) / _STEP["alpha"]
         for k, name in enumerate(() if alike else ("y", "turn")):

@@ -155,6 +155,8 @@ class Search:
             if best is None:
                 break
             one, new, alike, rivals = best
+            # The base has gone along with what was missing, and may have far to come back.
+            new = self.fitter.solve(new.state, new.free, steps=C.last_steps)
             gain = Score(self.score(new) - self.score(fit))
             if gain.total < null.limit(one.name) or gain.total < C.part * gained:
                 dropped.add(one.name)

@@ -124,4 +124,3 @@ def _solved(press: Press, layer: Layer, forces: FloatArray):
             # The ball sinks in beyond the grid: a layer twice as stiff is a twin, too.
             layer = Layer.of_stiffness(2.0 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
     return None
-
