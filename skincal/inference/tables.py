@@ -209,7 +209,7 @@ def _cast(
 
 @njit(cache=True, nogil=True)
 def _by_size(values, count, below):
-    """Which of the first values are below a bound, smallest first: Shell's sort, as numba's own takes seconds to compile."""
+    """Which of the first values are below a bound, smallest first: Shell's sort; numba's own is slow to compile."""
     order = np.empty(count, np.int64)
     n = 0
     for i in range(count):
