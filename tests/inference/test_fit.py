@@ -91,6 +91,7 @@ def test_an_equation_that_errs_everywhere_alike_widens_what_depends_on_it():
     fit = fitter.linear(state, tuple(free_of("saturation", values, None, observed.covariates)))
     narrow, wide = fit.covariance, fitter.covariance(fit)
     assert (np.diag(wide) >= np.diag(narrow) * (1 - 1e-6)).all()
-    assert wide[4, 4] > 1.5 * narrow[4, 4]
+    # The effect itself is known no better than its equation.
+    assert wide[-1, -1] > 1.2 * narrow[-1, -1]
     alone = fitter.linear(fitter.before.start, ())
     assert fitter.covariance(alone) == pytest.approx(alone.covariance)
