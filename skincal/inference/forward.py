@@ -406,21 +406,15 @@ class Forward:
         own = seen.table.at(self.row, x / e)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
         alike = isinstance(self.surface, Cylinder | Plane)
+        turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
-            # difference would seem to tell the one from the other.
+            # difference would seem to tell the one from the other. A turn is a shift of each press, and a turn about it.
             moves = seen.table.slopes(self.row, x / e, at) * e
             out[..., 0] = self.with_loads(seen, -2e-5 * moves[1]) / 2e-5
             out[..., 1] = self.with_loads(seen, -2e-5 * moves[0]) / 2e-5
-        turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
-        if alike:
-            # A turn is a shift of each press, and a turn about the press. The shift is exactly that of the press's own
-            # column; what points that come and go would add to it would seem to tell the turn.
-            far = self._from_centre(s, places)
-            moved = (
-                far[np.maximum(self.row, 0), 1] * moves[0].T - far[np.maximum(self.row, 0), 0] * moves[1].T
-            )
-            turned = turned + 2 * _STEP["alpha"] * moved.T
+            far = self._from_centre(s, places)[np.maximum(self.row, 0)].T[..., None]
+            turned = turned + 2 * _STEP["alpha"] * (far[1] * moves[0] - far[0] * moves[1])
         out[..., 2] = self.with_loads(seen, turned / 2) / _STEP["alpha"]
         for k, name in enumerate(() if alike else ("y", "turn")):
             other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, _STEP[name])))
