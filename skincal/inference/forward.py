@@ -409,7 +409,7 @@ class Forward:
         turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
-            # difference would seem to tell the one from the other. A turn is a shift of each press, and a turn about it.
+            # difference would seem to tell the one from the other. A turn is a shift of presses, and a turn about each.
             moves = seen.table.slopes(self.row, x / e, at) * e
             out[..., 0] = self.with_loads(seen, -2e-5 * moves[1]) / 2e-5
             out[..., 1] = self.with_loads(seen, -2e-5 * moves[0]) / 2e-5
