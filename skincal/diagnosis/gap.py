@@ -7,12 +7,12 @@ that are predicted, and no more than what the better of the two models leaves: a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skincal.diagnosis.observed import Observed, full_rate
-from skincal.inference.blocks import Whitened, blocks
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward, State
 from skincal.inference.start import placed_at
@@ -57,32 +57,49 @@ class Gap:
         return self.added[0] > 0
 
 
-def placed_presses(fitter: Fitter, state: State, rows: IntArray, *, lattice: bool = True) -> State:
-    """A state whose named presses stand where they fit best, all else held."""
-    at = placed_at(fitter, state, rows) if lattice and len(rows) else state
-    best = np.full(fitter.forward.presses, np.inf)
-    move = at.move.copy()
-    damp = 1.0
+def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
+    """A state whose named presses stand where they fit best, within the slack and what is known of it; all else held.
+
+    Args:
+        fitter: of the session, these presses among them.
+        state: of all else.
+        rows: of the presses.
+        others: states whose places are tried, too.
+    """
+    if not len(rows):
+        return state
+    tried = [_settled(fitter, placed_at(fitter, state, rows), rows)]
+    tried += [_settled(fitter, replace(state, move=one.move), rows) for one in others]
+    best = np.argmin(np.stack([loss for _, loss in tried]), axis=0)
+    return replace(state, move=np.stack([move for move, _ in tried])[best, np.arange(len(best))])
+
+
+def _settled(fitter: Fitter, at: State, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(P, 3) where presses come to from where they are, and (P,) what they then leave, prior in."""
+    count, owned = fitter.forward.presses, fitter.press >= 0
+    owner, known = fitter.press[owned], fitter.before.move
+    best, move = np.full(count, np.inf), at.move.copy()
     for _ in range(_STEPS):
         seen = fitter.forward.see(at)
         none = np.zeros((*seen.values.shape, 0))
-        w: Whitened = fitter.whitened(seen, none, none)
-        found = blocks(w, fitter.press, fitter.phase, at.move, fitter.before.move)
-        loss = np.full(fitter.forward.presses, np.inf)
-        own = found.press >= 0
-        loss[found.press[own]] = found.loss[own]
+        w = fitter.whitened(seen, none, none)
+        each = (w.residual**2 + np.where(w.seen, 2 * w.log_sd, 0.0)).sum(axis=1)
+        loss = np.bincount(owner, each[owned], count) + at.move**2 @ known
         better = loss < best
-        move[better] = at.move[better]
-        best = np.minimum(best, loss)
-        step = np.clip(found.moves[0], [-4e-4, -4e-4, -0.03], [4e-4, 4e-4, 0.03])
-        new = move.copy()
-        new[rows] = np.where(
-            better[rows, None], move[rows] + step[rows], move[rows] + 0.3 * (at.move[rows] - move[rows])
-        )
+        best, move[better] = np.minimum(best, loss), at.move[better]
+        # Where the last step was too long it is tried again, shorter; elsewhere the next one follows.
+        new = at.move.copy()
+        for p in rows.tolist():
+            if better[p]:
+                own = fitter.press == p
+                n, r = w.press[own].reshape(-1, 3), w.residual[own].ravel()
+                step = np.linalg.solve(n.T @ n + np.diag(known), n.T @ r - known * at.move[p])
+                new[p] = move[p] + np.clip(step, [-4e-4, -4e-4, -0.03], [4e-4, 4e-4, 0.03])
+            else:
+                new[p] = move[p] + 0.3 * (at.move[p] - move[p])
         new[:, :2] = np.clip(new[:, :2], -fitter.before.slack_m, fitter.before.slack_m)
         at = replace(at, move=new)
-        damp *= 0.5
-    return replace(at, move=move)
+    return move, best
 
 
 def gap_of(observed: Observed, before: State, after: State, rng: np.random.Generator) -> Gap:
@@ -98,8 +115,12 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
     fitter = observed.whole()
     whole = full_rate(observed)
     first = placed_presses(fitter, before, rows)
-    second = first if after is before else placed_presses(fitter, after, rows)
-    # A press may be trapped at one place before and at another after: each model has both to choose from.
+    if after is before:
+        second = first
+    else:
+        # A press may be trapped at one place before and at another after: each model has both to choose from.
+        second = placed_presses(fitter, after, rows, [first])
+        first = placed_presses(fitter, before, rows, [second])
     frames = _frames(whole, observed)
     square = [_squares(whole, s, frames, observed)[0] for s in (first, second)]
     noise = _squares(whole, second, frames, observed)[1]

@@ -62,11 +62,10 @@ def parameters_of(calibration: Calibration, state: State) -> ModelParameters:
 
 
 def base_draws(
-    fitter: Fitter, fit: Fitted, rng: np.random.Generator, count: int = _DRAWS
+    fitter: Fitter, fit: Fitted, covariance: FloatArray, rng: np.random.Generator, count: int = _DRAWS
 ) -> dict[str, FloatArray]:
     """Draws of the base's parameters from the joint posterior, by the names of a calibration."""
-    spread = fit.covariance[:5, :5]
-    drawn = rng.multivariate_normal(np.zeros(5), spread, count, method="eigh")
+    drawn = rng.multivariate_normal(np.zeros(5), covariance[:5, :5], count, method="eigh")
     s, radius = fit.state, fitter.turning_radius(fit.state)
     turn = (
         {"x_m": s.pose.x_m + drawn[:, 1]}
@@ -82,9 +81,11 @@ def base_draws(
     }
 
 
-def effect_intervals(fit: Fitted, name: str) -> dict[str, tuple[FloatArray, FloatArray]]:
+def effect_intervals(
+    fit: Fitted, name: str, covariance: FloatArray
+) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Low and high, 95 %, of what was fitted of an effect."""
-    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[NB:], 0.0))
+    sd = np.sqrt(np.maximum(np.diag(covariance)[NB:], 0.0))
     own = fit.state.effects
     at = np.array([f.get(own) for f in fit.free])
     ends = [with_values(own, fit.free, at + side * _WIDTH * sd) for side in (-1.0, 1.0)]
@@ -99,6 +100,7 @@ def new_calibration(
     calibration: Calibration,
     observed: Observed,
     fit: Fitted,
+    covariance: FloatArray,
     rng: np.random.Generator,
     wild: IntArray,
     *,
@@ -110,12 +112,13 @@ def new_calibration(
         calibration: that it comes from.
         observed: the session.
         fit: of base and effects to all presses.
+        covariance: of its numbers (:meth:`skincal.inference.fit.Fitter.covariance`).
         rng: of the draws.
         wild: rows of presses that were left out, as their images are out of all proportion.
         unexplained: whether something is left that no effect explains.
     """
     dataset, fitter = observed.dataset, observed.fitter
-    drawn = base_draws(fitter, fit, rng)
+    drawn = base_draws(fitter, fit, covariance, rng)
     intervals: dict[str, Interval] = {
         k: (float(np.quantile(v, 0.025)), float(np.quantile(v, 0.975))) for k, v in drawn.items()
     }
@@ -129,7 +132,9 @@ def new_calibration(
         if name in fitted or name not in had:
             taxels = dataset.layout().taxels
             effects.append(
-                effect_from(name, values, effect_intervals(fit, name), taxels=taxels, poses=observed.poses)
+                effect_from(
+                    name, values, effect_intervals(fit, name, covariance), taxels=taxels, poses=observed.poses
+                )
             )
     loss, slack = _fitted_presses(calibration, observed, fit, wild)
     findings = tuple(one for one in calibration.findings if one.code not in OUTDATED)

@@ -78,8 +78,10 @@ def diagnose(
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
         wild = wild_presses(whole, ready)
-        last = without_presses(whole, wild).solve(ready, found.fitted.free, steps=C.joint_steps)
-        final = new_calibration(calibration, observed, last, drawn, wild, unexplained=unexplained)
+        last_fitter = without_presses(whole, wild)
+        last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
+        wide = last_fitter.covariance(last)
+        final = new_calibration(calibration, observed, last, wide, drawn, wild, unexplained=unexplained)
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
@@ -105,6 +107,7 @@ def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:
 
 def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
     fit, fitter = found.fitted, observed.fitter
+    covariance = fitter.covariance(fit)
     excess = [float(np.nansum(_residual(fitter, x) ** 2 - 1)) for x in (found.base, fit)]
     whole = max(excess[0] - excess[1], 1e-9)
     made = []
@@ -122,7 +125,7 @@ def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
         made.append(
             NamedEffect(
                 one.name, one.alike, one.p_value, one.gain, dict(fit.state.effects[one.name]),
-                effect_intervals(fit, one.name),
+                effect_intervals(fit, one.name, covariance),
                 where_text(_residual(fitter, found.base) if alone else residual, observed.session,
                 observed.dataset.layout()),
                 float(np.clip(share, 0.0, 1.0)), EFFECTS[one.name].in_places,
@@ -164,10 +167,12 @@ def refitted_effects(
             n: dict(EFFECTS[n].checked(v, dataset.layout().taxels)) for n, v in base.state.effects.items()
         },
     )
-    last = observed.fitter.solve(state, tuple(free), steps=2 * C.joint_steps)
-    wild = wild_presses(observed.fitter, last.state)
+    fitter = observed.fitter
+    last = fitter.solve(state, tuple(free), steps=C.last_steps)
+    wild = wild_presses(fitter, last.state)
     if len(wild):
         # They have drawn sensor, places and effects after them: again without them.
-        last = without_presses(observed.fitter, wild).solve(state, tuple(free), steps=2 * C.joint_steps)
-    made = new_calibration(both, observed, last, drawn, wild, unexplained=False)
+        fitter = without_presses(fitter, wild)
+        last = fitter.solve(state, tuple(free), steps=C.last_steps)
+    made = new_calibration(both, observed, last, fitter.covariance(last), drawn, wild, unexplained=False)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

@@ -11,9 +11,9 @@ with m where the nuisances are now. All that follows, fits, scores, null session
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
@@ -33,7 +33,8 @@ class Blocks:
         count: (B,) values.
         press: (B,) row of the press, -1 for rest.
         moves: for each press the steps of its three own numbers: constant (3,) and by the columns (3, n).
-        free: (B, n, m) columns with nuisances taken out, transposed, for residuals of null sessions; may be empty.
+        drawn: (B, n, S) what ``b`` is in simulated sessions.
+        drawn_chi: (B, S) and their squares.
     """
 
     h: FloatArray
@@ -90,7 +91,7 @@ def blocks(
     """Builds them.
 
     The error of an image is one number a taxel and press, along the signal s alone: it is integrated out first, by
-    ``x - s (s'x) (1 - 1 / sqrt(1 + s's / l)) / s's``, after which it is as if there were none.
+    ``x'y - (s'x) (s'y) / (l + s's)`` in place of every product x'y over the observations of a taxel.
 
     Args:
         w: whitened.
@@ -104,77 +105,67 @@ def blocks(
     taxels, n = w.residual.shape[1], w.columns.shape[2]
     lists = [r for r in block_rows(press) if w.seen[r].any()]
     order, begin = np.concatenate(lists), np.concatenate([[0], np.cumsum([len(r) for r in lists])])
-    owner = np.array([int(press[r[0]]) for r in lists])
-    size = np.diff(begin)
-    signal = w.signal[order] * np.repeat(owner >= 0, size)[:, None]
-    square = np.add.reduceat(signal**2, begin[:-1], axis=0)
-    grown = np.sqrt(1 + square * C.image**2)
-    shrink = np.repeat((1 - 1 / grown) / np.maximum(square, 1e-12), size, axis=0) * signal
-
-    def freed(x: FloatArray) -> FloatArray:
-        """(N, J, k), in the order of blocks, without the error of the image."""
-        part = np.add.reduceat(signal[..., None] * x, begin[:-1], axis=0)
-        return x - shrink[..., None] * np.repeat(part, size, axis=0)
-
-    phases = [phase[order] == f for f in np.unique(phase[press >= 0])]
-    own = (
-        np.concatenate([w.own[order] * f[:, None, None] for f in phases], axis=2)
-        if w.own.shape[2]
-        else w.own[order]
-    )
-    columns, residual = freed(w.columns[order]), freed(w.residual[order][..., None])[..., 0]
-    nuisance = freed(np.concatenate([w.press[order], own], axis=2))
+    owner, size = np.array([int(press[r[0]]) for r in lists]), np.diff(begin)
+    pressed = np.repeat(owner >= 0, size)[:, None, None]
+    phases = [phase == f for f in np.unique(phase[press >= 0])]
+    own = [w.own * f[:, None, None] for f in phases] if w.own.shape[2] else []
+    nuisance = np.concatenate([w.press, *own], axis=2)[order] * pressed
     lam = np.full(nuisance.shape[2], 1 / C.equation**2)
     lam[:3] = precision
-    look = None
+    k = len(lam)
+    # Nuisances, columns, residual side by side: all that is needed are their products, block by block.
+    side = np.concatenate([nuisance, w.columns[order], w.residual[order][..., None]], axis=2)
+    signal = w.signal[order] * pressed[..., 0]
+
+    def along(x: FloatArray) -> FloatArray:
+        """(B, J, k) products with the signal."""
+        return np.add.reduceat(signal[..., None] * x, begin[:-1], axis=0)
+
+    square = np.add.reduceat(signal**2, begin[:-1], axis=0)
+    freed = C.image**2 / (1 + square * C.image**2)
+    image = along(side)
+    flat = side.reshape(-1, side.shape[2])
+    parts = [slice(taxels * a, taxels * b) for a, b in pairwise(begin.tolist())]
+    product = np.stack([flat[p].T @ flat[p] for p in parts])
+    product -= np.swapaxes(image * freed[..., None], 1, 2) @ image
+    m = np.zeros((len(lists), k))
+    m[owner >= 0, :3] = at[owner[owner >= 0]]
+    sessions = 0 if draws is None else draws.shape[2]
+    look, square_of_look = np.zeros((len(lists), k + n, 0)), np.zeros((len(lists), 0))
     if draws is not None and rng is not None:
-        look = draws[order]
-        errors = rng.standard_normal((len(lists), taxels, look.shape[2])) * C.image
-        look += signal[..., None] * np.repeat(errors, size, axis=0)
-        look = freed(look)
+        own_draws = draws[order]
+        errors = rng.standard_normal((len(lists), taxels, sessions)) * C.image
+        own_draws += signal[..., None] * np.repeat(errors, size, axis=0)
+        moved = rng.standard_normal((len(lists), k, sessions)) / np.sqrt(lam)[:, None]
+        for b, (one, rows) in enumerate(zip(parts, pairwise(begin.tolist()), strict=True)):
+            own_draws[slice(*rows)] += (flat[one, :k] @ moved[b]).reshape(-1, taxels, sessions)
+        image_draws = along(own_draws)
+        flat_draws = own_draws.reshape(-1, sessions)
+        look = np.stack([flat[p, : k + n].T @ flat_draws[p] for p in parts])
+        look -= np.swapaxes(image[..., : k + n] * freed[..., None], 1, 2) @ image_draws
+        square_of_look = np.stack([np.einsum("rs,rs->s", flat_draws[p], flat_draws[p]) for p in parts])
+        square_of_look -= np.einsum("bjs,bj->bs", image_draws**2, freed)
+    g = product[:, :k, :k] + np.diag(lam)
+    right = np.concatenate([product[:, :k, k:], look[:, :k]], axis=2)
+    right[..., n] -= lam * m
+    # In units of the diagonal: metres beside parts.
+    unit = 1 / np.sqrt(np.diagonal(g, axis1=1, axis2=2))
+    chol = np.linalg.cholesky(g * unit[:, :, None] * unit[:, None, :])
+    z = np.linalg.solve(chol, right * unit[..., None])
+    cross = np.concatenate([product[:, k : k + n, k:], look[:, k:]], axis=2)
+    cross -= np.swapaxes(z[..., :n], 1, 2) @ z
+    squares = np.concatenate([product[:, -1:, -1], square_of_look], axis=1)
+    squares -= np.einsum("bks,bks->bs", z[..., n:], z[..., n:])
+    squares[:, 0] += (m**2) @ lam
+    step = np.linalg.solve(np.swapaxes(chol, 1, 2), z[..., : n + 1]) * unit[..., None]
+    constant, by = np.zeros((len(at), 3)), np.zeros((len(at), 3, n))
+    constant[owner[owner >= 0]], by[owner[owner >= 0]] = step[owner >= 0, :3, n], step[owner >= 0, :3, :n]
     seen, log_sd = w.seen[order], np.where(w.seen, w.log_sd, 0.0)[order]
     count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
-    loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + 2 * np.log(grown).sum(axis=1)
-    chi = np.zeros(len(lists))
-    hs, bs = np.zeros((len(lists), n, n)), np.zeros((len(lists), n))
-    constant, by = np.zeros((len(at), 3)), np.zeros((len(at), 3, n))
-    sessions = 0 if look is None else look.shape[2]
-    drawn, drawn_chi = (
-        np.zeros((len(lists) if sessions else 0, n, sessions)),
-        np.zeros((len(lists) if sessions else 0, sessions)),
-    )
-    for k, p in enumerate(owner.tolist()):
-        part = slice(begin[k], begin[k + 1])
-        c, e = columns[part].reshape(size[k] * taxels, n), residual[part].ravel()
-        own_draws = np.zeros((len(e), 0)) if look is None else look[part].reshape(len(e), -1)
-        all_ = np.concatenate([c, e[:, None], own_draws], axis=1)
-        cross = c.T @ all_
-        squares = np.einsum("rs,rs->s", all_[:, n:], all_[:, n:])
-        if p >= 0:
-            big = nuisance[part].reshape(len(e), len(lam))
-            m = np.zeros(len(lam))
-            m[:3] = at[p]
-            g = big.T @ big
-            g[np.diag_indices_from(g)] += lam
-            chol = np.linalg.cholesky(g)
-            right = big.T @ all_
-            right[:, n] -= lam * m
-            if sessions and rng is not None:
-                drawn_m = rng.standard_normal((len(lam), sessions)) / np.sqrt(lam)[:, None]
-                lift = big @ drawn_m
-                cross[:, n + 1 :] += c.T @ lift
-                squares[1:] += 2 * np.einsum("rs,rs->s", all_[:, n + 1 :], lift) + np.einsum(
-                    "rs,rs->s", lift, lift
-                )
-                right[:, n + 1 :] += big.T @ lift
-            z = solve_triangular(chol, right, lower=True, check_finite=False)
-            cross -= z[:, :n].T @ z
-            squares -= np.einsum("rs,rs->s", z[:, n:], z[:, n:])
-            squares[0] += m @ (lam * m)
-            loss[k] += 2 * float(np.log(np.diag(chol)).sum()) - float(np.log(lam).sum())
-            step = solve_triangular(chol, z[:, : n + 1], lower=True, trans=1, check_finite=False)
-            constant[p], by[p] = step[:3, n], step[:3, :n]
-        hs[k], bs[k], chi[k] = cross[:, :n], cross[:, n], squares[0]
-        if sessions:
-            drawn[k], drawn_chi[k] = cross[:, n + 1 :], squares[1:]
-    return Blocks(hs, bs, loss + chi, chi, count, owner, (constant, by), drawn, drawn_chi)
+    loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + np.log1p(square * C.image**2).sum(axis=1)
+    loss += 2 * (np.log(np.diagonal(chol, axis1=1, axis2=2)) - np.log(unit)).sum(axis=1) - np.log(lam).sum()
+    chi = squares[:, 0]
+    return Blocks(
+        cross[:, :, :n], cross[:, :, n], loss + chi, chi, count, owner, (constant, by), cross[:, :, n + 1 :],
+        squares[:, 1:],
+    )  # fmt: skip

@@ -28,4 +28,4 @@ def left(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
 def beyond(own: FloatArray, null: FloatArray) -> BoolArray:
     """(3,) whether a session leaves more than null sessions do, (S, 3), and a margin."""
     most = np.quantile(null, C.null_quantile, axis=0)
-    return own > 1 + C.slack * np.maximum(most - 1, C.left)
+    return own > 1 + C.slack * np.maximum(most - 1, C.noise)

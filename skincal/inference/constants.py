@@ -26,18 +26,13 @@ class Constants:
     null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
     slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
     twin_steps: int = 3  # T  of the base model's fit to another contact law
-    left: tuple[float, float, float] = (
-        0.02,
-        0.28,
-        0.28,
-    )  # T  of squares that may always be left; set by eye on a few sessions, not measured
-    joint_steps: int = 4  # T  of a joint fit
+    noise: float = 0.02  # P  relative error of the noise's variance, so much may always be left
+    joint_steps: int = 5  # T  of a joint fit
+    last_steps: int = 12  # T  of that of the effect which is taken
     contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
-    sure_names: int = 2  # T  names that may be sure while more than chance is left
-    stays_open: float = 0.3  # T  part of what there was that may be left beside sure names
-    part: float = 0.005  # P  of what is explained already: less than that is a matter of the equations
+    part: float = 0.02  # P  of what is explained already, half of the square of `equation`: less is theirs
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most
     rounding: float = 0.01  # T  part of the variance from which on rounding does not average out

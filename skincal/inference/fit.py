@@ -19,6 +19,8 @@ from skincal.model.arrays import BoolArray, FloatArray
 NB = len(BASE) + len(LAW)
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
+_LAW = 3.0
+"""The law's numbers are no farther from the foundation than so many standard deviations of what is known of them."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -188,6 +190,27 @@ class Fitter:
         here = self.forward.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
         return float(np.hypot(here[0], here[2]))
 
+    def covariance(self, fit: Fitted) -> FloatArray:
+        """(n, n) of base, law and effects, where the equations of effects may err in all presses alike, too.
+
+        Each press has errors of its own in the blocks; what an equation lacks is besides the same in each phase, and
+        at each force, of all of them, and base and effects give way to it.
+        """
+        n, (seen, free) = len(fit.prior), (fit.seen, fit.free)
+        own = self.contributions(seen)
+        if not own.shape[2]:
+            return fit.covariance
+        samples = self.forward.samples
+        force = np.nan_to_num(samples.contacts.force_n) * samples.touching
+        # More of it at large forces than at small ones, and other than that in each phase.
+        shared = [own * (2 * force / max(float(force.max(initial=0.0)), 1e-12) - 1)[:, None, None]]
+        if samples.phase is not None:
+            shared += [own * (samples.phase == p)[:, None, None] for p in np.unique(samples.phase)]
+        w = self.whitened(seen, np.concatenate([self.columns(seen, free), *shared], axis=2), own)
+        h = self.built(seen, free, w).blocks.h.sum(axis=0)
+        prior = np.concatenate([fit.prior, np.full(h.shape[0] - n, 1 / C.equation**2)])
+        return np.linalg.inv(h + np.diag(prior))[:n, :n]
+
     def step(self, at: Fitted, *, most: float = 1.0) -> State:
         """Where a Gauss-Newton step leads, presses with it."""
         b, s = at.blocks, at.state
@@ -214,7 +237,9 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", d[0])
         pose = moved_pose(self.forward.surface, pose, "turn", d[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", d[2])
-        law = np.clip(s.law + d[6:NB], *(np.array([[-6.0], [6.0]]) * [C.law_power, C.law_blur, C.law_radius]))
+        law = np.clip(
+            s.law + d[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
+        )
         effects = (
             with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + d[NB:])
             if at.free

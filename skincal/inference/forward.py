@@ -41,7 +41,7 @@ Effects = Mapping[str, Mapping[str, FloatArray]]
 
 BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
 LAW = ("power", "blur", "radius")
-_STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 5e-3}
+_STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT = 0.02
 _POWER, _RADIUS = 0.1, 0.03
 _ALIKE = 0.15
@@ -406,19 +406,20 @@ class Forward:
         own = seen.table.at(self.row, x / e)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
         alike = isinstance(self.surface, Cylinder | Plane)
+        turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
-            # difference would seem to tell the one from the other.
+            # difference would seem to tell the one from the other. A turn is a shift of presses, and a turn about each.
             moves = seen.table.slopes(self.row, x / e, at) * e
             out[..., 0] = self.with_loads(seen, -2e-5 * moves[1]) / 2e-5
             out[..., 1] = self.with_loads(seen, -2e-5 * moves[0]) / 2e-5
-        for k, name in enumerate(("y", "turn", "alpha")):
-            if alike and name != "alpha":
-                continue
-            step = _STEP[name]
-            other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, step)))
+            far = self._from_centre(s, places)[np.maximum(self.row, 0)].T[..., None]
+            turned = turned + 2 * _STEP["alpha"] * (far[1] * moves[0] - far[0] * moves[1])
+        out[..., 2] = self.with_loads(seen, turned / 2) / _STEP["alpha"]
+        for k, name in enumerate(() if alike else ("y", "turn")):
+            other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, _STEP[name])))
             table = self._make(other, seen.felt, s, places, lattice=False)
-            out[..., k] = self.with_loads(seen, e * (table.at(self.row, x / e) - own)) / step
+            out[..., k] = self.with_loads(seen, e * (table.at(self.row, x / e) - own)) / _STEP[name]
         harder = float(np.exp(s.log_e + _SOFT))
         change = harder * seen.table.at(self.row, x / harder, at) - e * seen.table.at(self.row, x / e, at)
         out[..., 3] = self.with_loads(seen, change) / _SOFT
@@ -429,6 +430,24 @@ class Forward:
         for k in range(3):
             out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
         return out
+
+    def _turned(self, seen: Seen, places: FloatArray, angle: float) -> FloatArray:
+        """(K, J) loads with the patch turned; where the surface is alike everywhere presses go along with it."""
+        s = seen.state
+        other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, "alpha", angle)))
+        if isinstance(self.surface, Cylinder | Plane):
+            far = self._from_centre(s, places)
+            places = places + angle * np.stack([-far[:, 1], far[:, 0]], axis=1)
+        e = float(np.exp(s.log_e))
+        table = self._make(other, seen.felt, s, places, lattice=False)
+        return e * table.at(self.row, self._force(seen.felt, s) / e)
+
+    def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
+        """(P, 2) how far presses are from the patch's centre, across and along [m]."""
+        points = self.surface.project(self._measured.points_m)
+        centre = self.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0]
+        at, zero = unrolled(points, self.surface), unrolled(centre, self.surface)
+        return np.nan_to_num(np.stack([at[0] - zero[0], at[1] - zero[1]], axis=1) + places)
 
     def press_columns(self, seen: Seen) -> FloatArray:
         """(K, J, 3) slopes by the shift of a press across and along [1/m] and by the logarithm of its force."""
@@ -460,3 +479,10 @@ def moved_pose(surface: Surface, pose: SensorPose, name: str, step: float) -> Se
         return replace(pose, x_m=pose.x_m + step)
     here = surface.wrap(replace(pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
     return replace(pose, beta_rad=pose.beta_rad + step / max(float(np.hypot(here[0], here[2])), 1e-4))
+
+
+def unrolled(points_m: FloatArray, surface: Surface) -> tuple[FloatArray, FloatArray]:
+    """Places (N,) of points of a cylinder or a plane, across and along [m]."""
+    if isinstance(surface, Cylinder):
+        return surface.radius_m * np.arctan2(points_m[:, 0], points_m[:, 2]), points_m[:, 1]
+    return points_m[:, 0], points_m[:, 1]

@@ -24,12 +24,14 @@ import numpy as np
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
 from skincal.inference.check import beyond, left
-from skincal.inference.columns import Candidate, begun, candidates, free_of, starts_of
+from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.forward import State
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.inference.start import placed
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _SCALES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
 
@@ -59,8 +61,8 @@ class Tried:
 
     @property
     def good(self) -> bool:
-        """Whether it may be named."""
-        return self.gain > self.limit and self.sure > C.sure
+        """Whether it is worth a fit."""
+        return self.gain > self.limit and self.shared > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ class Found:
         rounds: what was tried in each round, best first.
         null: of the base.
         left: (3,) what the final model leaves, as :func:`skincal.inference.check.left`.
-        open: whether that is more than chance.
+        beyond: (3,) whether that is more than chance.
         begun_with: (3,) the same of the base model.
     """
 
@@ -105,18 +107,19 @@ class Found:
     rounds: tuple[tuple[Tried, ...], ...]
     null: Null
     left: FloatArray
-    open: bool
+    beyond: BoolArray
     begun_with: FloatArray
 
     @property
+    def open(self) -> bool:
+        """Whether the final model leaves more than chance."""
+        return bool(self.beyond.any())
+
+    @property
     def doubtful(self) -> bool:
-        """Whether what is named leaves more than chance and too much of what there was: it is not what is missing."""
-        if not self.open:
-            return False
-        before, after = np.maximum(self.begun_with - 1, 1e-9), np.maximum(self.left - 1, 0.0)
-        return len(self.named) > C.sure_names or bool(
-            (after / before)[self.begun_with > 1 + np.array(C.left)].max(initial=0.0) > C.stays_open
-        )
+        """Whether what is named leaves more than chance, and more of what there was than an equation may err by."""
+        before, after = np.maximum(self.begun_with - 1, C.noise), self.left - 1
+        return self.open and bool((after > C.equation * before)[self.beyond].any())
 
 
 @dataclass(eq=False)
@@ -137,7 +140,6 @@ class Search:
         self._folds = folds_of(self.base.blocks, self.rng)
         known = dict(self.base.state.effects)
         fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
-        starts: dict[str, Candidate] = {}
         dropped: set[str] = set()
         null: Null | None = None
         gained = 0.0
@@ -151,17 +153,13 @@ class Search:
             good = [t for t in tried if t.good and t.gain > C.part * gained and t.name not in dropped]
             if not good or len(named) >= C.most:
                 break
-            best = self._best(fit, good)
+            best = self._best(fit, good, null, C.part * gained)
             if best is None:
                 break
             one, new, alike, rivals = best
             gain = Score(self.score(new) - self.score(fit))
-            if gain.total < null.limit(one.name) or gain.total < C.part * gained:
-                dropped.add(one.name)
-                continue
             gained += gain.total
             fit = new
-            starts[one.name] = one.candidate
             if one.name not in [n.name for n in named]:
                 p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (
                     1 + len(null.laws)
@@ -170,15 +168,14 @@ class Search:
             # What the new one has made needless goes.
             for old in list(named[:-1]):
                 less = self._without(fit, old.name, known)
-                if Score(self.score(fit) - self.score(less)).total < null.limit(old.name):
+                more = Score(self.score(fit) - self.score(less)).total
+                if more < max(null.limit(old.name), C.part * gained):
                     fit, named = less, [n for n in named if n is not old]
                     dropped.add(old.name)
         b = fit.blocks
         own = left(b.chi[:, None], b.count, b.press)[0]
         first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
-        return Found(
-            self.base, fit, tuple(named), tuple(rounds), null, own, bool(beyond(own, null.left).any()), first
-        )
+        return Found(self.base, fit, tuple(named), tuple(rounds), null, own, beyond(own, null.left), first)
 
     # ------------------------------------------------------------------ a round
 
@@ -266,21 +263,36 @@ class Search:
         return sorted(out.values(), key=lambda t: -t.gain)
 
     def _best(
-        self, fit: Fitted, good: Sequence[Tried]
+        self, fit: Fitted, good: Sequence[Tried], null: Null, least: float
     ) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
-        """Of the best few the one whose joint fit predicts best, and those that predict as well."""
+        """Of the best few the one whose joint fit surely predicts better, and best, and those that predict as well.
+
+        What is near the best after a few steps is fitted until it is settled before it is compared: the base has gone
+        along with what was missing, and may have far to come back.
+        """
         order = sorted(good, key=lambda t: -t.shared)
         few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
         fits = [(t, self.with_one(fit, t)) for t in few]
+        gains = [Score(self.score(x) - self.score(fit)) for _, x in fits]
+        fits = [
+            own
+            for own, gain in zip(fits, gains, strict=True)
+            if gain.total > max(null.limit(own[0].name), least) and max(own[0].sure, gain.sure) > C.sure
+        ]
+        if not fits:
+            return None
+        near = self._alike(fits)
+        fits = [(t, self._settled(x.state, x.free)) for t, x in near]
+        first, *alike = self._alike(fits)
+        return (*first, (first[0].name, *(t.name for t, _ in alike)), tuple((t.name, x) for t, x in alike))
+
+    def _alike(self, fits: Sequence[tuple[Tried, Fitted]]) -> list[tuple[Tried, Fitted]]:
+        """The one that predicts best, and those whose difference from it is not sure."""
         scores = [self.score(x) for _, x in fits]
         k = int(np.argmax([s.sum() for s in scores]))
-        first = fits[k][0]
-        alike = []
-        for (t, fit_), own in zip(fits, scores, strict=True):
-            behind = Score(scores[k] - own)
-            if t.name != first.name and behind.total < C.alike * max(behind.error, 1.0):
-                alike.append((t.name, fit_))
-        return first, fits[k][1], (first.name, *(n for n, _ in alike)), tuple(alike)
+        behind = [Score(scores[k] - own) for own in scores]
+        others = [i for i, b in enumerate(behind) if i != k and b.total < C.alike * max(b.error, 1.0)]
+        return [fits[k], *(fits[i] for i in sorted(others, key=lambda i: behind[i].total))]
 
     # ------------------------------------------------------------------ fits
 
@@ -301,6 +313,12 @@ class Search:
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
         at = replace(fit.state, effects=effects)
         return self.fitter.solve(at, free, steps=C.joint_steps)
+
+    def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
+        """A fit gone on to its end, and again from better places of presses that it has left behind."""
+        fit = self.fitter.solve(state, free, steps=C.last_steps)
+        again = self.fitter.solve(placed(self.fitter, fit.state), fit.free, steps=C.joint_steps)
+        return again if again.loss() < fit.loss() else fit
 
     def _scaled(
         self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None
@@ -325,7 +343,7 @@ class Search:
     def _without(self, fit: Fitted, name: str, known: dict) -> Fitted:  # type: ignore[type-arg]
         effects = {n: v for n, v in fit.state.effects.items() if n != name or n in known}
         free = tuple(f for f in fit.free if f.effect != name)
-        return self.fitter.solve(replace(fit.state, effects=effects), free, steps=C.joint_steps)
+        return self._settled(replace(fit.state, effects=effects), free)
 
     @property
     def scene(self) -> Scene:

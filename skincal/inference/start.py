@@ -144,14 +144,17 @@ def placed_at(fitter: Fitter, state: State, bad: IntArray) -> State:
         lattice=False,
     )
     force = np.maximum(np.nan_to_num(f.samples.contacts.force_n), 0.0)
-    scale = np.exp(state.log_s)
+    scale, added = np.exp(state.log_s), np.zeros(fitter.counts.shape)
+    if state.effects:
+        # What effects do to an image is taken to be the same at other places near by.
+        added = f.mean @ (f.see(state).values - f.see(replace(state, effects={})).values)
     for k, p in enumerate(bad):
         rows = np.flatnonzero((fitter.press == p) & (fitter.phase == HOLD))
         rows = rows if len(rows) else np.flatnonzero(fitter.press == p)
         own = (f.mean @ force)[rows]
         if not len(own) or not own.max() > 0:
             continue
-        image = np.average(fitter.counts[rows], axis=0, weights=own + 1e-12)
+        image = np.average((fitter.counts - added)[rows], axis=0, weights=own + 1e-12)
         loads = e * table.at(
             np.arange(k * len(grid), (k + 1) * len(grid)), np.full(len(grid), float(own.mean()) / e)
         )

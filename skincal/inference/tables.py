@@ -208,6 +208,30 @@ def _cast(
 
 
 @njit(cache=True, nogil=True)
+def _by_size(values, count, below):
+    """Which of the first values are below a bound, smallest first: Shell's sort; numba's own is slow to compile."""
+    order = np.empty(count, np.int64)
+    n = 0
+    for i in range(count):
+        if values[i] < below:
+            order[n] = i
+            n += 1
+    step = 1
+    while 3 * step + 1 < n:
+        step = 3 * step + 1
+    while step > 0:
+        for i in range(step, n):
+            own = order[i]
+            k = i
+            while k >= step and values[order[k - step]] > values[own]:
+                order[k] = order[k - step]
+                k -= step
+            order[k] = own
+        step //= 3
+    return order[:n]
+
+
+@njit(cache=True, nogil=True)
 def _balls(
     points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference
 ):
@@ -251,8 +275,7 @@ def _balls(
             if carried >= most[c] or reach > 0.02:
                 break
             reach *= 1.5
-        near = np.flatnonzero(gap[:m] < first + reach)
-        order = near[np.argsort(gap[:m][near])]
+        order = _by_size(gap, m, first + reach)
         if power == 1.0:
             heavy, moment = np.zeros(taxels), np.zeros(taxels)
             total, lever, at = 0.0, 0.0, 0
@@ -293,9 +316,11 @@ def _balls(
                 elif taxel[which[i]] >= 0:
                     own[s, taxel[which[i]]] += f
         root = np.sqrt(carry)
+        s = 1
         for k in range(1, nodes):
             wanted = np.sqrt(most[c] * share[k])
-            s = min(max(np.searchsorted(root, wanted), 1), steps - 1)
+            while s < steps - 1 and root[s] < wanted:
+                s += 1
             t = (wanted - root[s - 1]) / max(root[s] - root[s - 1], 1e-300)
             for j in range(taxels):
                 # The square root of a load is nearly a line over that of the force; below the first step a power.

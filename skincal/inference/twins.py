@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
-from skincal.inference.forward import Forward, State
+from skincal.inference.forward import Forward, State, unrolled
 from skincal.inference.tables import NODES, Presses, PressTable, press_table
 from skincal.model import Cylinder, Patch, Plane, Sphere, StressLaw, Surface
 from skincal.model.arrays import FloatArray
@@ -50,7 +50,7 @@ def _layer_table(
 ) -> PressTable | None:
     felt = np.flatnonzero(patch.taxel >= 0)
     points, areas, taxel = patch.points_m[felt], patch.areas_m2[felt], patch.taxel[felt]
-    arc, along = _unrolled(points, surface)
+    arc, along = unrolled(points, surface)
     owner = np.zeros((len(felt), patch.layout.taxels))
     owner[np.arange(len(felt)), taxel] = areas
     most = presses.most_n / e
@@ -73,7 +73,7 @@ def _layer_table(
         if solved is None:
             return None
         forces, fields = solved
-        at_arc, at_along = _unrolled(surface.project(presses.points_m[rows]), surface)
+        at_arc, at_along = unrolled(surface.project(presses.points_m[rows]), surface)
         loads = np.zeros((len(rows), len(forces) + 1, owner.shape[1]))
         for k, field in enumerate(fields):
             spot = field.felt_at(arc[None] - at_arc[:, None], along[None] - at_along[:, None])
@@ -124,9 +124,3 @@ def _solved(press: Press, layer: Layer, forces: FloatArray):
             # The ball sinks in beyond the grid: a layer twice as stiff is a twin, too.
             layer = Layer.of_stiffness(2.0 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
     return None
-
-
-def _unrolled(points_m: FloatArray, surface: Surface) -> tuple[FloatArray, FloatArray]:
-    if isinstance(surface, Cylinder):
-        return surface.radius_m * np.arctan2(points_m[:, 0], points_m[:, 2]), points_m[:, 1]
-    return points_m[:, 0], points_m[:, 1]

@@ -1,0 +1,88 @@
+"""Blocks are the algebra of whole covariances, written down press by press."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skincal.inference.blocks import Whitened, blocks
+from skincal.inference.constants import CONSTANTS as C
+
+PRESSES, ROWS, TAXELS, COLUMNS = 3, 5, 4, 2
+PRECISION = 1 / np.array([1e-3, 2e-3, 0.02]) ** 2
+
+
+def case() -> tuple[Whitened, np.ndarray, np.ndarray, np.ndarray]:
+    """Three presses of five observations, and two moments of rest."""
+    rng = np.random.default_rng(4)
+    press = np.append(np.repeat(np.arange(PRESSES), ROWS), [-1, -1])
+    phase = np.append(np.tile([1, 1, 2, 2, 3], PRESSES), [0, 0])
+    n = len(press)
+
+    def some(*shape: int, size: float = 1.0) -> np.ndarray:
+        return size * rng.standard_normal((n, TAXELS, *shape))
+
+    w = Whitened(
+        some(), some(COLUMNS), some(3) * [300.0, 300.0, 5.0], some(size=40.0), some(1, size=3.0),
+        np.ones((n, TAXELS), dtype=bool), some(size=0.1),
+    )  # fmt: skip
+    w.press[press < 0] = 0.0
+    return w, press, phase, 1e-4 * rng.standard_normal((PRESSES, 3))
+
+
+def whole_covariance(w: Whitened, rows: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Of the values of a press: noise, its own numbers, an error of the image, one of the equation in each phase."""
+    n = w.press[rows].reshape(-1, 3)
+    found = np.eye(len(n)) + n @ np.diag(1 / PRECISION) @ n.T
+    for j in range(TAXELS):
+        image = np.zeros((len(rows), TAXELS))
+        image[:, j] = w.signal[rows, j]
+        found += C.image**2 * np.outer(image.ravel(), image.ravel())
+    for part in np.unique(phase[rows]):
+        own = (w.own[rows, :, 0] * (phase[rows] == part)[:, None]).ravel()
+        found += C.equation**2 * np.outer(own, own)
+    return found
+
+
+def test_they_are_what_the_whole_covariance_says():
+    w, press, phase, at = case()
+    found = blocks(w, press, phase, at, PRECISION)
+    for k, p in enumerate(found.press):
+        rows = np.flatnonzero(press == p)
+        if p < 0:
+            continue
+        inverse = np.linalg.inv(whole_covariance(w, rows, phase))
+        c = w.columns[rows].reshape(-1, COLUMNS)
+        # The residual is that at the press's own numbers: at none it is what they add, too.
+        e = w.residual[rows].ravel() + w.press[rows].reshape(-1, 3) @ at[p]
+        assert found.h[k] == pytest.approx(c.T @ inverse @ c, rel=1e-8)
+        assert found.b[k] == pytest.approx(c.T @ inverse @ e, rel=1e-8)
+        assert found.chi[k] == pytest.approx(e @ inverse @ e, rel=1e-8)
+        _, log_det = np.linalg.slogdet(whole_covariance(w, rows, phase))
+        assert found.loss[k] - found.chi[k] == pytest.approx(log_det + 2 * w.log_sd[rows].sum(), rel=1e-8)
+
+
+def test_drawn_sessions_leave_as_many_squares_as_they_have_values():
+    w, press, phase, at = case()
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((*w.residual.shape, 4000))
+    found = blocks(w, press, phase, at, PRECISION, draws, rng)
+    assert found.drawn_chi.mean(axis=1) == pytest.approx(found.count, rel=0.05)
+    # b of a null session has the curvature for its covariance.
+    for h, b in zip(found.h, found.drawn, strict=True):
+        assert np.cov(b) == pytest.approx(h, abs=0.1 * np.abs(h).max())
+
+
+def test_taxels_that_were_not_read_have_no_say():
+    w, press, phase, at = case()
+    seen = w.seen.copy()
+    seen[2, 1] = False
+    cut = replace(
+        w, seen=seen, residual=w.residual * seen, columns=w.columns * seen[..., None],
+        press=w.press * seen[..., None], signal=w.signal * seen, own=w.own * seen[..., None],
+    )  # fmt: skip
+    changed = replace(cut, log_sd=np.where(seen, w.log_sd, 7.0))
+    a, b = (blocks(x, press, phase, at, PRECISION) for x in (cut, changed))
+    assert a.loss == pytest.approx(b.loss) and a.count.sum() == b.count.sum() == seen.sum()

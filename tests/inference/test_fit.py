@@ -1,0 +1,97 @@
+"""The joint fit: what tells a turn of the sensor, places of presses, errors of equations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from inference.made import KINDS, made
+from report.diagnosis_cases import calibration
+
+from skincal.diagnosis.gap import placed_presses
+from skincal.diagnosis.observed import Observed, observe
+from skincal.inference.columns import free_of
+from skincal.inference.fit import Fitter
+from skincal.inference.forward import Forward
+
+
+@cache
+def seen(kind: str) -> Observed:
+    """A kind of session, as the engine takes it."""
+    data = made(**KINDS[kind])  # type: ignore[arg-type]
+    return observe(data, replace(calibration(), sensor=data.meta.sensor), np.random.default_rng(0))
+
+
+def test_points_that_come_and_go_do_not_tell_a_turn():
+    observed, sd = seen("nothing"), []
+    own = observed.fitter.forward
+    for resolution in (2e-4, 6e-4):
+        forward = Forward(
+            own.session,
+            own.surface,
+            own.layout,
+            own.noise,
+            clipped=own.rests_clipped,
+            resolution_m=resolution,
+        )
+        fit = Fitter(forward, observed.fitter.counts, observed.fitter.before).linear(
+            observed.fitter.before.start, ()
+        )
+        sd.append(np.sqrt(fit.covariance[2, 2]))
+    assert sd[1] == pytest.approx(sd[0], rel=0.15)
+
+
+def test_a_turn_is_what_differences_say():
+    fitter = seen("nothing").fitter
+    forward, state = fitter.forward, fitter.before.start
+    column = forward.base_columns(forward.see(state))[..., 2]
+    ends = [
+        forward.see(replace(state, pose=replace(state.pose, alpha_rad=state.pose.alpha_rad + h))).values
+        for h in (0.02, -0.02)
+    ]
+    apart = (ends[0] - ends[1]) / 0.04
+    assert np.sqrt(np.mean((column - apart) ** 2)) < 0.05 * np.sqrt(np.mean(apart**2))
+
+
+def test_presses_kept_for_the_end_are_placed_where_they_fit():
+    observed = seen("hysteresis")
+    whole, rows = observed.whole(), np.flatnonzero(observed.held)
+    state = observed.fitter.before.start
+    own = placed_presses(whole, state, rows)
+    left = misfit(whole, own)[rows]
+    for step in (2e-4, -2e-4):
+        for axis in (0, 1):
+            move = own.move.copy()
+            move[rows, axis] += step
+            assert (left <= misfit(whole, replace(own, move=move))[rows] + 1.0).all()
+    # From where another model has them they come to places that are no worse, but for tables made elsewhere.
+    far = replace(state, move=np.full_like(state.move, 3e-4))
+    assert (misfit(whole, placed_presses(whole, state, rows, [far]))[rows] <= left + 5.0).all()
+
+
+def misfit(fitter: Fitter, state) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """(P,) squares over the noise and of what is known of places."""
+    sight = fitter.forward.see(state)
+    none = np.zeros((*sight.values.shape, 0))
+    w = fitter.whitened(sight, none, none)
+    each = (w.residual**2 + np.where(w.seen, 2 * w.log_sd, 0.0)).sum(axis=1)
+    own = fitter.press >= 0
+    return (
+        np.bincount(fitter.press[own], each[own], fitter.forward.presses) + state.move**2 @ fitter.before.move
+    )
+
+
+def test_an_equation_that_errs_everywhere_alike_widens_what_depends_on_it():
+    observed = seen("saturation")
+    fitter, effects = observed.fitter, KINDS["saturation"]["effects"]
+    values = {k: np.asarray(v) for k, v in effects["saturation"].items()}  # type: ignore[index]
+    state = replace(fitter.before.start, effects={"saturation": values})
+    fit = fitter.linear(state, tuple(free_of("saturation", values, None, observed.covariates)))
+    narrow, wide = fit.covariance, fitter.covariance(fit)
+    assert (np.diag(wide) >= np.diag(narrow) * (1 - 1e-6)).all()
+    # The effect itself is known no better than its equation.
+    assert wide[-1, -1] > 1.2 * narrow[-1, -1]
+    alone = fitter.linear(fitter.before.start, ())
+    assert fitter.covariance(alone) == pytest.approx(alone.covariance)
