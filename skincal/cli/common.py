@@ -30,7 +30,7 @@ SeedOption = Annotated[
 ]
 
 WorkersOption = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+    int | None, typer.Option("--workers", min=1, max=1024, help="Processes.", show_default="one a core")
 ]
 SchedulerOption = Annotated[
     str | None,
