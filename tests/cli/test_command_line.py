@@ -132,8 +132,8 @@ def test_nothing_but_json_is_on_standard_output_whatever_a_driver_prints(tmp_pat
 @pytest.mark.parametrize(
     "command",
     [
-        "eval marble marble-desired-1 --episodes 99999999999999999999999", "eval marble marble-desired-1 --duration-s inf",
-        "eval marble marble-desired-1 --duration-s 1e300", "deploy marble marble-desired-1 --out o --duration-s inf",
+        "eval marble marble-desired-1 --episodes 9999999999999999999999",
+        "eval marble marble-desired-1 --duration-s inf", "eval marble marble-desired-1 --duration-s 1e300", "deploy marble marble-desired-1 --out o --duration-s inf",
         "fit d --out o --e-count 99999999999999999999999", "fit d --out o --workers 1000000000000",
         "train marble --out o --seed 1000000000000",
     ],
