@@ -133,9 +133,9 @@ def test_nothing_but_json_is_on_standard_output_whatever_a_driver_prints(tmp_pat
     "command",
     [
         "eval marble marble-desired-1 --episodes 9999999999999999999999",
-        "eval marble marble-desired-1 --duration-s inf", "eval marble marble-desired-1 --duration-s 1e300", "deploy marble marble-desired-1 --out o --duration-s inf",
-        "fit d --out o --e-count 99999999999999999999999", "fit d --out o --workers 1000000000000",
-        "train marble --out o --seed 1000000000000",
+        "eval marble marble-desired-1 --duration-s inf", "eval marble marble-desired-1 --duration-s 1e300",
+        "deploy marble marble-desired-1 --out o --duration-s inf", "fit d --out o --workers 1000000000000",
+        "fit d --out o --e-count 99999999999999999999999", "train marble --out o --seed 1000000000000",
     ],
 )  # fmt: skip
 def test_numbers_beyond_all_bounds(command: str, capsys: pytest.CaptureFixture[str]) -> None:
