@@ -31,7 +31,8 @@ SeedOption = Annotated[
 ]
 
 WorkersOption = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Number of processes.", show_default="one per core")
+    int | None,
+    typer.Option("--workers", min=1, max=1024, help="Number of processes.", show_default="one per core"),
 ]
 SchedulerOption = Annotated[
     str | None,

@@ -76,6 +76,7 @@ def deploy(
         typer.Option(
             "--duration-s",
             min=0.5,
+            max=3600.0,
             help="Length of the run [s].",
             show_default="8 marble, 24 bolt; or the letters'",
         ),

@@ -45,11 +45,15 @@ def evaluate(
         Path | None,
         typer.Option("--out", help="Folder for figures and numbers; it appears complete or not at all."),
     ] = None,
-    episodes: Annotated[int, typer.Option("--episodes", min=1, help="Runs of each policy.")] = 100,
+    episodes: Annotated[
+        int, typer.Option("--episodes", min=1, max=1_000_000, help="Runs of each policy.")
+    ] = 100,
     seed: SeedOption = 0,
     duration_s: Annotated[
         float | None,
-        typer.Option("--duration-s", min=0.1, help="Length of a run [s].", show_default="8 marble, 24 bolt"),
+        typer.Option(
+            "--duration-s", min=0.1, max=3600.0, help="Length of a run [s].", show_default="8 marble, 24 bolt"
+        ),
     ] = None,
     ranges: Annotated[
         Path | None,

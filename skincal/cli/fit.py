@@ -45,10 +45,16 @@ def _range(name: str, what: str) -> typer.models.OptionInfo:
     )
 
 
-def _step(name: str, least: float, what: str, defaults: str) -> typer.models.OptionInfo:
+def _step(
+    name: str, least: float, what: str, defaults: str, most: float | None = None
+) -> typer.models.OptionInfo:
     fast, general, nlopt = defaults.split("; ")
     return typer.Option(
-        name, min=least, help=what, show_default=f"{fast}; {general} with general; {nlopt} with nlopt"
+        name,
+        min=least,
+        max=most,
+        help=what,
+        show_default=f"{fast}; {general} with general; {nlopt} with nlopt",
     )
 
 
@@ -82,7 +88,7 @@ def fit(
         float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", "2.5; 5; 13.5")
     ] = None,
     e_count: Annotated[
-        int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 12; 4")
+        int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 12; 4", 10_000)
     ] = None,
     active_counts: Annotated[
         float | None,

@@ -59,7 +59,8 @@ def train(
         typer.Option("--ranges", help="File of the randomization ranges.", show_default="preset iros24"),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Seed of all randomness.", show_default="0")
+        int | None,
+        typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.", show_default="0"),
     ] = None,
     steps: Annotated[
         int | None,

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
+import re
 import shutil
 from collections.abc import Mapping
 from datetime import datetime
@@ -23,9 +25,15 @@ from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 
 Arrays = Mapping[str, NDArray[Any]]
+_log = logging.getLogger("skincal")
 
 HEAD = "session.json"
 FORMAT = "skincal-session/1"
+
+_OURS = re.compile(
+    r"session\.json|plan\.toml|skin\.memory|(press|rest)-\d+\.npz|connection-\d+\.json|\..*\.part"
+)
+"""Names of what a session keeps in its folder."""
 
 
 class Journal:
@@ -123,8 +131,11 @@ class Journal:
         _durably(self.folder / name, text.encode())
 
     def remove(self) -> None:
-        """Remove the folder of a completed session."""
-        _remove(self.folder)
+        """Remove the folder of a completed session, if it holds nothing else."""
+        try:
+            _remove(self.folder)
+        except InputError as error:
+            _log.warning("%s", error)
 
     def _keep(self, name: str, arrays: Arrays) -> None:
         import io
@@ -200,7 +211,18 @@ def _another(
 
 
 def _remove(folder: Path) -> None:
-    """Rename the folder first, so that no session with missing presses remains that could be resumed."""
+    """Rename the folder first, so that no session with missing presses remains that could be resumed.
+
+    Raises:
+        InputError: it holds what no session wrote.
+    """
+    strangers = (
+        [path.name for path in folder.iterdir() if not _OURS.fullmatch(path.name)] if folder.is_dir() else []
+    )
+    if strangers:
+        got = f"also {', '.join(sorted(strangers)[:3])}"
+        fix = "Move that elsewhere, or choose another name: only what skincal wrote is removed."
+        raise InputError([Problem(str(folder), "a folder of an interrupted session alone", got, fix)])
     away = folder.with_name(f"{folder.name}.old")
     shutil.rmtree(away, ignore_errors=True)
     if folder.is_dir():

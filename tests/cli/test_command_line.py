@@ -141,6 +141,22 @@ def test_nothing_but_json_is_on_standard_output_whatever_a_driver_prints(tmp_pat
     assert all(text in done.stderr for text in ("imported", "connected", "a library writes"))
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "eval marble marble-desired-1 --episodes 9999999999999999999999",
+        "eval marble marble-desired-1 --duration-s inf", "eval marble marble-desired-1 --duration-s 1e300",
+        "deploy marble marble-desired-1 --out o --duration-s inf", "fit d --out o --workers 1000000000000",
+        "fit d --out o --e-count 99999999999999999999999", "train marble --out o --seed 1000000000000",
+    ],
+)  # fmt: skip
+def test_numbers_beyond_all_bounds(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(command.split())
+    assert ended.value.code == 2
+    assert "Invalid value" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("more", ["", "--json"])
 def test_a_standard_output_that_is_closed(more: str) -> None:
     command = f"{sys.executable} -m skincal hand show {more} >&-"

@@ -88,3 +88,14 @@ def test_removing_leaves_nothing(tmp_path: Path):
     journal.keep_press(0, {"a": np.ones(1)})
     journal.remove()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_restart_removes_nothing_that_others_wrote(tmp_path: Path) -> None:
+    folder = tmp_path / ".run.collect"
+    open_journal(tmp_path)
+    (folder / "thesis.txt").write_text("mine")
+    for changes in ({"restart": True}, {"seed": 8}):
+        with pytest.raises(InputError, match=r"also thesis\.txt"):
+            open_journal(tmp_path, **changes)
+    open_journal(tmp_path).remove()
+    assert (folder / "thesis.txt").read_text() == "mine"

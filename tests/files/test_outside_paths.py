@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
+
 from calibrations import make_calibration
 from conftest import make_session
 from hands import other_hand
