@@ -1,1 +1,1 @@
-"""What skincal is measured by: speed, and synthetic sessions with their truth (``python -m benchmarks.NAME``)."""
+"""Benchmarks of skincal: speed, and synthetic sessions with a known truth (``python -m benchmarks.NAME``)."""

@@ -71,7 +71,7 @@ class Job:
 
     @property
     def key(self) -> tuple[str, int]:
-        """What the session goes by in the study."""
+        """Key of the session in the study."""
         return self.protocol, self.seed
 
 
@@ -211,7 +211,7 @@ def told_truth(seen: Seen, options: FitOptions) -> dict[str, float]:
 
 
 def summary(records: Sequence[Record]) -> Record:
-    """What the sessions say, for each protocol."""
+    """Summarize the sessions of each protocol."""
     protocols = list(dict.fromkeys(r["law"] for r in records))
     return {name: _group([r for r in records if r["law"] == name]) for name in protocols}
 

@@ -1,4 +1,4 @@
-"""What few presses tell: do intervals hold the truth with no reading to spare, and with some?
+"""Coverage of intervals from few presses, with and without readings to spare.
 
 Fits the first few usable presses of seeded sessions, and counts the intervals that the draws would give, whether the
 fit gives them or not: it gives none where there are few presses and no more readings than unknowns
@@ -56,7 +56,7 @@ def counted(records: Iterable[Record], level: float) -> list[Record]:
 
 
 def _held(record: Record, level: float) -> int:
-    """How many of the parameters have the truth in the interval that the draws give."""
+    """Count the parameters with the truth in the interval of the draws."""
     plain = {key: value for key, value in record.items() if key != "levels"} | {"no_interval": False}
     intervals = as_shipped(plain, QUANTILES, LEVELS, level)["intervals"]
     return sum(low <= record["told"][name] <= high for name, (low, high) in intervals.items())

@@ -97,7 +97,7 @@ def _interval(
     box: SearchBox,
     level: float,
 ) -> list[float]:
-    """As :func:`skincal.fitting.valley.interval`, from quantiles instead of draws."""
+    """Compute the interval as :func:`skincal.fitting.valley.interval` does, from quantiles instead of draws."""
     tail = (1.0 - level) / 2
     ends = np.array([np.interp([tail, 1.0 - tail], quantiles, cloud) for cloud in clouds])
     return list(closed(name, min(float(ends[:, 0].min()), best), max(float(ends[:, 1].max()), best), box))

@@ -60,7 +60,7 @@ class Job:
 
     @property
     def key(self) -> tuple[str, int]:
-        """What the session goes by in the study."""
+        """Key of the session in the study."""
         return self.kind, self.index
 
 

@@ -19,7 +19,7 @@ SHOWN_LEVELS = ("0.9", "0.95", "0.98", "0.99")
 
 @dataclass(frozen=True)
 class Scale:
-    """How a parameter is told: its unit, and the factor to it.
+    """Unit of a parameter in the tables, and the factor to it.
 
     E and S are told in per cent, as differences of their logarithm: what matters of them is their ratio.
     """
@@ -57,7 +57,7 @@ def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
 
 
 def summary(records: Sequence[Record], level: float) -> Record:
-    """What the records say, for each law and, where there are several, for all together.
+    """Summarize the records for each law and, where there are several, for all together.
 
     Args:
         records: of the sessions.

@@ -1,4 +1,4 @@
-"""How long a session of a million frames takes to read, check and write.
+"""Time to read, check and write a session of a million frames.
 
 Run it with ``python benchmarks/dataset_load.py``; ``--frames`` sets the length of the session.
 """

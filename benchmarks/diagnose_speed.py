@@ -1,4 +1,4 @@
-"""How long does a diagnosis take, stage by stage?
+"""Time of a diagnosis, stage by stage.
 
     python -m benchmarks.diagnose_speed [--effects none,hysteresis] [--seed 7] [--out FILE]
 

@@ -1,4 +1,4 @@
-"""What presses tell of every effect: the paper's static ones, the paper's with frames, and those of a full session.
+"""Identifiability of every effect in the paper's presses, static and with frames, and in a full session.
 
 ``python benchmarks/effects_seen.py`` writes ``benchmarks/results/effects_seen.json``, which the pages of the effects
 show: whether a typical case (strength 1) is visible, from which strength on, which effects imitate it and how well, and
@@ -50,7 +50,7 @@ def planned(plan: Plan) -> tuple[dict[str, EffectAudit], dict[str, str], int]:
 
 
 def row(found: EffectAudit, reasons: dict[str, str]) -> dict[str, Any]:
-    """What is kept of one effect."""
+    """Return the record of one effect."""
     likest = sorted(found.overlaps.items(), key=lambda pair: -pair[1])[:LIKEST] if found.distance > 0 else []
     smallest = found.smallest_strength
     return {

@@ -1,4 +1,4 @@
-"""How fast are the environments, and what does the skin cost?
+"""Speed of the environments, and the cost of the skin.
 
     python benchmarks/env_speed.py [--steps 600] [--json]
 

@@ -1,4 +1,4 @@
-"""How long a fit with the default grid takes, as a whole process: ``skincal fit``, its report included.
+"""Time of a fit with the default grid, as a whole process: ``skincal fit``, its report included.
 
     python benchmarks/fit_speed.py [DATASET] [--out FILE] [-- OPTIONS OF THE FIT]
 

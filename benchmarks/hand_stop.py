@@ -1,4 +1,4 @@
-"""How soon the guard stops a hand, and what it costs: `python benchmarks/hand_stop.py [--repeats 50] [--json]`.
+"""Latency and cost of the guard's stop: `python benchmarks/hand_stop.py [--repeats 50] [--json]`.
 
 A simulated hand misbehaves in one of several ways; measured is the time from the call that goes wrong to the call of
 the driver's `stop`.
@@ -133,7 +133,7 @@ def stop_times_ms(
 
 
 def cost_us(cycles: int = 2000) -> float:
-    """What the guard adds to a call to the simulated hand [us]."""
+    """Measure the guard's cost for a call to the simulated hand [us]."""
 
     def run(hand: HandDriver | GuardedHand) -> float:
         with hand:

@@ -88,7 +88,7 @@ class Job:
 
     @property
     def key(self) -> tuple[str, int]:
-        """What the session goes by in the study."""
+        """Key of the session in the study."""
         return self.law, self.index
 
 
@@ -114,7 +114,7 @@ def run_job(job: Job) -> Record:
 
 
 def compared(result: FitResult, truth: Truth) -> Record:
-    """What a fit found beside the truth, in the fit's own units [m, rad, Pa/m, 1/N]."""
+    """Compare a fit with the truth, in the fit's own units [m, rad, Pa/m, 1/N]."""
     told = told_values(truth)
     clouds = contact_laws(result)
     return {

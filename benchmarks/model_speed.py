@@ -1,4 +1,4 @@
-"""How fast is a tactile image, against the paper's own method done plainly?
+"""Time of a tactile image, against a plain implementation of the paper's method.
 
     python benchmarks/model_speed.py [--presses 64] [--rounds 7] [--json]
 
@@ -173,7 +173,7 @@ def bare_query(skin: Skin, indenter: MeshIndenter, contacts: Contacts) -> Callab
 
 
 def compare(case: Case, patch: Patch, contacts: Contacts) -> dict[str, float]:
-    """How far the plain method is from ours: with its own step, and with one so fine that it does not matter."""
+    """Compare the plain method with ours: at its own step, and at one so fine that it does not matter."""
     skin = Skin(patch, SkinParameters(ELASTICITY_PA_PER_M, SCALE_PER_N), Converter.none())
     some = contacts[:8]
     ours, depth = skin.values(case.indenter, some), skin.respond(case.indenter, some).penetration_m

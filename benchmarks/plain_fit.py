@@ -1,4 +1,4 @@
-"""What would the fit's grid cost, done as in the paper, plainly?
+"""Cost of the fit's grid in a plain implementation of the paper's method.
 
     python benchmarks/plain_fit.py [--presses 2] [--rounds 3] [--json]
 
@@ -120,7 +120,7 @@ class Counting(SkinShares):
 
 
 def images_a_press(setting: Setting) -> float:
-    """How many images a press the general way makes at the combination."""
+    """Count the images a press that the general solver makes at the combination."""
     skin = Counting(setting.general, *setting.macro[:3])
     evaluate_pose(setting.general, skin, setting.macro[3:], setting.settings)
     return skin.images / PRESSES

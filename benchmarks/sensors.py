@@ -110,7 +110,7 @@ KINDS: dict[str, Kind] = {
 
 @dataclass(frozen=True)
 class Truth:
-    """What a session was made with, and the pose as its positions tell it.
+    """Truth of a session, with the pose as its positions measure it.
 
     Attributes:
         across_m: centre round the surface (arc), or x on a plane, with the mean error of positions in it [m].

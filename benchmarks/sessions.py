@@ -65,7 +65,7 @@ SUBDIVISIONS = 25
 
 @dataclass(frozen=True)
 class LayerRanges:
-    """What layers are drawn from, evenly: thickness h [m] and Poisson's ratio nu, low and high."""
+    """Uniform bounds of a layer: thickness h [m] and Poisson's ratio nu, low and high."""
 
     thickness_m: tuple[float, float] = (1e-3, 2.5e-3)
     poisson: tuple[float, float] = (0.3, 0.45)
@@ -73,7 +73,7 @@ class LayerRanges:
 
 @dataclass(frozen=True)
 class Truth:
-    """What a session was made with.
+    """Truth of a session.
 
     Attributes:
         law: of the contact.
@@ -110,7 +110,7 @@ class Truth:
         return replace(self, y_m=y, beta_deg=beta, constant_y_m=0.0, constant_arc_m=0.0)
 
     def plain(self) -> dict[str, Any]:
-        """What has a value, by name."""
+        """Return the fields that have a value, by name."""
         return {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
 
 

@@ -1,4 +1,4 @@
-"""How fast is the simulated hand, and how well do its joints tell of the contact?
+"""Speed of the simulated hand, and precision of its contact estimates from joints.
 
     python benchmarks/sim_speed.py [--presses 6] [--seeds 20] [--json]
 

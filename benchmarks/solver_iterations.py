@@ -1,4 +1,4 @@
-"""How many iterations does the contact solver of the environments need?
+"""Iterations that the contact solver of the environments needs.
 
     python -m benchmarks.solver_iterations [--episodes 20] [--seconds 2] [--json]
 

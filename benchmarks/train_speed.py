@@ -1,4 +1,4 @@
-"""How long does a training run take?
+"""Time of a training run.
 
     python benchmarks/train_speed.py [--rounds 3] [--backends sb3 sbx] [--processes] [--json]
 

@@ -46,7 +46,7 @@ slack_m = inf
 
 @dataclass
 class Chamber:
-    """What is true of a chamber's session.
+    """Truth of a chamber's session.
 
     Attributes:
         gain: (J,) counts per newton of the punch.

@@ -30,7 +30,7 @@ Content = dict[str, Any]
 
 
 def content(path: Path) -> Content:
-    """What is in a file or folder, times of day left out; empty where there is nothing."""
+    """Return the contents of a file or folder without times of day; empty if there is nothing."""
     files = [path] if path.is_file() else [one for one in path.rglob("*") if one.is_file()]
     return {
         one.relative_to(path.parent).as_posix(): hashlib.sha256(TIMES.sub(b"", one.read_bytes())).hexdigest()

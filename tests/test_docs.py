@@ -1,4 +1,4 @@
-"""What the documentation says of the program is true: commands, options, columns, codes, defaults."""
+"""The documentation matches the program: commands, options, columns, codes, defaults."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class RunError(RuntimeError):
 
 @dataclass(frozen=True)
 class Done:
-    """How a command ended."""
+    """Exit status and output of a command."""
 
     status: int
     output: str
@@ -60,7 +60,7 @@ class Done:
 
 @dataclass(frozen=True)
 class Bench:
-    """Where and how sessions are run.
+    """Folders and options of a run of the test.
 
     Attributes:
         out: folder of the test.
@@ -79,11 +79,11 @@ class Bench:
     stop: threading.Event = field(default_factory=threading.Event)
 
     def result_file(self, spec: Spec) -> Path:
-        """Of a session."""
+        """Return the path of a session's result."""
         return self.out / "results" / f"{spec.name}.json"
 
     def label_file(self, spec: Spec) -> Path:
-        """Of a session."""
+        """Return the path of a session's sealed label."""
         return self.out / "labels" / f"{spec.name}.sealed"
 
     def folder(self, spec: Spec) -> Path:

@@ -24,7 +24,7 @@ _ASKED = ((0.19, 0.39, 0.8), (0.39, np.inf, 0.95))
 
 
 def power_figure(bins: Sequence[Record]) -> Figure:
-    """How often an effect is seen, and named by its class, over its strength, with Wilson intervals of 95 %.
+    """Plot detection rate and class recall over strength, with 95 % Wilson intervals.
 
     Args:
         bins: ``power`` of the suite ``one``.
@@ -63,7 +63,7 @@ def _bin_name(entry: Record) -> str:
 
 
 def confusion_figure(rows: Mapping[str, Mapping[str, int]]) -> Figure:
-    """What was named first (columns) for what was hidden (rows), as counts of sessions.
+    """Plot the confusion matrix: first named effect (columns) against hidden effect (rows), in sessions.
 
     Args:
         rows: ``confusion`` of the suite ``one``.

@@ -27,7 +27,7 @@ PATHS = ("calibration", "next_presses_plan")
 
 
 def packed(folder: Path) -> bytes:
-    """What ``run`` left in a folder, as the content of one file; the same for the same sessions.
+    """Pack the results that ``run`` left in a folder into one file; equal sessions give equal bytes.
 
     Raises:
         RunError: the folder is none that ``run`` wrote.

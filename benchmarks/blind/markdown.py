@@ -72,7 +72,7 @@ def _overview(suites: Record) -> str:
 
 
 def _whole(suites: Record, suite: str) -> bool:
-    """Whether as many sessions of a suite were run as the whole test has."""
+    """Return True if a suite has as many sessions as the whole test."""
     return suites[suite].get("sessions", 0) >= SIZES[suite]
 
 

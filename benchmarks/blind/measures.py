@@ -1,4 +1,4 @@
-"""What the outcomes of the blind test add up to.
+"""Scores over the outcomes of the blind test.
 
 A *share* is a proportion with its Wilson interval of 95 %, and whether it reaches what is asked of it. Every session
 of a suite counts, those whose diagnosis failed as well: those count as wrong.
@@ -185,7 +185,7 @@ _SUITES: dict[str, Callable[[Sequence[Outcome], Sequence[Record]], Record]] = {
 
 
 def power(outcomes: Sequence[Outcome]) -> list[Record]:
-    """By strength: how often anything, the class, and the name was found."""
+    """Rates of detection, right class and right name, by strength."""
     found: list[Record] = []
     for ends, some in _binned(outcomes):
         found.append(
@@ -202,7 +202,7 @@ def power(outcomes: Sequence[Outcome]) -> list[Record]:
 
 
 def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
-    """How often which effect was named first where each was hidden; ``none`` and ``unknown`` are verdicts."""
+    """Count the effects named first for each hidden effect; ``none`` and ``unknown`` are verdicts."""
     rows: dict[str, Counter[str]] = {}
     for o in outcomes:
         if o.hidden:

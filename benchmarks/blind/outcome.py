@@ -1,4 +1,4 @@
-"""What a diagnosis said of one session, beside what was hidden in it."""
+"""Outcome of a diagnosis of one session, beside its hidden truth."""
 
 from __future__ import annotations
 
@@ -95,11 +95,11 @@ class Outcome:
         return [effect.name for effect in self.named]
 
     def found(self, name: str) -> bool:
-        """Whether a name is in a reported set."""
+        """Return True if a name is in a reported set."""
         return any(name in effect.consistent_with for effect in self.named)
 
     def right_class(self) -> bool:
-        """Whether the first effect that is named is of the class of what is hidden."""
+        """Return True if the first named effect has the class of a hidden one."""
         return bool(self.named) and CLASS_OF.get(self.names[0]) in {CLASS_OF[name] for name in self.hidden}
 
     def wrong(self) -> list[Named]:

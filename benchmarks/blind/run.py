@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _study(seed: int, extra: Sequence[str]) -> Record:
-    """What the sessions depend on: those of other code are another test."""
+    """Return everything that the sessions depend on; results of other code belong to another test."""
     options = {"diagnose_options": list(extra), "fit_options": list(COARSE)}
     return {"seed": seed, "code": code_version(), **options}
 

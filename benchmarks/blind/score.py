@@ -69,7 +69,7 @@ def _label(folder: Path, record: Record) -> Record:
 
 
 def missing(folder: Path) -> dict[str, int]:
-    """How many sessions of each suite have no result."""
+    """Count the sessions without a result in each suite."""
     seed = json.loads((folder / "study.json").read_text(encoding="utf-8"))["seed"]
     done = {file.stem for file in (folder / "results").glob("*.json")}
     counts = {suite: sum(spec.name not in done for spec in specs(suite, seed)) for suite in SUITES}

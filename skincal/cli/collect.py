@@ -115,8 +115,8 @@ def collect(
     options = _driver_options(driver, seed, effect, truth, hand, driver_option)
     rig = create_rig(driver, **options)
     if isinstance(rig, StageDriver):
-        _stage(rig, driver, options, seed, plan, protocol, plan_only, second_indenter_mm, out,
-               force=force, restart=restart, as_json=as_json)  # fmt: skip
+        _stage(rig, driver, options, seed, plan, protocol, plan_only, second_indenter_mm, out, truth,
+               force=force, restart=restart, beyond_limits=beyond_limits, as_json=as_json)  # fmt: skip
         return
     description = rig.description
     check_limits(description, beyond=beyond_limits)
@@ -167,36 +167,50 @@ def _stage(
     plan_only: bool,
     second_indenter_mm: float | None,
     out: Path,
+    truth: Path | None,
     *,
     force: bool,
     restart: bool,
+    beyond_limits: bool,
     as_json: bool,
 ) -> None:
-    """Collect the session of a stage."""
-    from skincal.collect import write_plan
+    """A session of a stage."""
+    from skincal.collect import journal_folder, write_plan
+    from skincal.collect.plan_file import FORMAT
     from skincal.collect.stage import collect_stage, stage_plan
     from skincal.errors import InputError, Problem
+    from skincal.files import refuse_existing
+    from skincal.hand import GuardOptions
+    from skincal.hand.stage_guard import check_stage
+    from skincal.hand.stage_sim import TRUTH_FORMAT
     from skincal.progress import stage_bars
 
     if second_indenter_mm is not None:
         expected, got = "a hand's cap; a stage presses with its own indenter", f"{second_indenter_mm:g}"
         raise InputError([Problem("--second-indenter-mm", expected, got)])
+    check_stage(rig.description, beyond=beyond_limits)
     chosen = stage_plan(plan_of(plan, protocol, seed, rig.description, None), rig.description)
+    inputs = [] if plan is None else [plan]
     if plan_only:
         file = out.with_name(f"{out.name}-plan.toml")
+        refuse_existing(file, *inputs, force=force, mark=FORMAT)
         write_plan(chosen, file, force=force)
         print_json({"presses": len(chosen), "plan": file}) if as_json else typer.echo(f"plan: {file}")
         return
+    if truth is not None and not journal_folder(out).exists():
+        refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
     source = f"skincal collect: stage, driver {driver}, plan {chosen.name}, {rig.description.name}"
-    with stage_bars() as reporter, _resumable(out):
+    with stage_bars() as reporter, moving(lambda: _kept(out)), _resumable(out):
         found = collect_stage(
             chosen,
             lambda: rig,
             out,
             key=key,
+            guard=GuardOptions(beyond_limits=beyond_limits),
             source=source,
             force=force,
+            inputs=inputs,
             restart=restart,
             watch=lambda done, total: reporter("presses", done, total),
         )

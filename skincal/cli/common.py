@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+import os
+import sys
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 
@@ -49,8 +51,41 @@ def example(*commands: str) -> str:
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Print one JSON object on standard output; NaN and inf, which JSON lacks, become null."""
-    typer.echo(json.dumps(plain(content), allow_nan=False))
+    """Prints one JSON object on standard output; what JSON has no number for (NaN, inf) becomes null."""
+    print(json.dumps(plain(content), allow_nan=False), file=_for_json[-1], flush=True)
+
+
+_for_json: list[TextIO | None] = [None]
+"""Where JSON goes; None: to standard output."""
+
+
+@contextmanager
+def json_alone(wanted: bool) -> Generator[None]:
+    """While a verb with ``--json`` runs, what anybody else prints goes to standard error: a driver, say, or a library.
+
+    Args:
+        wanted: whether the verb has that option.
+    """
+    kept: TextIO | None = sys.stdout
+    if not wanted or kept is None:  # it may be closed
+        yield
+        return
+    with ExitStack() as stack:
+        stack.callback(setattr, sys, "stdout", kept)
+        stack.callback(_for_json.pop)
+        if kept is sys.__stdout__:
+            # Libraries that are not Python's write to the descriptor.
+            kept.flush()
+            out, descriptor = os.dup(1), 1
+            stack.callback(os.close, out)
+            stack.callback(os.dup2, out, descriptor)
+            os.dup2(2, descriptor)
+            sink = stack.enter_context(os.fdopen(out, "w", encoding="utf-8", closefd=False))
+        else:
+            sink = kept
+        _for_json.append(sink)
+        sys.stdout = sys.stderr
+        yield
 
 
 def plain(value: Any) -> Any:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from skincal.deploy import Deployed
     from skincal.hand.driver import HandState
     from skincal.robot import HandDescription
+    from skincal.train import Policy
 
 EPILOG = example(
     "skincal deploy marble marble-tactile-1 --driver reference --seed 3 --out rolled",
@@ -108,7 +109,7 @@ def deploy(
     targets = _targets(task, trajectory, write, frequency_hz, duration_s)
     made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
     hand, width = read_pinch(pinch), 1e-3 * width_mm
-    speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
+    speed = _speed(chosen, task, float(hand.description.limits.velocity_rad_per_s.min()))
     guard = GuardOptions(beyond_limits=beyond_limits)
     with _progress(hand.description) as watch, moving():
         found = run(
@@ -127,6 +128,17 @@ def deploy(
 
 _SPEEDS = {"marble": 0.3, "bolt": 0.6}
 """Joint velocity that an action of 1 commands in the tasks [rad/s]."""
+
+
+def _speed(policy: Policy, task: Task, most: float) -> float:
+    """Joint velocity that an action of 1 commands [rad/s]: the policy's own, if the hand has it."""
+    from skincal.errors import InputError, Problem
+
+    speed = policy.description.environment.get("speed_rad_per_s", _SPEEDS[task])
+    if isinstance(speed, str) or not 0 < speed <= most:
+        expected = f"a policy of joints from 0 to {most:g} rad/s, as the hand has"
+        raise InputError([Problem(policy.file, expected, f"one of {speed} rad/s")])
+    return float(speed)
 
 
 def _check_task(made_for: str, task: Task, policy: str) -> None:

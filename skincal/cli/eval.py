@@ -164,6 +164,10 @@ def _whole(value: float) -> float:
     return int(value) if value.is_integer() else value
 
 
+MOST_M = 0.5
+"""A target lies no further from the middle of a skin [m]."""
+
+
 def _targets(path: Path) -> list[list[float]]:
     """Return the trajectory of a file."""
     from skincal.bounded import parse_csv, read_text
@@ -172,7 +176,12 @@ def _targets(path: Path) -> list[list[float]]:
     try:
         header, *rows = parse_csv(read_text(path)) or [[]]
         u, v = (header.index(name) for name in ("u_m", "v_m"))
-        return [[float(row[u]), float(row[v])] for row in rows if row]
+        targets = [[float(row[u]), float(row[v])] for row in rows if row]
+        if beyond := [x for target in targets for x in target if not abs(x) <= MOST_M]:
+            raise ValueError(f"a target at {beyond[0]:g} m; no skin is larger than {MOST_M:g} m")
+        if not targets:
+            raise ValueError("no rows")
+        return targets
     except (OSError, ValueError, IndexError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"

@@ -14,7 +14,7 @@ import typer
 
 from skincal import compiling
 from skincal.cli import verbs
-from skincal.cli.common import example, say
+from skincal.cli.common import example, json_alone, say
 from skincal.cli.interrupt import interruptible
 from skincal.errors import SkincalError
 from skincal.version import __version__
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logging.getLogger("skincal").handlers[:] = [_Said()]
     compiling.on_compile = lambda: say("skincal: compiling the skin model, once on this machine (about 15 s)")
     try:
-        with interruptible():
+        with json_alone("--json" in arguments), interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
         if status == 130:  # typer's status for Ctrl-C; a verb with more to say raises SystemExit
             say("skincal: interrupted")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -79,6 +79,7 @@ def collect_stage(
     guard: GuardOptions | None = None,
     source: str = "",
     force: bool = False,
+    inputs: Sequence[Path] = (),
     restart: bool = False,
     watch: StageWatch = lambda _done, _total: None,
 ) -> Collected:
@@ -92,9 +93,10 @@ def collect_stage(
         options: options of the presses.
         guard: limits of the guard.
         source: for ``dataset.toml``.
-        force: whether to replace an existing dataset.
-        restart: whether to discard an interrupted session.
-        watch: progress callback: presses done, presses in all.
+        force: whether an existing dataset is replaced.
+        inputs: files that were read, and are not to be replaced.
+        restart: whether an interrupted session is thrown away.
+        watch: is told how many presses are done, and of how many.
 
     Raises:
         InputError: ``out`` exists, or another session was interrupted.
@@ -109,7 +111,7 @@ def collect_stage(
     def make(journal: Journal) -> None:
         _Session(plan, journal, rig, options, watch).run(driver, guard)
 
-    return keep_session(out, same, rig.meta, source, make, force=force, restart=restart)
+    return keep_session(out, same, rig.meta, source, make, inputs=inputs, force=force, restart=restart)
 
 
 @dataclass
@@ -164,7 +166,8 @@ class _Session:
         return self._now
 
     def _step(self, tip: FloatArray | list[float], phase: int) -> StageState:
-        self._tip = np.asarray(tip, dtype=np.float64)
+        # A state that came early leaves less time for a step than a period.
+        self._tip = self._stage.nearest(np.asarray(tip, dtype=np.float64))
         self._stage.act(self._tip)
         return self._see(phase)
 
@@ -176,10 +179,9 @@ class _Session:
         """Move straight to a point, no faster than allowed."""
         rig = self._stage.description
         step = 0.9 * min(self._options.travel_m_per_s, rig.max_speed_m_per_s) * self._stage.period_s
-        begin, end = self._tip, np.clip(target, rig.lower_m, rig.upper_m)
-        count = int(np.ceil(np.linalg.norm(end - begin) / step))
-        for n in range(count):
-            self._step(begin + (end - begin) * (n + 1) / count, IDLE)
+        end = np.clip(target, rig.lower_m, rig.upper_m)
+        while (left := float(np.linalg.norm(end - self._tip))) > 0:
+            self._step(self._tip + (end - self._tip) * min(1.0, step / left), IDLE)
 
     def _press(self, number: int, planned: PlannedPress) -> None:
         options, dt = self._options, self._stage.period_s

@@ -154,7 +154,10 @@ class ColumnReader:
     def optional(
         self, known: Mapping[str, str], taken: Collection[str]
     ) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Yield every column that is not ``taken``, in the file's order: known ones checked, others as they are."""
+        """Every column that is not ``taken``, in the file's order: known ones checked, others as they are.
+
+        Those that are not known and hold lists or bytes are left out, unread.
+        """
         hinted = 0
         for name in self._table.columns:
             if name in taken:
@@ -162,6 +165,12 @@ class ColumnReader:
             if self._kind(name, known) is None and hinted < MOST_HINTS:
                 hinted += 1
                 self._hint_unknown(name, known)
+            if self._kind(name, known) is None and name in self._table.others:
+                got = self._table.others[name]
+                self.sheet.findings.note(
+                    self.sheet.column(name), "single numbers or texts", got, "It is left out."
+                )
+                continue
             yield name, self.one_optional(name, known)
 
     def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,11 +43,15 @@ TEXT_COLUMNS = ("phase", "pose", "branch")
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as read: each column holds int64, float64, bool or, as objects, ``str``."""
+    """A table as read: each column holds int64, float64, bool or, as objects, ``str``.
+
+    ``others`` are the columns of another type, by name: lists, tables, bytes. To read one is an error.
+    """
 
     sheet: Sheet
     rows: int
     columns: Mapping[str, Column]
+    others: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def is_large(self) -> bool:
@@ -83,6 +87,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
     except OSError as error:
         findings.error(path.name, "a table", reason(error))
         return None
+    others: dict[str, str] = {}
     try:
         if path.suffix == ".csv":
             table = _read_csv(path, findings)
@@ -94,7 +99,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
             }
         else:
             columns = ParquetColumns(path, sheet)
-            rows, names = columns.rows, columns.names
+            rows, names, others = columns.rows, columns.names, columns.others
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
@@ -112,7 +117,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
                 f"{count} of that name",
                 "Rename or remove the others.",
             )
-    return RawTable(sheet, rows, columns)
+    return RawTable(sheet, rows, columns, others)
 
 
 class ParquetColumns(Mapping[str, Column]):
@@ -133,11 +138,9 @@ class ParquetColumns(Mapping[str, Column]):
         self._path, self._sheet, self._state = path, sheet, _state(path)
         with pq.ParquetFile(path) as file:
             self.rows, self.names = file.metadata.num_rows, file.schema_arrow.names
-            self._texts = [
-                name
-                for name, kind in zip(self.names, file.schema_arrow.types, strict=True)
-                if str(kind) in _TEXTS
-            ]
+            types = dict(zip(self.names, file.schema_arrow.types, strict=True))
+            self._texts = [name for name, kind in types.items() if str(kind) in _TEXTS]
+            self.others = {name: str(kind) for name, kind in types.items() if not _is_single(kind)}
             groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
             for j in range(file.metadata.num_columns):
                 size = sum(group.column(j).total_uncompressed_size for group in groups)
@@ -174,6 +177,19 @@ class ParquetColumns(Mapping[str, Column]):
 
     def __len__(self) -> int:
         return len(set(self.names))
+
+
+def _is_single(kind: pa.DataType) -> bool:
+    """Whether the cells of a column are single numbers, texts or dates."""
+    import pyarrow as pa
+
+    return (
+        pa.types.is_primitive(kind)
+        or pa.types.is_null(kind)
+        or pa.types.is_decimal(kind)
+        or str(kind) in _TEXTS
+        or (isinstance(kind, pa.DictionaryType) and _is_single(kind.value_type))
+    )
 
 
 def _state(path: Path) -> tuple[int, ...]:

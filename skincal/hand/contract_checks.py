@@ -13,7 +13,8 @@ import numpy as np
 from skincal.errors import SkincalError
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.guard import LONGEST_PERIOD_S, GuardedHand
+from skincal.hand.guard import GuardedHand
+from skincal.hand.guarded import LONGEST_PERIOD_S
 from skincal.hand.trial import CONNECT_S, FailedCheckError, SkippedCheckError, Trial, expect
 from skincal.hand.worker import CallTimeoutError
 

@@ -1,4 +1,4 @@
-"""Stopping of a hand without interruption, and a true report of whether it was stopped."""
+"""Stopping a hand, or another rig, so that nothing cuts it short, and saying truly whether it was stopped."""
 
 from __future__ import annotations
 
@@ -10,8 +10,13 @@ from types import FrameType
 
 from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 
-STOPPED = "The hand was stopped."
-POWER = "Cut the hand's power."
+
+def stopped(rig: str) -> str:
+    """What is said of a rig whose ``stop`` returned, and of no other."""
+    return f"The {rig} was stopped."
+
+
+STOPPED = stopped("hand")
 
 HURRY_S = 2.0
 """Longest time for closing while somebody waits for the end [s]."""
@@ -63,21 +68,21 @@ def held_back() -> Generator[list[int]]:
             signal.raise_signal(number)
 
 
-def halt(stop: Callable[[], None], timeout_s: float, name: str) -> str:
-    """Call a driver's ``stop``, twice if it raises; it takes at most ``timeout_s`` and is not interrupted.
+def halt(stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> str:
+    """Calls a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
 
     Returns:
-        The failure of the call; '' if it returned, so that the hand is stopped.
+        What went wrong with it; empty: it returned, the rig is stopped.
     """
-    trouble = ""
+    trouble, power = "", f"Cut the {rig}'s power."
     with held_back():
         for _ in range(2):
             try:
                 call_and_leave(stop, timeout_s, f"stop {name}")
                 return ""
             except CallTimeoutError:
-                return f"stop() did not return within {timeout_s:g} s! {POWER}"
+                return f"stop() did not return within {timeout_s:g} s! {power}"
             except Exception as error:
                 raised = error.__cause__ if isinstance(error, CallExitError) else error
-                trouble = f"stop() failed! {type(raised).__name__}: {raised}. {POWER}"
+                trouble = f"stop() failed! {type(raised).__name__}: {raised}. {power}"
     return trouble

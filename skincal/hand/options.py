@@ -13,16 +13,17 @@ class GuardOptions:
     """Limits in addition to those of the hand's description, and time-outs.
 
     Attributes:
-        timeout_s: longest duration of a call to the driver, after which it is abandoned and the hand stopped [s].
-        connect_timeout_s: the same for connecting and closing [s].
-        stop_timeout_s: longest wait for ``stop`` [s].
-        idle_s: time without a call after which the hand is stopped [s]; None: never.
-        stale_s: time on our clock within which the hand's clock must advance [s].
-        lag_s: largest difference between the clock of a real-time hand and ours; for a simulated hand
-            the largest delay of a state [s]. None: not checked.
-        taxel_age_s: largest age of a taxel value, on the hand's clock [s].
-        taxel_ahead_s: largest lead of a taxel's time stamp, for clocks that do not quite agree [s].
-        joint_margin_rad: largest excess of a measured angle over a joint limit (offsets, overshoot) [rad]; commands
+        timeout_s: a call to the driver that takes longer is left, and the hand stopped [s].
+        connect_timeout_s: the same for connecting and for closing [s]; a simulated hand may take ten times as long
+            to connect.
+        stop_timeout_s: ``stop`` is waited for so long [s].
+        idle_s: the hand is stopped when nobody calls for so long [s]; None: never.
+        stale_s: the hand's clock must advance within this time, on our clock [s].
+        lag_s: the clock of a hand that runs in real time may fall behind ours, or run ahead of it, by so much; that
+            of a simulated one may be so late with a state [s]. None: not checked.
+        taxel_age_s: a taxel value may be so old, on the hand's clock [s].
+        taxel_ahead_s: a taxel's time stamp may lie so far in the future, for clocks that do not quite agree [s].
+        joint_margin_rad: a measured angle may pass a joint limit by so much (offsets, overshoot) [rad]; commands
             may not.
         velocity_factor: largest measured velocity, relative to the limit of commanded ones.
         torque_factor: largest measured torque, relative to its limit.

@@ -95,7 +95,7 @@ class HandServer:
             if self._keys is not None:
                 self._authenticator = zmq.auth.thread.ThreadAuthenticator(self._context)
                 self._authenticator.start()
-                self._authenticator.configure_curve(domain="*", location=str(self._keys.allowed))
+                self._authenticator.configure_curve_callback(domain="*", credentials_provider=self._keys)
             self._socket = prepared(self._context, zmq.ROUTER, self._keys)
             self._socket.bind(self._bind)
             self._wake = self._context.socket(zmq.PULL)

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from skincal.hand.serve import ServeOptions
 
 
+MOST_WAITING = 8
+"""Requests of a client that wait for their turn; a client that waits for its answers has one."""
+
+
 @dataclass(frozen=True)
 class Reply:
     """A message with its destination."""
@@ -111,6 +115,8 @@ class Session:
             return
         with self._lock:
             self._client = client
+            if message.number > self._number and self._requests.qsize() >= MOST_WAITING:
+                return  # nobody asks for more before an answer; what is dropped is asked for again
             if message.number > self._number:
                 self._number, self._last = message.number, None
                 self._requests.put(message)

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import importlib
 import ipaddress
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skincal.bounded import UnreadableError, read_bytes
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import check_input, whole_folder
+from skincal.files import reason, whole_folder
 from skincal.hand.messages import MAX_BYTES
 
 if TYPE_CHECKING:
@@ -46,13 +48,17 @@ class Keys:
         public: own public key.
         secret: own secret key.
         server: public key of the hand, at a client; None at the hand.
-        allowed: folder with the public keys of the clients, at the hand; None at a client.
+        allowed: public keys of the clients, at the hand.
     """
 
     public: bytes
     secret: bytes
     server: bytes | None = None
-    allowed: Path | None = None
+    allowed: frozenset[bytes] = frozenset()
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        """Whether a client may come in; ZeroMQ asks."""
+        return key in self.allowed
 
 
 def make_keys(folder: Path, *, force: bool = False) -> None:
@@ -93,9 +99,7 @@ def hand_keys(folder: Path) -> Keys:
     if not clients:
         fix = "Put the public key (NAME.key) of every client that may move the hand there."
         raise InputError([Problem(str(allowed), "at least one public key of a client", "none", fix)])
-    for path in clients:
-        _certificate(path)
-    return Keys(public, secret, allowed=allowed)
+    return Keys(public, secret, allowed=frozenset(_certificate(path)[0] for path in clients))
 
 
 def client_keys(folder: Path) -> Keys:
@@ -172,18 +176,29 @@ def _key_pair(path: Path) -> tuple[bytes, bytes]:
 
 
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
-    """Return the public and secret key of a file, in the form that ZeroMQ needs; others make sockets fail or hang."""
+    """Public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang.
+
+    It is read here, as pyzmq's own reader opens pipes and devices too.
+    """
     try:
-        if check_input(path).stat().st_size > MAX_BYTES:
-            raise _no_key(path, "a key file", "a large one")
-        keys = zmq_module().auth.load_certificate(path)
-    except (OSError, ValueError, IndexError) as error:
-        raise _no_key(path, "a key file", str(error)) from None
-    for name, key in zip(("public-key", "secret-key"), keys, strict=True):
-        if key is not None and not _is_z85(key):
+        content = read_bytes(path, MAX_BYTES)
+    except UnreadableError:
+        raise _no_key(path, "a key file", "a large one") from None
+    except OSError as error:
+        raise _no_key(path, "a key file", reason(error)) from None
+    keys = {
+        name: key
+        for line in content.splitlines()
+        if (found := _KEY.match(line))
+        for name, key in [found.groups()]
+    }
+    for name, key in keys.items():
+        if not _is_z85(key):
             got = f"{len(key)} letters" if len(key) != KEY_LENGTH else "others"
-            raise _no_key(path, f"a {name} of {KEY_LENGTH} letters of Z85", got)
-    return keys
+            raise _no_key(path, f"a {name.decode()}-key of {KEY_LENGTH} letters of Z85", got)
+    if b"public" not in keys:
+        raise _no_key(path, "a key file", "no public key in it")
+    return keys[b"public"], keys.get(b"secret")
 
 
 def _is_z85(key: bytes) -> bool:
@@ -201,6 +216,9 @@ def _no_key(path: Path, expected: str, got: str) -> InputError:
 
 
 KEY_LENGTH = 40
+
+_KEY = re.compile(rb"""\s*(public|secret)-key\s*=[ \t'"]*(.*?)[ \t'"]*$""")
+"""A line of a CURVE certificate (ZPL) that holds a key."""
 
 README = """Keys of a remote hand, made by `skincal hand keys`.
 

@@ -65,6 +65,9 @@ class StageDriver(ABC):
     name: str
     """The name under which the driver is registered."""
 
+    real_time: bool = True
+    """Whether the clock of the stage runs as fast as ours; that of a simulated one does not."""
+
     @property
     @abstractmethod
     def description(self) -> StageDescription:

@@ -45,17 +45,14 @@ def moves(stage: StageDriver) -> str:
 
 def stops(stage: StageDriver) -> str:
     """``stop`` returns at once, twice in a row, and nothing moves afterwards."""
-    stage.connect()
-    try:
-        before = stage.observe()
+    with GuardedStage(stage) as guarded:
+        before = guarded.observe()
         begin = time.monotonic()
-        stage.stop()
-        stage.stop()
+        guarded.stop()
+        guarded.stop()
         took = time.monotonic() - begin
-        after: StageState = [stage.observe() for _ in range(5)][-1]
-    finally:
-        stage.close()
-        stage.close()
+        after: StageState = [guarded.observe() for _ in range(5)][-1]
+    stage.close()
     if took > STOP_S:
         raise AssertionError(f"stop() took {took:.3g} s")
     moved = float(np.linalg.norm(after.position_m - before.position_m))
@@ -100,7 +97,7 @@ def run_stage_checks(
             begin = time.monotonic()
             try:
                 status, got = PASSED, check(make())
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 status, got = FAILED, f"{type(error).__name__}: {error}"
             results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
         told(results[-1])

@@ -25,6 +25,7 @@ from skincal.model import (
 )
 from skincal.units import deg, rad
 
+TRUTH_FORMAT = "skincal-stage-truth/1"
 PERIOD_S = 0.01
 LAG_S = 0.015
 """Time constant with which the tip follows its commands [s]."""
@@ -50,6 +51,7 @@ class StageSim(StageDriver):
     """
 
     name = "stage-sim"
+    real_time = False
 
     def __init__(
         self,
@@ -92,8 +94,9 @@ class StageSim(StageDriver):
         self._time_s, self._tip = 0.0, np.array([0.0, 0.0, 0.01])
         self._wanted, self._halted = self._tip.copy(), False
         if self._truth_path is not None:
-            with whole_file(self._truth_path, force=True) as file:
-                file.write_text(json.dumps(self.truth(), indent=2) + "\n", encoding="utf-8")
+            with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
+                truth = {"format": TRUTH_FORMAT, **self.truth()}
+                file.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
 
     def truth(self) -> dict[str, float]:
         """Return what is hidden from the fit."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.bounded import read_arrays
+from skincal.bounded import read_array, read_arrays
 from skincal.errors import WorkError
 from skincal.files import open_input
 from skincal.imports.columns_of import Columns
@@ -27,14 +27,7 @@ def read_numpy(path: Path) -> Columns:
     """
     with open_input(path) as file:
         zipped = file.read(2) == b"PK"
-        if zipped:
-            return _columns(read_arrays(path))
-        file.seek(0)
-        try:
-            arrays = {"data": np.load(file, allow_pickle=False)}
-        except MemoryError as error:
-            raise ValueError("an array larger than the file") from error
-    return _columns(arrays)
+    return _columns(read_arrays(path) if zipped else {"data": read_array(path)})
 
 
 def read_matlab(path: Path) -> Columns:
@@ -47,7 +40,9 @@ def read_matlab(path: Path) -> Columns:
 
     try:
         loaded = loadmat(path, simplify_cells=True)
-    except Exception as error:  # the library passes on any exception of its parsers
+    except MemoryError:
+        raise
+    except Exception as error:  # the library raises whatever its parsers raise
         raise ValueError(str(error)) from error
     return _columns({name: value for name, value in loaded.items() if not name.startswith("__")})
 
@@ -56,7 +51,7 @@ def read_hdf5(path: Path) -> Columns:
     """Return the columns of an HDF5 file, or of a MATLAB 7.3 file, whose arrays are transposed.
 
     Raises:
-        OSError: the file is damaged.
+        ValueError: it is damaged.
         WorkError: the library h5py is not installed.
     """
     try:
@@ -67,13 +62,18 @@ def read_hdf5(path: Path) -> Columns:
         ) from error
     h5py: Any = library
     arrays: dict[str, Any] = {}
-    with h5py.File(path, "r") as file:
 
-        def take(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-                arrays[name] = item[()].T if "MATLAB_class" in item.attrs else item[()]
+    def take(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            arrays[name] = item[()].T if "MATLAB_class" in item.attrs else item[()]
 
-        file.visititems(take)
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(take)
+    except MemoryError:
+        raise
+    except Exception as error:  # the library raises whatever its parsers raise
+        raise ValueError(str(error)) from error
     return _columns(arrays)
 
 

@@ -50,7 +50,9 @@ class Bag:
                 str(self.path), "types that the bag or the mapping defines", f"no type {error}", fix
             )
             raise InputError([problem]) from error
-        except Exception as error:  # the library passes on any exception of its parsers
+        except MemoryError:
+            raise
+        except Exception as error:  # the library raises whatever its parsers raise
             raise InputError([_damaged(self.path, error)]) from error
 
 
@@ -82,7 +84,9 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
     with ExitStack() as stack:
         try:
             reader: Any = stack.enter_context(AnyReader([path], default_typestore=store))
-        except Exception as error:  # the library passes on any exception of its parsers
+        except MemoryError:
+            raise
+        except Exception as error:  # the library raises whatever its parsers raise
             raise InputError([_damaged(path, error)]) from error
         # A bag may define only some of its types.
         known = reader.typestore.fielddefs

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
-from skincal.errors import InputError
+from skincal.errors import InputError, Problem
 from skincal.imports import targets
+from skincal.imports.apart import apart
 from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
 from skincal.imports.csv_source import joined
@@ -36,7 +38,11 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
         InputError: a bag cannot be opened.
         WorkError: the library rosbags is not installed.
     """
-    collected = [_collect(mapping, path, findings) for path in bags]
+    collected: list[Collector] = []
+    for path in bags:
+        collector, errors = _collected(path, mapping)
+        collected.append(collector)
+        findings.errors.extend(errors)
     if findings.errors:
         return None
     stamps = [collector.streams[mapping.taxels.topic].stamps_ns for collector in collected]
@@ -57,9 +63,24 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
     return None if findings.errors else joined(parts)
 
 
-def _collect(mapping: Mapping, path: Path, findings: Findings) -> Collector:
+def _collected(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
+    """What a bag holds of what a mapping asks for, and what is wrong with it.
+
+    Raises:
+        InputError: it cannot be opened.
+        WorkError: the library rosbags is not installed.
+    """
+    try:
+        return apart(collect, path, mapping)
+    except UnreadableError as error:
+        raise InputError([Problem(str(path), error.expected, error.got, "Was it cut short?")]) from None
+
+
+def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
+    """Do as :func:`_collected` says, in this process."""
     form = mapping.source
     assert isinstance(form, BagFormat)
+    findings = Findings()
     collector = Collector(mapping, findings)
     definitions = {
         name: beside(mapping, file, f"the definition of {name}") for name, file in form.definitions.items()
@@ -67,7 +88,7 @@ def _collect(mapping: Mapping, path: Path, findings: Findings) -> Collector:
     with opened(path, definitions) as bag:
         if check_topics(bag, collector.places, findings):
             _read_messages(bag.messages(set(collector.places)), collector, findings)
-    return collector
+    return collector, findings.errors
 
 
 def _read_messages(

@@ -59,7 +59,12 @@ def _column(column: NDArray[Any], *, text: bool) -> NDArray[Any]:
         return column.astype(np.float64)
     if column.dtype.kind == "M":
         column = np.datetime_as_string(column)
-    words = [
-        "" if cell is None else cell.decode() if isinstance(cell, bytes) else str(cell) for cell in column
-    ]
-    return np.array(words, dtype=object)
+    return np.array([_word(cell) for cell in column], dtype=object)
+
+
+def _word(cell: object) -> str:
+    if isinstance(cell, bytes):
+        return cell.decode(
+            errors="backslashreplace"
+        )  # said of it later, where a number or a date is expected
+    return "" if cell is None else str(cell)

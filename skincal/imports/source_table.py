@@ -11,11 +11,15 @@ from typing import Final
 
 from skincal.dataset.findings import Findings
 from skincal.files import open_input, reason
+from skincal.imports.apart import apart
 from skincal.imports.array_files import read_hdf5, read_matlab, read_numpy, read_parquet
 from skincal.imports.columns_of import Columns, chosen
 from skincal.imports.frame_text import layout_hint, read_blocks, read_labelled
 from skincal.imports.mapping import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
+
+FOREIGN: Final = (read_hdf5, read_matlab, read_parquet)
+"""Those whose libraries may crash, or take all memory, on a damaged file."""
 
 ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"\x89HDF\r\n\x1a\n": read_hdf5,
@@ -71,8 +75,8 @@ def read_source_table(
         reader = None if path.suffix.lower() in (".xlsx", ".xlsm", ".ods", ".zip") else read_numpy
     if reader is not None:
         try:
-            columns = reader(path)
-        except (OSError, ValueError, KeyError, NotImplementedError) as error:
+            columns = apart(reader, path) if reader in FOREIGN else reader(path)
+        except (OSError, ValueError) as error:
             got = " ".join(str(error).split())[:200]
             findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
             return None

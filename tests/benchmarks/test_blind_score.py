@@ -92,7 +92,7 @@ def test_a_silent_diagnosis_finds_nothing_and_alarms_nobody():
     as_markdown(suites)
 
 
-def test_a_diagnosis_that_always_says_the_same_is_confidently_wrong():
+def test_a_constant_diagnosis_is_confidently_wrong():
     suites = summary(_all(lambda label: _said("effects", ["creep"])), [])
     assert suites["none"]["false_alarms"]["share"] == suites["outside"]["confidently_wrong"]["share"] == 1
     assert suites["one"]["exact_name_of_all"]["hits"] == 12
@@ -164,7 +164,7 @@ def test_gap_of_positions_is_the_shrink_of_the_slack():
     assert gap["median"]["value"] == pytest.approx(0.75)
 
 
-def test_the_gap_is_told_by_strength_and_law_where_it_lives_in_the_images():
+def test_gap_is_tabled_by_strength_and_contact_law():
     """Weak effects close half, strong ones all; on layers a fifth less. What positions leave is not among them."""
 
     def answer(label):
@@ -224,7 +224,7 @@ def test_what_is_not_as_the_contract_has_it_is_told(said):
         Outcome.of(_label(specs("none", 0)[0]), said)
 
 
-def test_sessions_with_nothing_hidden_in_which_an_effect_scores_are_counted():
+def test_false_alarms_of_null_sessions_are_counted():
     by_number = [
         [],
         [[]],

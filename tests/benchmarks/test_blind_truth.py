@@ -63,7 +63,7 @@ def test_has_every_effect_of_the_catalogue():
     assert set(EFFECTS) == set(CATALOGUE)
 
 
-def test_foundation_is_skincals_own_contact_to_a_fraction_of_a_count():
+def test_foundation_agrees_with_skincals_contact():
     arc, along, force = (
         np.array([1e-3, 4e-3, -3e-3]),
         np.array([22.5e-3, 26e-3, 20.5e-3]),

@@ -96,7 +96,7 @@ def test_summary_counts_misses_widths_and_errors() -> None:
     assert group["max_seconds"] == 18.0
 
 
-def test_an_interval_without_bounds_holds_the_truth_and_is_counted() -> None:
+def test_an_unbounded_interval_counts_as_holding_the_truth() -> None:
     wide = record(0)
     for intervals in (wide["intervals"], *wide["levels"].values()):
         intervals.update({name: [-np.inf, np.inf] for name in SCALES})
@@ -121,7 +121,7 @@ def test_layers_are_told_against_their_stiffness() -> None:
     assert "## layer: 4 sessions, 0 failed, level 0.98" in text
 
 
-def test_what_is_printed_and_written_has_no_number_that_json_lacks() -> None:
+def test_results_hold_no_number_that_json_lacks() -> None:
     assert strict_json({"a": [np.inf, 1.0], "b": (float("nan"), "x")}) == {"a": [None, 1.0], "b": [None, "x"]}
 
 
@@ -194,7 +194,7 @@ def test_kept_sessions_get_the_intervals_of_their_draws(draws: dict[str, list[np
     assert as_shipped(found, QUANTILES, LEVELS, 0.98) is found
 
 
-def test_kept_draws_of_the_scale_are_widened_as_the_fit_widens_them(
+def test_stored_draws_of_scale_are_widened_as_in_the_fit(
     draws: dict[str, list[np.ndarray]],
 ) -> None:
     plain = as_shipped(_kept(draws, SCALE_WIDENING), QUANTILES, LEVELS, 0.98)["intervals"]
@@ -235,7 +235,7 @@ def test_a_study_that_was_kept_is_counted_again_without_a_fit(
     assert "none.gz" in capsys.readouterr().err
 
 
-def test_the_table_in_the_documentation_is_that_of_the_kept_sessions(tmp_path: Path) -> None:
+def test_documented_table_is_that_of_the_stored_sessions(tmp_path: Path) -> None:
     results = Path(coverage.__file__).parent / "results"
     assert (
         main(["--kept", str(results / "coverage_sessions.jsonl.gz"), "--out", str(tmp_path / "c.json")]) == 0
@@ -248,7 +248,7 @@ def test_the_table_in_the_documentation_is_that_of_the_kept_sessions(tmp_path: P
         )
 
 
-def test_intervals_of_few_presses_are_counted_though_none_is_given(
+def test_missing_intervals_of_few_presses_are_counted(
     draws: dict[str, list[np.ndarray]],
 ) -> None:
     def session(spare: int, shift: float) -> dict[str, Any]:

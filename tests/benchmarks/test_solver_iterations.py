@@ -1,4 +1,4 @@
-"""What iterations of the contact solver cost, and that the table has those that are the defaults."""
+"""Cost of the contact solver's iterations; the table marks the defaults."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from skincal.envs import BoltRollEnv, MarbleRollEnv
 MARBLE = "skincal/MarbleRoll-v0"
 
 
-def test_iterations_of_the_solver_are_compared_by_the_same_episodes() -> None:
+def test_solver_iterations_are_compared_on_equal_episodes() -> None:
     some, seconds = episodes(MARBLE, 20, 2, 4)
     again, _ = episodes(MARBLE, 20, 2, 4)
     others, _ = episodes(MARBLE, 5, 2, 4)

@@ -10,6 +10,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def blocked(_: int) -> bool:
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
-def test_an_interrupt_of_the_terminal_reaches_no_worker_and_ends_them_all_at_once() -> None:
+def test_terminal_interrupt_ends_all_workers_at_once() -> None:
     with pytest.raises(KeyboardInterrupt), mapper(2) as spread:
         assert all(spread(blocked, range(4)))
         assert not blocked(0)
@@ -134,7 +135,7 @@ def test_unrolling_gives_arcs_round_a_finger_and_x_on_a_plane() -> None:
         assert back[1] == pytest.approx(along)
 
 
-def test_presses_of_a_sensor_at_the_back_of_the_finger_stay_together() -> None:
+def test_presses_at_the_back_of_the_finger_stay_together() -> None:
     beta = np.radians([170.0, 178.0, -179.0, -172.0])
     points = 0.0115 * np.stack([np.sin(beta), np.zeros(4), np.cos(beta)], axis=1)
     across, _ = unroll(0.0115, points, np.radians(178.0))
@@ -225,6 +226,22 @@ def _slab(value: float) -> GridSlab:
     return GridSlab(np.full((2, 2, 2), value), np.ones((2, 2, 2)), np.zeros((2, 2, 2)))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"turn": np.inf}, {"turn": "x"}, {"mse_counts2": np.zeros((2, 2))}, {"scale_per_n": np.array("text")},
+        {"slack_rms_m": np.zeros((3, 1, 1), dtype=np.int8)},
+    ],
+)  # fmt: skip
+def test_a_checkpoint_of_other_kinds_is_not_used(tmp_path: Path, change: dict[str, Any]) -> None:
+    kept = {name: np.zeros((3, 1, 1)) for name in ("mse_counts2", "scale_per_n", "slack_rms_m")}
+    np.savez(tmp_path / "turn-000.npz", **{"key": "key", "turn": np.array(0), **kept, **change})
+    assert Checkpoint(tmp_path, "key").load() == {}
+    table = {name: np.zeros(3) for name in ("key", "reach")} | {"reach": np.full(6, np.inf)}
+    np.savez(tmp_path / "table-one.npz", **{**table, "key": "key"})
+    assert Checkpoint(tmp_path, "key").table("one") is None
+
+
 def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(
     session: Dataset, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -250,9 +267,7 @@ def _square(value: int) -> int:
     return value * value
 
 
-def test_a_checkpoint_on_a_full_disk_names_its_file_and_leaves_no_part(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_checkpoint_on_a_full_disk_names_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -1,4 +1,4 @@
-"""Which way a dataset is fitted, and fits on a mesh."""
+"""Choice of the solver for a dataset, and fits on a mesh."""
 
 from __future__ import annotations
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skincal.cli.main import main
+from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import check_dataset, read_dataset
 
 PLAN = """u_m,v_m,force_n,speed_m_per_s,hold_s,pose
@@ -16,6 +18,13 @@ PLAN = """u_m,v_m,force_n,speed_m_per_s,hold_s,pose
 0.002,0.001,0.5,0.04,0.3,A
 0,0,2,0.04,0.3,A
 """
+
+POSED = Plan(
+    "posed",
+    tuple(PlannedPress(*site, 0.04, 0.3) for site in ((0.0, 0.0, 2.0), (2e-3, 1e-3, 0.5), (0.0, 0.0, 2.0))),
+    {"A": (0.0, 0.25, 0.83)},
+)
+"""With its pose: the search for poses takes longer than the presses."""
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -53,17 +62,18 @@ def test_json_is_what_the_contract_says(here: Path, capsys: pytest.CaptureFixtur
 def test_the_simulated_hand_changes_its_cap_without_being_asked(
     here: Path, capsys: pytest.CaptureFixture[str]
 ):
-    head, press, *_ = PLAN.splitlines()
-    (here / "two.csv").write_text(f"{head},indenter_radius_m\n{press},\n{press},0.004\n")
-    status, _, err = run(capsys, "collect", "--seed", "7", "--plan", "two.csv", "--out", "run", "--json")
+    press = POSED.presses[0]
+    write_plan(replace(POSED, presses=(press, replace(press, indenter_radius_m=0.004))), here / "two.toml")
+    status, _, err = run(capsys, "collect", "--seed", "7", "--plan", "two.toml", "--out", "run", "--json")
     assert status == 0, err
     radii = read_dataset(Path("run")).presses.column("indenter_radius_m")
     assert radii is not None and np.isnan(radii[0]) and radii[1] == 0.004
 
 
 def test_same_seed_same_dataset(here: Path, capsys: pytest.CaptureFixture[str]):
+    write_plan(POSED, here / "plan.toml")
     for name in ("one", "two"):
-        assert run(capsys, "collect", "--seed", "3", "--plan", "plan.csv", "--out", name)[0] == 0
+        assert run(capsys, "collect", "--seed", "3", "--plan", "plan.toml", "--out", name)[0] == 0
     assert Path("one/presses.csv").read_bytes() == Path("two/presses.csv").read_bytes()
 
 
@@ -126,7 +136,8 @@ def test_a_driver_that_goes_away_is_told_and_the_session_goes_on(
         return observe(self)
 
     monkeypatch.setattr(SimDriver, "observe", cut)
-    command = ["collect", "--seed", "2", "--plan", "plan.csv", "--truth", "truth.json", "--out", "run"]
+    write_plan(POSED, here / "plan.toml")
+    command = ["collect", "--seed", "2", "--plan", "plan.toml", "--truth", "truth.json", "--out", "run"]
     status, _, err = run(capsys, *command)
     assert status == 1
     before = json.loads(Path("truth.json").read_text())["session"]["contacts"]

@@ -1,4 +1,4 @@
-"""What a person sees of a session on a terminal."""
+"""Progress of a session on a terminal."""
 
 from __future__ import annotations
 

@@ -117,6 +117,37 @@ def test_a_wrong_command_line_is_status_two(arguments: list[str], capsys: pytest
     assert "Traceback" not in err
 
 
+CHATTY = """
+import os
+from skincal.hand.stage_sim import StageSim
+
+print("imported")
+
+class Chatty(StageSim):
+    def connect(self):
+        super().connect()
+        print("connected")
+        os.write(1, b"a library writes to the descriptor\\n")
+"""
+
+
+def test_nothing_but_json_is_on_standard_output_whatever_a_driver_prints(tmp_path: Path) -> None:
+    (tmp_path / "chatty.py").write_text(CHATTY)
+    command = ["hand", "test", "chatty:Chatty", "--no-move", "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "skincal", *command], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert json.loads(done.stdout)["ok"], done.stderr
+    assert all(text in done.stderr for text in ("imported", "connected", "a library writes"))
+
+
+@pytest.mark.parametrize("more", ["", "--json"])
+def test_a_standard_output_that_is_closed(more: str) -> None:
+    command = f"{sys.executable} -m skincal hand show {more} >&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert "internal error" not in done.stderr
+
+
 def test_json_is_one_object_that_any_reader_takes(capsys: pytest.CaptureFixture[str]) -> None:
     print_json(
         {"a": np.array([1.5, np.nan, np.inf]), "b": np.int64(3), "c": (True, None, "ü"), "d": {"e": -np.inf}}

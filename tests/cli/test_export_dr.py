@@ -152,7 +152,7 @@ def test_the_choices_are_the_presets():
     assert {choice.value for choice in export_dr.Preset} == set(PRESETS)
 
 
-def test_a_scale_that_is_not_told_is_refused_unless_it_is_assumed(tmp_path, capsys):
+def test_an_unknown_scale_is_refused_unless_assumed(tmp_path, capsys):
     untold = {**INTERVALS, "scale_per_n": (float("-inf"), float("inf"))}
     write_calibration(make_calibration(intervals=untold), tmp_path / "cal")
     out = tmp_path / "r.toml"

@@ -109,9 +109,7 @@ def test_an_output_that_exists_is_left_alone(
         assert (tmp_path / "cal" / "mine.txt").read_text() == "mine"
 
 
-def test_a_session_without_active_taxels_is_status_1_and_says_why(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_without_active_taxels_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, _ = make_session(np.random.default_rng(1), presses=10)
     presses = type(data.presses)(
         data.presses.press, data.presses.position_m, data.presses.force_n, np.zeros((10, 16))
@@ -176,7 +174,7 @@ def test_a_fault_that_would_come_again_keeps_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_range_that_would_be_ignored_or_is_in_another_unit_is_refused(
+def test_unused_or_wrongly_scaled_ranges_are_refused(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong = {

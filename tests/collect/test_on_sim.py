@@ -129,7 +129,7 @@ def test_another_hand_presses_its_skin_too(tmp_path: Path, plane: bool):
     assert check_dataset(tmp_path / "run").errors == ()
 
 
-def test_a_second_indenter_presses_as_hard_and_at_the_same_places(tmp_path: Path):
+def test_a_second_indenter_repeats_forces_and_places(tmp_path: Path):
     sites = ((0.0, 0.0, 2.0), (-0.004, 0.003, 4.0))
     own = [PlannedPress(u, v, force, 0.04, 0.4, "A") for u, v, force in sites]
     other = [replace(press, indenter_radius_m=0.0035) for press in own]
@@ -146,7 +146,7 @@ def test_a_second_indenter_presses_as_hard_and_at_the_same_places(tmp_path: Path
     assert check_dataset(tmp_path / "run").errors == ()
 
 
-def test_every_press_of_a_full_plan_has_room_in_the_poses_that_are_found():
+def test_poses_reach_every_press_of_a_full_plan():
     fingers = Fingers(Kinematics(bundled_hand()), Mount.of(bundled_hand().meta))
     plan = full_plan(np.random.default_rng(1), fingers.mount.layout)
     options = CollectOptions()
@@ -159,7 +159,7 @@ def test_every_press_of_a_full_plan_has_room_in_the_poses_that_are_found():
         assert room.margin_rad > 0.05 and room.torque_share < 0.9
 
 
-def test_a_posture_stands_over_its_site_and_its_torques_press_along_the_normal():
+def test_a_posture_presses_its_site_along_the_normal():
     kinematics = Kinematics(bundled_hand())
     fingers = Fingers(kinematics, Mount.of(bundled_hand().meta))
     posture = fingers.posture((0.003, -0.002), np.array([0.1, 0.3, 0.8]), 0.006, (-0.004, 0.004))

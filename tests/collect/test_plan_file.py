@@ -31,7 +31,7 @@ def test_angles_of_poses_come_back(tmp_path: Path):
     assert read_plan(tmp_path / "mine.toml", MOUNT) == plan
 
 
-def test_a_site_by_angle_and_height_is_the_same_as_in_patch_coordinates(tmp_path: Path):
+def test_sites_by_angle_and_in_patch_coordinates_agree(tmp_path: Path):
     u, v, radius = 0.003, -0.002, 0.0115
     path = tmp_path / "plan.csv"
     beta = math.degrees(u / radius)

@@ -25,7 +25,7 @@ def full(seed: int, **changes: float | None) -> Plan:
 
 @given(SEEDS)
 @settings(max_examples=40)
-def test_paper_presses_are_sixty_different_places_of_the_grid_with_1_to_4_newton(seed: int):
+def test_paper_presses_are_sixty_grid_places_of_1_to_4_n(seed: int):
     plan = paper_plan(np.random.default_rng(seed), LAYOUT)
     grid = {tuple(place) for place in patch_grid(LAYOUT).tolist()}
     assert len(plan) == len({press.site for press in plan.presses}) == 60

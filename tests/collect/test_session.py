@@ -139,7 +139,7 @@ def test_torque_offsets_are_taken_off(tmp_path: Path):
     np.testing.assert_allclose(column(rig, "tau_rest_0"), 0.01, atol=2e-3)
 
 
-def test_a_force_beyond_what_the_controller_reaches_is_marked_not_hidden(rig: Rig):
+def test_an_unreached_force_is_marked(rig: Rig):
     # The sensor sees two thirds of the torque only while the command may not grow without bound.
     def weak(number: int, state: HandState) -> HandState:
         return replace(state, tau_nm=0.15 * state.tau_nm)
@@ -198,7 +198,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_driver_that_fails_is_stopped_and_nothing_finished_is_lost(rig: Rig, fault: str):
+def test_a_failing_driver_is_stopped_and_loses_no_press(rig: Rig, fault: str):
     with pytest.raises(HandError):
         rig.run(spoil=failing(290, FAULTS[fault]))
     assert rig.hands[0].stopped
@@ -260,7 +260,7 @@ def test_a_dataset_that_cannot_be_used_is_told_at_once(rig: Rig):
     assert "expected positive normal forces" in str(found.problems[0])
 
 
-def test_of_a_session_that_never_reached_its_hand_nothing_is_left(rig: Rig):
+def test_a_session_that_never_reached_its_hand_leaves_nothing(rig: Rig):
     with pytest.raises(HandError, match="cable"):
         rig.run(spoil=lambda number, state: raise_error(state))
     assert list(rig.out.parent.iterdir()) == []
@@ -273,7 +273,7 @@ def test_a_recorded_hand_presses_nothing(rig: Rig, monkeypatch: pytest.MonkeyPat
     assert list(rig.out.parent.iterdir()) == [] and rig.hands[0].forces == []
 
 
-def test_finished_presses_are_kept_bit_for_bit_and_the_clock_goes_on(rig: Rig):
+def test_a_resumed_session_keeps_its_finished_presses(rig: Rig):
     with pytest.raises(HandError):
         rig.run(spoil=failing(400, raise_error))
     journal = Journal.find(journal_folder(rig.out))
@@ -334,9 +334,7 @@ def test_an_existing_output_is_left_alone(whole: Rig):
     assert (whole.out / "presses.csv").read_bytes() == before
 
 
-def test_cut_off_after_the_dataset_was_written_it_is_not_written_again(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_dataset_that_was_written_is_not_written_again(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     with monkeypatch.context() as patch:
         patch.setattr(Journal, "remove", lambda self: (_ for _ in ()).throw(WorkError("cut off")))
         with pytest.raises(WorkError):

@@ -102,7 +102,7 @@ def test_a_command_beyond_travel_or_speed_is_not_sent(to_m: list[float]) -> None
     assert stage._wanted == pytest.approx([0.0, 0.0, 0.01])  # pyright: ignore[reportPrivateUsage]
 
 
-def test_checks_pass_for_the_example_and_fail_for_a_stage_that_does_not_stop() -> None:
+def test_checks_fail_for_a_stage_that_does_not_stop() -> None:
     class Restless(StageSim):
         def stop(self) -> None:
             raise OSError("no")
@@ -116,6 +116,24 @@ def test_a_stage_is_no_hand() -> None:
     assert isinstance(create_rig(DRIVER, seed=1), StageSim)
     with pytest.raises(InputError, match="one of a stage"):
         create_driver(DRIVER, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("more", "given"),
+    [(["--plan-only"], "run-plan.toml"), ([], "run"), (["--truth", "notes.json"], "notes.json")],
+)
+def test_the_command_takes_the_place_of_no_input_and_no_stranger(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: list[str], given: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = 'format = "skincal-plan/1"\nname = "x"\n[[press]]\nu_m = 0\nv_m = 0\nforce_n = 1\n'
+    plan = "p.toml" if given == "notes.json" else given
+    for name in (plan, given):
+        Path(name).write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        main(["collect", "--driver", DRIVER, "--plan", plan, "--out", "run", "--force", *more])
+    assert ended.value.code == 2
+    assert Path(given).read_text() == text
 
 
 def test_the_command_collects_with_a_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

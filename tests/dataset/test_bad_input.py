@@ -383,9 +383,7 @@ def test_what_cannot_be_used_but_is_well_formed_is_a_warning(folder: Path) -> No
         ("sigma_m = 1e-6", "sigma_m: expected a good part of slack_m"),
     ],
 )
-def test_a_slack_and_a_sigma_that_do_not_belong_together_are_a_warning(
-    folder: Path, wrong: str, said: str
-) -> None:
+def test_an_inconsistent_slack_and_sigma_are_a_warning(folder: Path, wrong: str, said: str) -> None:
     path, key = folder / "dataset.toml", wrong.split()[0]
     path.write_text(re.sub(rf"(?m)^{key} = .*$", wrong, path.read_text()))
     check = check_dataset(folder)

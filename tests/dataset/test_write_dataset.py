@@ -1,4 +1,4 @@
-"""What is written is read back exactly, and a dataset appears whole or not at all."""
+"""A written dataset reads back exactly; it appears whole or not at all."""
 
 from __future__ import annotations
 

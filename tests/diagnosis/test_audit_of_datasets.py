@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibrations import make_calibration
-from diagnose.diagnose_data import moving, still
+from diagnosis.diagnose_data import moving, still
 
 from skincal.collect import Mount, full_plan, paper_plan
 from skincal.dataset import IDLE, Dataset, SurfaceSpec
@@ -70,7 +70,7 @@ def test_calibration_is_used_and_checked():
         audit_dataset(other, calibration, rng())
 
 
-def test_the_calibration_of_a_plan_is_of_the_hand_that_would_press():
+def test_plan_and_calibration_are_of_the_same_hand():
     calibration = make_calibration()
     plan = paper_plan(rng(), MOUNT.layout)
     assert audit_plan(plan, HAND, calibration, rng()).calibrated

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose.diagnose_data import moving, still
+from diagnosis.diagnose_data import moving, still
 
 from skincal.dataset import Dataset
 from skincal.diagnosis.session import gap_session, pose_names, readout_of, repeats, sites
@@ -70,7 +70,7 @@ def test_sites_and_repeats():
     assert len(repeats(still())[0]) == 0
 
 
-def test_poses_are_numbered_by_name_those_of_presses_that_are_not_used_as_well():
+def test_poses_of_unused_presses_are_numbered_too():
     data = still()
     poses = np.array(["A", "B", *["C"] * (len(data.presses) - 2)])
     force = data.presses.force_n.copy()

@@ -63,7 +63,7 @@ def test_presses_do_not_mix():
     )
 
 
-def test_unloading_has_a_path_of_its_own_where_the_places_show_it():
+def test_unloading_has_its_own_path_where_places_show_it():
     true, measured = pressed(0.0, 1e-4)
     back = np.where(PHASE == UNLOAD, 3.0 - FORCE, 0.0)[:, None] * np.array([0.0, 1.5e-4, 0.0])
     found = steady_places(measured + back, FORCE, np.zeros(70, dtype=np.int64), PHASE)

@@ -63,7 +63,7 @@ def test_spread_is_the_convolution_with_a_gaussian():
 
 
 def slender(places_m: np.ndarray, length_m: float) -> SimpleNamespace:
-    """What a spread needs of a patch: points on a line, and a taxel across it that is so long and very wide."""
+    """Return the parts of a patch that a spread needs: points on a line, one very wide taxel across it."""
     sizes = np.array([[0.1, length_m]])
     points = np.stack([np.zeros(len(places_m)), places_m], axis=-1)
     return SimpleNamespace(uv_m=points, layout=SimpleNamespace(centres_m=np.zeros((1, 2)), sizes_m=sizes))

@@ -1,4 +1,4 @@
-"""What holds for every effect of the registry, those to come included."""
+"""Properties of every effect of the registry; a new effect is tested without a change here."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_neutral_is_exactly_the_base_model(name: str):
     assert np.array_equal(VALUES, BASE.with_effects({name: {}}).values(SESSION))
 
 
-def test_all_effects_neutral_is_exactly_the_base_model_and_needs_nothing():
+def test_neutral_effects_are_exactly_the_base_model():
     skin = BASE.with_effects({name: {} for name in EFFECTS})
     assert np.array_equal(VALUES, skin.values(without(SESSION, *COVARIATES)))
     assert not skin.has_memory
@@ -156,8 +156,8 @@ def test_sample_by_sample_is_the_session(name: str, pieces: int):
     assert np.array_equal(steps, again)
 
 
-def test_forms_that_need_more_are_those_of_the_stream_and_state_it():
-    """What a form needs is needed as soon as it is not at its default."""
+def test_forms_with_further_needs_state_them():
+    """The needs of a form apply as soon as its parameter leaves the default."""
     given = {"amplitude": 0.4, "cycles": 6.0, "fading_per_n": 0.7, "tail": 0.5}
     skin = BASE.with_effects({"first_cycle": given})
     stream, values = SkinStream(skin), skin.values(SHORT)

@@ -128,7 +128,7 @@ def test_creep_recovers_after_the_press():
     assert shown[-1] < 1e-6
 
 
-def test_a_signal_that_fell_reads_as_at_rest_afterwards_where_the_range_begins_there():
+def test_a_clipped_fall_reads_as_at_rest_afterwards():
     falling = skin_with("creep", amplitude=-0.4, time_constant_s=1.0)
     force = np.r_[np.linspace(0, 2, 5), np.full(50, 2.0), np.linspace(2, 0, 5), np.zeros(40)]
     samples = course(force)
@@ -169,13 +169,13 @@ def test_latency_shifts():
     np.testing.assert_allclose(half[2:], (base[:-2] + base[1:-1]) / 2, atol=1e-9)
 
 
-def test_latency_takes_the_load_to_have_been_the_same_before_the_session():
+def test_latency_assumes_a_constant_load_before_the_session():
     samples = course([2.0, 3.0, 3.0])
     shown, base = total("latency", samples, delay_s=0.06), BASE.values(samples).sum(axis=1)
     np.testing.assert_allclose(shown, [base[0], base[0], (base[0] + base[1]) / 2], rtol=1e-12)
 
 
-def test_latency_of_a_filter_is_a_lag_of_first_order_and_its_mean_is_the_same():
+def test_filter_latency_is_a_lag_of_first_order():
     force = np.concatenate([np.linspace(0.5, 3.0, 40), np.full(160, 3.0)])
     samples = course(force)
     base = BASE.values(samples)

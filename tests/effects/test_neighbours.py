@@ -1,4 +1,4 @@
-"""Which taxels are next to each other goes by where they lie."""
+"""Neighbouring taxels are found by their positions."""
 
 from __future__ import annotations
 

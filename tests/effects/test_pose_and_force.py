@@ -61,7 +61,7 @@ def test_contact_offset_is_another_place():
     np.testing.assert_allclose(moved.values(told), BASE.values(true), atol=1e-9)
 
 
-def test_contact_offset_stretches_about_the_centre_and_yields_with_force():
+def test_contact_offset_stretches_and_yields_with_force():
     centre = Setting(SKIN.patch, FINGER).centre_m
     at_centre = Samples.of(Contacts(centre[None], FINGER.normal_at(centre[None]), np.array([2.0])), BALL)
     stretched = skin_with("contact_offset", stretch_across=0.3, stretch_along=-0.2, skew=0.1)
@@ -71,7 +71,7 @@ def test_contact_offset_stretches_about_the_centre_and_yields_with_force():
     np.testing.assert_allclose(yields.values(presses(0.0, 0.0, [1.0, 3.0])), BASE.values(true), atol=1e-9)
 
 
-def test_contact_offset_takes_a_free_object_along_without_turning_it():
+def test_contact_offset_moves_a_free_object_without_turning():
     contacts = contacts_at([0.0], [0.0], [2.0])
     turned = contact_rotations(contacts.normals)
     free = replace(contacts, rotations=turned, origins_m=contacts.points_m + np.array([1e-3, 0.0, 1e-3]))

@@ -40,7 +40,7 @@ def test_crosstalk_leaks_to_the_next_taxels_only(taxel: int, neighbours: list[in
 
 
 @pytest.mark.parametrize("leak", [3e-3, 1e-2])
-def test_crosstalk_that_is_shared_is_a_resistive_sheet_to_second_order(leak: float):
+def test_shared_crosstalk_is_a_resistive_sheet(leak: float):
     near = skin_with("crosstalk").setting.neighbours
     sheet = np.linalg.solve(np.eye(16) + leak * (np.diag(near.sum(axis=0)) - near), only(6)[0])
     shown = through("crosstalk", only(6), leak=leak, loss=1.0, reach=leak)[0]
@@ -109,7 +109,7 @@ def test_dead_band_swallows_small_values_and_keeps_their_order(recovery: float):
 
 
 @pytest.mark.parametrize("softness", [0.1, 0.5, 1.0])
-def test_a_soft_threshold_lets_some_through_and_takes_little_more_than_a_sharp_one(softness: float):
+def test_a_soft_threshold_against_a_sharp_one(softness: float):
     x = np.linspace(0.0, 200.0, 401)[:, None] * np.ones(16)
     soft = through("dead_band", x, width_counts=8.0, softness=softness)[:, 0]
     sharp = through("dead_band", x, width_counts=8.0)[:, 0]

@@ -1,4 +1,4 @@
-"""What sites have met before."""
+"""Histories of sites over a session."""
 
 import numpy as np
 
@@ -13,19 +13,19 @@ def test_the_largest_force_of_a_site_is_remembered():
     assert np.array_equal(met_before(site, cycle, force), met)
 
 
-def test_a_touch_that_is_in_no_table_leaves_each_site_its_own_history():
+def test_an_unlisted_touch_leaves_each_site_its_history():
     # The fourth touch was cut off; it counts, but is no press.
     met = met_before(np.array([1, 1, 0, 0, 1]), np.array([0.0, 1, 0, 2, 2]), np.array([1.0, 5, 2, 0.5, 1]))
     assert met.tolist() == [0.0, 1.0, 0.0, 2.0, 5.0]
 
 
-def test_plateaus_of_one_touch_have_met_what_the_touch_before_had_at_most():
+def test_plateaus_remember_the_peak_of_the_touch_before():
     force = np.array([1.0, 2, 5, 3, 1])
     met = met_before(np.zeros(10, dtype=int), np.repeat([0.0, 1.0], 5), np.tile(force, 2))
     assert met.tolist() == [0.0] * 5 + [5.0] * 5
 
 
-def test_of_a_site_whose_history_is_not_there_the_middle_of_others_is_taken():
+def test_an_unknown_history_is_the_median_of_others():
     site, cycle = np.array([0, 0, 1, 1, 2, 3]), np.array([0.0, 1, 0, 1, 4, np.nan])
     met = met_before(site, cycle, np.array([1.0, 9, 2, 9, 9, 9]))
     assert met[:5].tolist() == [0.0, 1.0, 0.0, 2.0, 1.5]

@@ -1,4 +1,4 @@
-"""What is randomized: all of the table, from ranges that are checked."""
+"""Domain randomization draws every parameter of the table from checked ranges."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draws(env: Any, seeds: range, **options: Any) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(("name", "kind"), [(MARBLE, "marble"), (BOLT, "bolt")])
-def test_every_parameter_of_the_table_is_drawn_from_its_range_and_told(name: str, kind: str) -> None:
+def test_every_parameter_is_drawn_from_its_range(name: str, kind: str) -> None:
     ranges = preset("iros24")
     concerned = [p for p in ranges if not p.startswith("object.") or p.startswith(f"object.{kind}.")]
     seen = draws(make(name), range(8))
@@ -42,7 +42,7 @@ def test_every_parameter_of_the_table_is_drawn_from_its_range_and_told(name: str
             assert values.min() >= parameter.low and values.max() <= parameter.high, path
 
 
-def test_one_seed_gives_one_marble_for_every_policy_but_only_touch_has_to_find_the_sensor() -> None:
+def test_one_seed_gives_every_policy_the_same_marble() -> None:
     seen = {p: draws(make(policy=p), range(2, 4)) for p in ("tactile", "joint-angles", "desired")}
     for path in ("object.marble.radius_m", "finger.k_p_nm_per_rad", "finger.joint_offset_rad"):
         assert np.all(seen["tactile"][0][path] == seen["desired"][0][path])
@@ -94,7 +94,7 @@ def test_the_other_preset_works_as_it_is(name: str) -> None:
 @pytest.mark.parametrize(
     "path", ["finger.k_p_nm_per_rad", "object.marble.mass_kg", "skin.y_m", "skin.taxel_noise_counts"]
 )
-def test_a_file_that_lacks_a_parameter_is_told_which_and_what_it_is(tmp_path: Path, path: str) -> None:
+def test_a_missing_parameter_is_named_and_described(tmp_path: Path, path: str) -> None:
     file = tmp_path / "mine.toml"
     rest = {p: parameter for p, parameter in preset("iros24").items() if p != path}
     write_ranges(Ranges(rest, provenance={"preset": "iros24"}), file)

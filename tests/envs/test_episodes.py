@@ -32,7 +32,7 @@ def history(env: Any, seed: int, actions: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])
-def test_a_seed_gives_the_same_episode_to_the_last_bit_whatever_was_before(name: str) -> None:
+def test_a_seed_gives_the_same_episode_to_the_last_bit(name: str) -> None:
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 6))
     first, second = make(name), make(name)
     expected = history(first, 5, actions)
@@ -59,7 +59,7 @@ def test_environments_of_one_process_do_not_disturb_each_other() -> None:
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])
-def test_an_episode_begins_with_a_grasp_of_about_the_force_that_pays_most(name: str) -> None:
+def test_an_episode_begins_near_the_best_grasp_force(name: str) -> None:
     env = make(name, policy="desired")
     infos = [env.reset(seed=seed)[1] for seed in range(8)]
     env.close()
@@ -77,7 +77,7 @@ def test_the_error_at_first_is_that_of_the_paper() -> None:
     assert 0.8e-3 < np.mean(errors) < 2.2e-3
 
 
-def test_an_object_that_no_finger_reaches_stays_held_and_does_not_count_as_dropped() -> None:
+def test_an_unreached_object_is_not_dropped() -> None:
     env = make(policy="desired")
     env.reset(seed=0, options={"randomize": "none", "values": {"object.marble.position_m": [0, 0, 0.05]}})
     *_, terminated, _, info = env.step(STILL)
@@ -85,7 +85,7 @@ def test_an_object_that_no_finger_reaches_stays_held_and_does_not_count_as_dropp
     assert info["held"] and not info["drop"] and not terminated
 
 
-def test_an_action_is_a_change_of_the_commanded_angles_within_the_limits() -> None:
+def test_an_action_changes_angles_within_the_limits() -> None:
     env = make(policy="desired", speed_rad_per_s=0.5)
     observation, _ = env.reset(seed=0)
     newest = slice(24, 30)
@@ -187,7 +187,7 @@ def test_a_bolt_can_be_rolled_along_its_normal(orientation_deg: float) -> None:
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])
-def test_extreme_actions_neither_break_it_nor_press_beyond_physics(name: str) -> None:
+def test_extreme_actions_stay_within_physics(name: str) -> None:
     env = make(name)
     rng, force = np.random.default_rng(0), 0.0
     acts = (

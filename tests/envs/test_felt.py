@@ -58,7 +58,7 @@ def direct(env: Any, info: dict[str, Any]) -> np.ndarray:
     return Converter().apply(counts)
 
 
-def test_images_are_those_of_the_model_with_offset_and_noise_on_them_once() -> None:
+def test_images_have_offset_and_noise_once() -> None:
     env = make()
     observation, info = env.reset(seed=11)
     for _ in range(4):

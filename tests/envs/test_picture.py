@@ -36,7 +36,7 @@ def test_a_picture_shows_the_hand_and_beside_it_the_image(name: str) -> None:
     env.close()
 
 
-def test_policies_without_touch_have_dark_taxels_but_see_target_and_place() -> None:
+def test_policies_without_touch_have_dark_taxels() -> None:
     target, place = np.array([4e-3, 0.0]), np.array([0.0, -4e-3])
     dark = panel(Shown(np.zeros(3), LAYOUT, None, target, place))
     assert tuple(dark[HEIGHT // 2, round(0.7 * HEIGHT)]) == (90, 220, 120)
@@ -49,7 +49,7 @@ def test_what_lies_beyond_the_panel_or_is_nowhere_does_no_harm() -> None:
         assert panel(Shown(np.zeros(3), LAYOUT, None, odd, odd)).shape == (HEIGHT, HEIGHT, 3)
 
 
-def test_without_a_display_the_window_is_left_out_and_that_is_said(
+def test_without_a_display_the_window_is_left_out(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.platform", "linux")
@@ -61,7 +61,7 @@ def test_without_a_display_the_window_is_left_out_and_that_is_said(
     assert "no display to open a window on" in capsys.readouterr().err
 
 
-def test_the_board_beside_the_hand_takes_the_colours_of_the_image() -> None:
+def test_the_board_has_the_colours_of_the_image() -> None:
     env: Any = gymnasium.make("skincal/MarbleRoll-v0", render_mode="rgb_array", disable_env_checker=True)
     env.reset(seed=0)
     env, image = env.unwrapped, np.linspace(0.0, 100.0, 16)

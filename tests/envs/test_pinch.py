@@ -1,4 +1,4 @@
-"""How a hand pinches: the file, and the postures."""
+"""The pinch file, and the postures of a pinch."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ GOOD = Situation(
 )
 
 
-def test_the_shape_is_one_at_none_a_half_in_the_middle_and_nothing_from_the_width_on() -> None:
+def test_shape_of_a_reward_term() -> None:
     assert [falling(x, 2.0) for x in (-1.0, 0.0, 1.0, 2.0, 5.0)] == pytest.approx([1, 1, 0.5, 0, 0])
     assert falling(0.5, 2.0) == pytest.approx(0.5 * (1 + math.cos(math.pi / 4)))
 
@@ -33,7 +33,7 @@ def test_more_deviation_never_pays(a: float, b: float) -> None:
     assert rising(low, 2.0) == pytest.approx(1 - falling(low, 2.0))
 
 
-def test_the_best_that_a_step_pays_is_the_sum_of_the_published_weights() -> None:
+def test_best_step_pays_the_sum_of_the_published_weights() -> None:
     assert sum(reward_terms(GOOD, RewardScales()).values()) == pytest.approx(0.15 + 0.05 + 0.05)
     bolt = Situation(**{**vars(GOOD), "angle_rad": 0.0})
     assert sum(reward_terms(bolt, RewardScales()).values()) == pytest.approx(0.15 + 0.05 + 0.05 + 0.05)

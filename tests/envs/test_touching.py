@@ -60,7 +60,7 @@ def test_points_count_by_their_force() -> None:
         row(5.0, link=THUMB),
     ],
 )
-def test_what_cannot_be_believed_or_belongs_to_the_other_tip_is_left_out(bad: tuple[Any, ...]) -> None:
+def test_implausible_and_foreign_contacts_are_left_out(bad: tuple[Any, ...]) -> None:
     assert merged([bad], SKIN, 100.0) is None
     found = merged([bad, row(1.5, (0.0, 0.01, 0.0))], SKIN, 100.0)
     assert found is not None and found.force_n == 1.5 and found.points == 1

@@ -9,7 +9,7 @@ from skincal.envs.trajectories import SPEED_M_PER_S, circle, sine, wander
 
 
 @pytest.mark.parametrize("half_width_m", [3e-3, 6e-3])
-def test_random_targets_begin_at_the_centre_and_wander_all_over_the_box(half_width_m: float) -> None:
+def test_random_targets_cover_the_box_from_its_centre(half_width_m: float) -> None:
     rng = np.random.default_rng(0)
     ways = np.stack([wander(rng, 61, half_width_m) for _ in range(200)])
     assert ways.shape == (200, 61, 2)

@@ -52,7 +52,7 @@ def test_what_exists_is_refused_before_any_work(tmp_path: Path) -> None:
 
 
 def test_a_link_to_an_earlier_output_is_refused_before_any_work(tmp_path: Path) -> None:
-    """It could not be put in its place at the end."""
+    """A link could not be replaced at the end."""
     earlier, link = tmp_path / "earlier", tmp_path / "link"
     earlier.mkdir()
     (earlier / "m").touch()
@@ -109,7 +109,7 @@ def test_a_place_without_a_name_is_refused_even_by_force(
         refuse_existing(Path(place), force=True, marker="calibration.toml")
 
 
-def test_a_place_that_cannot_be_written_to_is_refused_before_any_work(
+def test_an_unwritable_place_is_refused_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = os.mkdir

@@ -155,7 +155,7 @@ def test_a_urdf_names_only_meshes_in_the_hands_folder(tmp_path: Path, place: str
 
 @pytest.mark.parametrize("place", ["/dev/zero", "../secret"])
 def test_a_description_names_only_files_beside_it(tmp_path: Path, place: str) -> None:
-    """By name, and by a link."""
+    """Named directly, and reached by a link."""
     (tmp_path / "secret").write_text(SECRET)
     _dataset(tmp_path / "data")
     toml = tmp_path / "data" / "dataset.toml"

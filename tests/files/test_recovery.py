@@ -1,4 +1,4 @@
-"""What a killed process leaves is swept or brought back, and said; what is at work is left alone."""
+"""Leftovers of a killed process are removed or restored with a message; files in use stay."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_what_another_process_writes_is_left_alone(tmp_path: Path) -> None:
 def test_a_kill_between_two_moves_is_mended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, listed_old: bool
 ) -> None:
-    """Where the kernel cannot exchange two names."""
+    """The kernel here cannot exchange two names."""
     output(tmp_path / "out", "old")
     if not listed_old:
         (tmp_path / "out" / NAME).unlink()

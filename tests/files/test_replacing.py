@@ -36,7 +36,7 @@ def output(path: Path, text: str = "old", **options: bool) -> Path:
 
 @pytest.fixture(params=[True, False], ids=["exchange", "two moves"])
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Whether kernel and file system have renameat2."""
+    """True if kernel and file system have renameat2."""
     if not request.param:
         monkeypatch.setattr(moves, "_renameat2", lambda *_: False)
     return request.param
@@ -90,8 +90,8 @@ WRITERS: dict[str, Callable[..., None]] = {
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_folders_without_a_list_are_replaced_where_all_is_skincals(tmp_path: Path, kind: str) -> None:
-    """As versions wrote them before there were lists."""
+def test_folders_of_older_versions_are_replaced(tmp_path: Path, kind: str) -> None:
+    """Folders without a list, as older versions wrote them."""
     out = tmp_path / "out"
     WRITERS[kind](out)
     (out / NAME).unlink()
@@ -215,7 +215,7 @@ PLACES = {
 @pytest.mark.parametrize("place", PLACES.values())
 @pytest.mark.parametrize("listed", [True, False])
 def test_inputs_are_never_replaced(tmp_path: Path, place: str, listed: bool) -> None:
-    """Whether or not the input has a list, and whichever way one lies in the other."""
+    """With and without a list in the input, for each nesting of input and output."""
     data = tmp_path / "deep" / "data"
     data.parent.mkdir()
     write_dataset(make_session(), data)

@@ -30,7 +30,7 @@ def test_mismatch_ignores_the_scale_of_the_simulated_image() -> None:
     assert image_mismatch(observed, shares) == pytest.approx(((best - observed) ** 2).sum(axis=1))
 
 
-def test_gauss_newton_never_leaves_the_slack_and_never_gets_worse() -> None:
+def test_gauss_newton_stays_in_the_slack_and_descends() -> None:
     rng = np.random.default_rng(0)
     centres = rng.uniform(-3e-3, 3e-3, (50, 16, 2))
     truth = rng.uniform(-3e-3, 3e-3, (50, 2))
@@ -71,7 +71,7 @@ def test_the_grid_finds_the_truth_where_there_is_no_noise(truth: Truth) -> None:
     assert np.unravel_index(slab.slack_rms_m[1].argmin(), (3, 3)) == (1, 1)
 
 
-def test_a_window_of_the_search_lattice_belongs_to_its_own_centre(truth: Truth) -> None:
+def test_a_search_window_belongs_to_its_own_centre(truth: Truth) -> None:
     """With the sensor's centre and the presses moved alike, every combination gives the same loss."""
     presses, _ = make_session(truth, presses=12, noise=0.0)
     problem = pose_problem(rig(), presses)
@@ -100,7 +100,7 @@ def test_presses_are_chosen_by_their_active_taxels(truth: Truth) -> None:
     assert len(stricter) < len(problem)
 
 
-def test_presses_without_force_position_or_image_are_dropped_and_said(truth: Truth) -> None:
+def test_incomplete_presses_are_dropped_and_reported(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=30)
     force, across, counts = presses.force_n.copy(), presses.across_m.copy(), presses.counts.copy()
     force[0], force[1], across[2], counts[3] = -1.0, np.nan, np.nan, np.nan

@@ -40,7 +40,7 @@ class _Both:
 
     @property
     def worse(self) -> np.ndarray:
-        """By how much the fast way's places are worse than those of nlopt (K,)."""
+        """Excess of the compiled solver's objective over that of nlopt (K,)."""
         return self.fast_objective - self.nlopt.objective
 
     @property
@@ -102,7 +102,7 @@ def test_both_ways_find_the_same_places(both: list[_Both]) -> None:
     assert (same < 0.1e-3).mean() > 0.9
 
 
-def test_both_ways_give_the_same_loss_and_scale_where_they_find_the_same_places(both: list[_Both]) -> None:
+def test_both_solvers_give_equal_loss_at_equal_places(both: list[_Both]) -> None:
     """Two places of a press may look alike once images are normalised, and not at all with the common scale."""
     same = [b for b in both if b.apart_m.max() < 0.3e-3]
     assert len(same) >= 4

@@ -22,7 +22,7 @@ def test_expected_counts_are_the_mean_of_many_frames(sigma: float, integer: bool
 
 @given(st.floats(0.02, 6.0), st.floats(-0.5, 0.5))
 @settings(deadline=None, max_examples=20)
-def test_many_values_are_interpolated_to_what_each_of_them_is_alone(sigma: float, shift: float) -> None:
+def test_interpolation_of_many_values_is_that_of_each(sigma: float, shift: float) -> None:
     values = np.linspace(-12 * sigma - 2, 300.0, 30_000) + shift
     some = values[:: len(values) // 60]
     many = expected_counts(values, sigma, CONVERTER)[:: len(values) // 60]
@@ -42,7 +42,7 @@ def test_noise_is_found_from_the_level_at_rest(sigma: float) -> None:
         assert noise_from_rest(rest, CONVERTER) == pytest.approx(sigma, rel=0.05)
 
 
-def test_a_level_at_rest_that_clipping_cannot_explain_says_nothing_of_the_noise() -> None:
+def test_an_implausible_rest_level_bounds_no_noise() -> None:
     assert np.isnan(noise_from_rest(8.0, CONVERTER))
     assert np.isnan(noise_from_rest(0.4, Readout(None, None, True)))
 
@@ -53,7 +53,7 @@ def _counts(values: np.ndarray, sigma: float, frames: int, seed: int = 1) -> np.
     return np.clip(np.rint(noisy), 0, 255).mean(axis=1)
 
 
-def test_untouched_taxels_come_out_at_zero_though_clipping_lifts_them() -> None:
+def test_untouched_clipped_taxels_come_out_at_zero() -> None:
     values = np.zeros((60, 6))
     values[::5, 2] = 60.0
     seen = observe(_counts(values, 1.0, 400), CONVERTER)
@@ -82,7 +82,7 @@ def test_a_sensor_without_a_lower_bound_loses_its_level_at_rest() -> None:
     assert seen.values[0, 1] == pytest.approx(50.0)
 
 
-def test_values_at_the_upper_bound_are_marked_and_dead_taxels_stay_nan() -> None:
+def test_saturated_values_are_marked_and_dead_stay_nan() -> None:
     counts = np.full((12, 3), 0.4)
     counts[:4, 0] = 255.0
     counts[:, 2] = np.nan

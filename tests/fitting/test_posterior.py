@@ -160,9 +160,7 @@ def test_equal_weights_are_worth_their_number() -> None:
     assert Draws(np.zeros((50, 11)), np.full(50, 0.02)).effective == pytest.approx(50)
 
 
-def test_the_contact_law_widens_elasticity_and_scale_but_not_the_pose(
-    problem: FitProblem, truth: Truth
-) -> None:
+def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth: Truth) -> None:
     start = _macro(truth)
     peaks = [
         climb(problem, Neighbourhood.around(start, s).images(problem), BOUNDS, start)
@@ -192,7 +190,7 @@ def test_a_law_without_density_is_ruled_out(problem: FitProblem, truth: Truth) -
         weigh_laws(np.array([0.0, 0.2e-3]), [nowhere, peak])
 
 
-def test_a_density_that_is_nowhere_finite_is_a_failure_of_the_fit(problem: FitProblem, truth: Truth) -> None:
+def test_a_density_that_is_nowhere_finite_fails_the_fit(problem: FitProblem, truth: Truth) -> None:
     start = _macro(truth)
     peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
 

@@ -51,7 +51,7 @@ def test_the_loss_at_the_best_point_is_that_of_the_noise(fitted: FitResult) -> N
     assert fitted.sigmas.position_m == pytest.approx(0.5e-3, rel=0.35)
 
 
-def test_the_loss_of_the_grid_is_another_one_than_the_noise_bounds(fitted: FitResult) -> None:
+def test_grid_loss_is_not_the_loss_that_noise_bounds(fitted: FitResult) -> None:
     grid = fitted.grid
     # Normalised images leave one direction of most presses to the rig's positions: counts, where noise is some tenths.
     assert grid.mse_counts2.min() > 10 * fitted.valley_mse_counts2
@@ -66,9 +66,7 @@ def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
     assert np.isfinite(fitted.draws).all()
 
 
-def test_the_same_seed_gives_the_same_result_and_workers_do_not_matter(
-    fitted: FitResult, truth: Truth
-) -> None:
+def test_a_seed_gives_one_result_for_any_workers(fitted: FitResult, truth: Truth) -> None:
     order: list[int] = []
 
     def backwards(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
@@ -111,7 +109,7 @@ def test_evaluated_turns_are_taken_up_again(fitted: FitResult, truth: Truth) -> 
     assert again.intervals == fitted.intervals
 
 
-def test_the_papers_bound_gives_the_box_of_all_combinations_below_it(truth: Truth) -> None:
+def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, seed=11)[0])
     result = _fit(problem, options=replace(QUICK, bound_counts2=25.0))
     grid, inside = result.grid.grid, result.grid.mse_counts2 <= 25.0
@@ -245,7 +243,7 @@ def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
     assert low <= math.radians(12.0) <= high
 
 
-def test_a_scale_of_the_forces_that_is_not_known_widens_elasticity_and_scale_alone(truth: Truth) -> None:
+def test_unknown_force_scale_widens_elasticity_and_scale(truth: Truth) -> None:
     sure = pose_problem(rig(), make_session(truth, seed=11)[0])
     unsure = replace(sure, rig=replace(sure.rig, force_scale_sigma=0.05))
     exact, wide = _fit(sure), _fit(unsure)

@@ -125,7 +125,7 @@ class TriedHand(FakeHand):
 
 
 def is_sound(state: HandState) -> bool:
-    """Whether a state is within the limits of the hand."""
+    """Return True if a state is within the limits of the hand."""
     angles = np.stack([state.q_rad, state.q_desired_rad])
     margin = OPTIONS.joint_margin_rad + ROUNDING
     return bool(

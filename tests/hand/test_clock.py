@@ -15,7 +15,7 @@ PERIOD_S = 0.01
 def found(
     hand_s: np.ndarray, own_s: np.ndarray, *, real_time: bool, recorded: bool = False, **options: float
 ) -> str:
-    """What is wrong with a series of states, or nothing; each is waited for since the one before."""
+    """Return the fault of a series of states, or an empty text; each is waited for since the one before."""
     check = ClockCheck(GuardOptions(**options), real_time=real_time, period_s=PERIOD_S, recorded=recorded)
     waited = [0.0, *(after - before for before, after in pairwise(own_s))]
     for t, own, wait in zip(hand_s, own_s, waited, strict=True):

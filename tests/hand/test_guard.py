@@ -116,7 +116,7 @@ def test_the_error_carries_joint_value_and_limit() -> None:
     assert error.exit_status == 1
 
 
-def test_a_clock_that_stands_still_stops_the_hand_within_the_stated_time() -> None:
+def test_a_stopped_clock_stops_the_hand_in_time() -> None:
     driver = FakeHand(changed(time_s=0.03, taxel_time_s=np.full(4, 0.03)), pace_s=0.005)
     error, after_s = run(driver, periods=100)
     assert error.kind == "clock"
@@ -201,7 +201,13 @@ def test_a_hand_that_does_not_connect_is_stopped_and_closed() -> None:
     assert error.kind == "driver"
     assert "connect() raised OSError: no such port" in str(error)
     assert driver.calls == ["connect", "stop", "close"]
-    assert run(FakeHand(hang={"connect": 1.0}))[0].kind == "timeout"
+    assert run(FakeHand(hang={"connect": 1.0}, real_time=True))[0].kind == "timeout"
+
+
+def test_a_simulated_hand_may_take_longer_to_connect() -> None:
+    """It may compile its skin model, on a computer that is busy."""
+    with GuardedHand(FakeHand(hang={"connect": 2 * QUICK.connect_timeout_s}), QUICK) as hand:
+        hand.observe()
 
 
 def test_a_stop_that_raises_is_tried_again_and_told() -> None:

@@ -19,7 +19,7 @@ STEPS = st.tuples(st.floats(-0.021, 0.021), st.floats(-0.021, 0.021)).map(np.arr
 
 
 class Sequences(RuleBasedStateMachine):
-    """What may happen between a hand and whoever moves it, in any order."""
+    """Calls between a hand and its user, in any order."""
 
     trial: Trial | None = None
 

@@ -1,4 +1,4 @@
-"""Whether a hand was stopped is known, and said, whoever presses Ctrl-C how often."""
+"""The state of a hand after Ctrl-C is known and reported, however often it is pressed."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ GuardedHand(FakeHand(raises={{"stop": OSError("bus")}}), GuardOptions(stop_timeo
 """
 
 
-def test_a_program_that_forgets_its_hand_is_told_without_a_traceback() -> None:
+def test_a_forgotten_hand_is_reported_without_traceback() -> None:
     script = FORGETFUL.format(folder=str(Path(__file__).parent))
     found = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30

@@ -118,9 +118,7 @@ def test_a_package_makes_its_driver_known(monkeypatch: pytest.MonkeyPatch) -> No
         driver_class("mine")
 
 
-def test_an_installed_package_adds_its_hand_without_touching_skincal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_installed_package_adds_its_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What pip leaves of a package that names a driver in its pyproject.toml.
     (tmp_path / "lab_hand.py").write_text("from hand_fakes import FakeHand\n\nclass LabHand(FakeHand): ...\n")
     info = tmp_path / "lab_hand-1.0.dist-info"

@@ -140,7 +140,7 @@ def test_a_remote_hand_is_as_one_that_is_here() -> None:
     assert len(hands.made) == 2
 
 
-def test_messages_lost_late_doubled_and_out_of_order_change_nothing() -> None:
+def test_disordered_messages_change_nothing() -> None:
     generator = random.Random(5)
 
     def fate(message: Message, forth: bool) -> list[float]:
@@ -175,7 +175,7 @@ def test_latency_is_borne() -> None:
         assert len(hands.last.commands) == 5
 
 
-def test_a_command_that_was_long_under_way_is_refused_and_the_hand_stopped() -> None:
+def test_a_late_command_is_refused_and_stops_the_hand() -> None:
     hands = Hands()
 
     def fate(message: Message, forth: bool) -> list[float]:
@@ -457,6 +457,32 @@ def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path)
         # A client with keys does not talk to a server that cannot show the hand's.
     with served(hands) as server, pytest.raises(HandError, match="none that admits"):
         RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
+
+
+def test_a_client_that_does_not_wait_for_answers_fills_no_memory() -> None:
+    hands = Hands(lambda: FakeHand(hang={"observe": 0.2}))
+    with served(hands) as server:
+        driver = RemoteDriver(server.address)
+        driver.connect()
+        session = server._session  # pyright: ignore[reportPrivateUsage]
+        assert session is not None
+        for number in range(2, 5000):
+            session.request(b"x", Message("observe", number, session.token))
+        waiting = session._requests.qsize()  # pyright: ignore[reportPrivateUsage]
+        driver.stop()
+        driver.close()
+    assert waiting <= 8
+
+
+def test_keys_are_read_once(tmp_path: Path) -> None:
+    """What lies in the folder later is never opened: a pipe, say, at which the authenticator would wait for ever."""
+    make_keys(tmp_path / "keys")
+    keys = hand_keys(tmp_path / "keys" / "hand")
+    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
+    with served(Hands(), keys=keys) as server:
+        driver = RemoteDriver(server.address, keys=tmp_path / "keys" / "client")
+        driver.connect()
+        driver.close()
 
 
 def test_keys_are_private_and_kept(tmp_path: Path) -> None:

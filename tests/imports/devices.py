@@ -48,7 +48,7 @@ class Contacts:
         return self._shares(time_s) @ self.force_n
 
     def place(self, time_s: np.ndarray) -> np.ndarray:
-        """Where the indenter is: at the press that goes on or comes next, (m, 2)."""
+        """Return the indenter's place (m, 2), that of the current press or of the next."""
         now = np.minimum(np.searchsorted(self.start_s + self.lasts_s, time_s), len(self.start_s) - 1)
         moved = np.clip((time_s - self.start_s[now] - 0.7) / np.maximum(self.lasts_s[now] - 1.0, 0.1), 0, 1)
         place = self.place_m[now].copy()

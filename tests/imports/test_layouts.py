@@ -127,7 +127,7 @@ def test_rows_named_by_letters(tmp_path: Path):
 
 
 def test_lines_of_names_and_values(tmp_path: Path):
-    """What a serial monitor saves."""
+    """Lines as a serial monitor saves them."""
     file = tmp_path / "serial.log"
     names = [f"p{'ABC'[r]}{c + 1}" for r in range(3) for c in range(3)]
     stamps = pd.to_datetime(TIME, unit="s").strftime("%H:%M:%S.%f").str[:-3]

@@ -149,7 +149,7 @@ def test_no_toml_and_no_file(tmp_path: Path):
 
 @pytest.mark.parametrize("kind", ["csv", "rosbag"])
 def test_template_names_every_key_that_there_is(tmp_path: Path, kind: str):
-    """It reads as it stands, and shows all that could be said in it."""
+    """The template is valid as it stands and shows every key."""
     text = template(kind)
     tomllib.loads(text)
     (tmp_path / "m.toml").write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the engine says of made sessions: names, silence where nothing is hidden, and invariants of all its answers."""
+"""Diagnoses of generated sessions: named effects, no false alarms, and invariants of all answers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_what_is_hidden_is_named(kind: str):
 
 
 @pytest.mark.parametrize("kind", NAMED)
-def test_the_sensor_stays_within_its_interval_after_an_effect_was_added(kind: str):
+def test_added_effects_keep_the_sensor_in_its_interval(kind: str):
     new = found(kind).calibration
     for name, true in TRUTH.best().items():
         low, high = new.intervals[name]

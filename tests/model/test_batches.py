@@ -35,7 +35,9 @@ def test_loads_are_those_of_single_contacts(kind: str):
     assert count_places(contacts) == PRESSES
     loads = SKIN.loads(indenter, contacts)
     assert loads.max() > 0.3
-    np.testing.assert_allclose(loads, plain_loads(PATCH, indenter, contacts, 4e8), rtol=1e-9, atol=1e-12)
+    some = np.arange(0, len(contacts), 7)  # of every press, at forces that rise and fall
+    expected = plain_loads(PATCH, indenter, contacts[some], 4e8)
+    np.testing.assert_allclose(loads[some], expected, rtol=1e-9, atol=1e-12)
 
 
 def test_loads_of_points_are_those_of_single_contacts():
@@ -57,7 +59,7 @@ def test_samples_that_are_not_known_split_nothing_else():
     assert np.array_equal(found[sound], whole[sound])
 
 
-def test_a_load_does_not_depend_on_the_other_samples_of_its_press():
+def test_a_load_is_independent_of_other_samples():
     contacts = up_and_down(3)
     some = np.arange(len(contacts)) % 3 > 0
     indenter = indenters()["sphere"]

@@ -105,7 +105,7 @@ def test_a_tilted_punch_by_its_tilt():
     np.testing.assert_allclose(found.by_motion[:, 0], expected, atol=1e-4 * np.abs(expected).max())
 
 
-def test_what_does_not_press_changes_nothing_and_what_is_unknown_is_nan():
+def test_derivatives_without_contact_are_zero_or_nan():
     contacts = presses_on(Plane(), [0.0, 0.0, 0.1], 0.0, [np.nan, 0.0, 1.0])
     found = load_derivatives(_skin(Plane(), None), Sphere(0.006), contacts, along_surface(Plane(), contacts))
     assert np.isnan(found.by_log_force[0]).all() and np.isnan(found.by_motion[0]).all()

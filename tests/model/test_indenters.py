@@ -1,4 +1,4 @@
-"""What every indenter must do; a new kind is added to model_shapes.indenters() and inherits all of it."""
+"""Properties of every indenter; a kind added to model_shapes.indenters() gets all of these tests."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_it_touches_the_origin_from_above(indenter: Indenter):
 
 
 @every
-def test_normals_are_unit_against_the_ray_and_nan_where_it_misses(indenter: Indenter):
+def test_normals_are_unit_and_nan_where_the_ray_misses(indenter: Indenter):
     directions = _directions(500, 0.8)
     hits = indenter.cast(_origins(500), directions)
     hit = np.isfinite(hits.distance_m)
@@ -85,7 +85,7 @@ def test_a_flat_punch_ends_at_its_rim_and_a_ray_along_it_misses():
     assert punch.cast([[0.0, 0, 0.001]], -UP).distance_m[0] == pytest.approx(0.001)
 
 
-def test_a_mesh_of_a_ball_is_the_ball_as_nearly_as_its_faces_allow():
+def test_a_mesh_of_a_ball_tends_to_the_ball():
     origins = _origins(2000) * [0.5, 0.5, 0.1]
     exact = Sphere(0.006).cast(origins, UP).distance_m
     error = [np.abs(sphere_mesh(level).cast(origins, UP).distance_m - exact).max() for level in (2, 3, 4, 5)]

@@ -40,7 +40,7 @@ def test_loads_of_points_add_up_to_those_of_taxels(kind: str):
     np.testing.assert_allclose(loads, SKIN.loads(indenter, contacts), rtol=1e-12, atol=1e-14)
 
 
-def test_contacts_that_are_not_known_have_no_loads_and_others_are_not_touched_by_them():
+def test_unknown_contacts_have_no_loads():
     contacts = presses_on(FINGER, [0.0, 0.0, 0.0], 0.0, [np.nan, 2.0, 0.0])
     loads = SKIN.pressures(Sphere(0.006), contacts).loads(MEMBERSHIP)
     assert np.isnan(loads[0]).all()

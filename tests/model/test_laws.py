@@ -122,7 +122,7 @@ def test_a_press_moved_with_the_sensor_gives_the_same_image(surface, indenter, p
 
 @law
 @given(st.floats(-3.0, 3.0), places, forces)
-def test_on_a_plane_a_round_press_turned_with_the_sensor_gives_the_same_image(turn, place, force):
+def test_on_a_plane_turned_round_presses_give_one_image(turn, place, force):
     def image(alpha: float) -> np.ndarray:
         u, v = place
         across, along = u * np.cos(alpha) - v * np.sin(alpha), u * np.sin(alpha) + v * np.cos(alpha)
@@ -144,7 +144,7 @@ def test_the_load_of_all_points_is_the_force(surface, indenter, place, force, el
 
 @law
 @given(places, forces, elasticities)
-def test_without_gaps_and_with_one_normal_the_image_sums_to_the_force(place, force, elasticity):
+def test_a_gapless_flat_image_sums_to_the_force(place, force, elasticity):
     without_gaps = TaxelLayout.grid(6, 6, taxel_size_m=4e-3, pitch_m=4e-3)
     patch = Patch.build(PLANE, without_gaps, SensorPose(0.0235, 0.7), resolution_m=0.5e-3, margin_m=0.0)
     image = _skin(patch, elasticity).image(FlatPunch(0.002), presses_on(PLANE, *place, force))
@@ -153,9 +153,7 @@ def test_without_gaps_and_with_one_normal_the_image_sums_to_the_force(place, for
 
 @law
 @given(surfaces, st.sampled_from(INDENTERS[:4]), places, st.floats(0.2, 5.0), elasticities)
-def test_the_centroid_of_the_load_lies_within_a_millimetre_of_the_press(
-    surface, indenter, place, force, elasticity
-):
+def test_load_centroid_is_within_1_mm_of_the_press(surface, indenter, place, force, elasticity):
     contacts = presses_on(surface, *place, force)
     response = _skin(PATCHES[surface], elasticity).respond(indenter, contacts)
     if response.status[0] == Status.OK:

@@ -109,7 +109,7 @@ def test_scattered_taxels_have_their_exact_area_too():
 
 
 @pytest.mark.parametrize("rule", ["midpoint", "gauss"])
-def test_where_the_edges_are_too_many_for_the_resolution_the_patch_is_cut_evenly(rule):
+def test_too_many_edges_cut_the_patch_evenly(rule):
     _, size = patch_cells(_scattered(), 0.5e-3, 2e-3, rule)
     np.testing.assert_allclose(size, np.broadcast_to(size[0], size.shape))
     assert size.max() <= 0.5e-3
@@ -141,7 +141,7 @@ def test_a_taxel_beyond_the_edge_is_refused():
         Patch.build(surface_of(cylinder_mesh(64)), paper_layout(), SensorPose(0.07 - 0.005, 0.0))
 
 
-def test_a_patch_that_would_lie_on_itself_loses_its_margin_then_is_refused():
+def test_an_overlapping_patch_loses_its_margin():
     thin = Cylinder(0.0035)
     patch = Patch.build(thin, paper_layout(), SensorPose(0.02, 0.0))
     assert np.ptp(np.arctan2(patch.points_m[:, 0], patch.points_m[:, 2])) <= 2 * np.pi

@@ -122,7 +122,7 @@ def test_the_papers_line_search_comes_within_its_step():
         assert found - 1e-4 <= response.penetration_m[k] <= found
 
 
-def test_both_projection_factors_are_in_the_load_and_one_in_the_force():
+def test_load_has_two_projection_factors_and_force_one():
     # One point whose normal leans by a, touched by a punch that leans by b: F = E eps A cos a, load = F cos b.
     a, b = 0.3, 0.2
     layout = TaxelLayout.grid(1, 1, taxel_size_m=1e-3, pitch_m=1e-3)

@@ -15,7 +15,7 @@ def test_presses_that_touch_a_taxel_do_not_lift_its_level() -> None:
     assert scatter == pytest.approx(0.1, abs=0.03)
 
 
-def test_a_taxel_that_every_press_touches_gets_the_level_of_the_others() -> None:
+def test_an_always_touched_taxel_gets_the_common_level() -> None:
     rng = np.random.default_rng(1)
     counts = 0.4 + 0.1 * rng.standard_normal((30, 6))
     counts[:, 2] = rng.uniform(20, 90, 30)

@@ -1,4 +1,4 @@
-"""What every surface must do; a new kind is added to SURFACES and inherits all of it."""
+"""Properties of every surface; a kind added to SURFACES gets all of these tests."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ Session = Callable[..., Dataset]
 def by_hand(
     calibration: Calibration, dataset: Dataset, points: np.ndarray, force: np.ndarray, radius: float = 0.006
 ) -> np.ndarray:
-    """What the skin says of contacts, one by one."""
+    """Compute the skin's values contact by contact."""
     skin, surface = calibration.skin(), dataset.surface()
     rows = []
     for point, f in zip(points, force, strict=True):
@@ -309,9 +309,7 @@ def test_another_sensor_is_refused_with_everything_that_differs(
     assert (radius.expected, radius.got) == ("0.0115 m, as calibrated", "0.01 m")
 
 
-def test_a_sensor_that_cannot_lie_where_the_calibrated_one_does_is_refused(
-    session: Session, calibration: Calibration
-) -> None:
+def test_a_sensor_of_another_mount_is_refused(session: Session, calibration: Calibration) -> None:
     dataset = session(4)
     pose = calibration.model
     assert pose.beta_deg is not None

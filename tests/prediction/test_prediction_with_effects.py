@@ -79,9 +79,7 @@ def one_by_one(calibration: Calibration, dataset: Dataset) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_frames_are_those_of_the_stream_and_presses_the_means_of_their_holds(
-    session: Session, name: str
-) -> None:
+def test_presses_are_the_means_of_their_hold_frames(session: Session, name: str) -> None:
     dataset = rich(session(3))
     calibration = calibrated(case_of(name))
     prediction = predict_dataset(calibration, dataset)
@@ -217,7 +215,7 @@ def test_without_a_clock_only_what_needs_none_is_there(session: Session) -> None
     assert not only.warnings
 
 
-def test_drifts_of_a_press_without_frames_count_from_the_beginning_of_the_session(session: Session) -> None:
+def test_drift_without_frames_counts_from_session_start(session: Session) -> None:
     data, drifting = session(6), calibrated(Effect("baseline_drift", {"slope_counts_per_s": 0.05}))
     last = int(data.presses.press[-1])
     fewer = replace(data, frames=data.frames.select(data.frames.press != last))

@@ -1,4 +1,4 @@
-"""Which presses of a dataset are of one site, and what a site has met."""
+"""Sites of a dataset's presses, and the history of each."""
 
 from __future__ import annotations
 

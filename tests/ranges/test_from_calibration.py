@@ -34,7 +34,7 @@ def test_the_calibrated_replaces_and_the_rest_is_the_preset(name):
     assert ranges.provenance["dataset_sha256"] == "ab" * 32
 
 
-def test_what_the_data_leave_open_stays_the_presets_with_a_warning():
+def test_unidentified_parameters_keep_the_preset():
     calibration = make_calibration(intervals=INTERVALS | {"elasticity_pa_per_m": (1e8, np.inf), "y_m": ALL})
     ranges = from_calibration(calibration)
     published = preset("iros24")
@@ -57,7 +57,7 @@ def test_a_preset_that_the_mount_rules_out_is_not_used():
     assert "the range of the mount, 0.045 to 0.055" in str(ranges.warnings[0])
 
 
-def test_a_preset_that_knows_an_offset_only_keeps_it_about_the_nominal_place():
+def test_a_preset_offset_stays_about_the_nominal_place():
     calibration = make_calibration(intervals=INTERVALS | {"y_m": ALL})
     ranges = from_calibration(calibration, "icra26")
     assert ranges["skin.y_m"] == Parameter.constant(0.0235)
@@ -95,7 +95,7 @@ def test_scales_of_the_taxels_are_offsets_from_the_common_one(name):
     assert ranges["skin.scale_offset_per_n"].source == "calibrated"
 
 
-def test_a_taxel_that_does_not_answer_answers_with_no_scale_that_is_drawn():
+def test_a_dead_taxel_stays_dead_in_every_draw():
     scales = (0.0, *[68.0] * 15)
     model = ModelParameters(0.0235, -3.0, 5.1e8, 68.0, beta_deg=2.1, scale_per_taxel_per_n=scales)
     wide = replace(make_calibration(model=model), draws=None)
@@ -138,7 +138,7 @@ def test_effects_bring_their_parameters():
     assert [w.place for w in ranges.warnings] == ["calibration.toml, [effects] force_bias"]
 
 
-def test_what_an_interval_does_not_tell_stays_as_found_with_a_warning():
+def test_parameters_without_interval_stay_at_the_estimate():
     ends = (-np.inf,) * 3 + (0.9,) * 13, (np.inf,) * 3 + (1.2,) * 13
     effects = (
         Effect("taxel_gain", {"gain": (1.0,) * 16}, {"gain": ends}),
@@ -154,7 +154,7 @@ def test_what_an_interval_does_not_tell_stays_as_found_with_a_warning():
     ]
 
 
-def test_what_is_known_of_each_taxel_replaces_what_was_assumed_of_all():
+def test_per_taxel_values_replace_the_common_assumption():
     offsets = Effect("taxel_offset", {"offset_counts": tuple(np.linspace(-3, 3, 16))})
     gains = Effect("taxel_gain", {"gain": tuple(np.linspace(0.9, 1.1, 16))})
     ranges = from_calibration(make_calibration(effects=(offsets, gains)), "icra26")
@@ -191,7 +191,7 @@ def test_draws_of_every_effect_go_into_a_skin(tmp_path, name, suffix):
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_without_an_interval_or_with_none_to_speak_of_the_draw_is_what_was_found(name):
+def test_without_an_interval_the_estimate_is_drawn(name):
     found = case_of(name, 0.0)
     for effect in (found, Effect(name, found.parameters)):
         drawn = from_calibration(make_calibration(effects=(effect,))).sample(np.random.default_rng(1))

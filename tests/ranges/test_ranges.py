@@ -43,7 +43,7 @@ def test_everything_wrong_in_a_set_is_said_at_once():
         Parameter.normal(1.0, 1.0, mode="episode"),
     ],
 )
-def test_noise_needs_a_level_that_is_drawn_per_episode_and_not_below_zero(level):
+def test_noise_needs_a_level_drawn_per_episode(level):
     noise = Parameter.normal(0.0, "skin.noise_sigma_counts")
     with pytest.raises(InputError, match="sigma_from"):
         Ranges({"skin.noise_sigma_counts": level, "skin.taxel_noise_counts": noise})

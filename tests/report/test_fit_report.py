@@ -263,7 +263,7 @@ def test_the_page_says_what_was_found(folder: Path, fitted: Fitted) -> None:
         assert str(number) in page.text
 
 
-def test_the_page_of_a_fit_with_effects_says_whose_its_pictures_are(
+def test_page_of_a_fit_with_effects_names_its_model(
     fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result, data, calibration = fitted[0], fitted[1], fitted[2]

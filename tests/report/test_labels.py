@@ -24,7 +24,7 @@ def _named(points: np.ndarray, keep_clear: np.ndarray | None = None) -> tuple[li
     return [t for t in axes.texts if isinstance(t, Annotation)], left_out, axes
 
 
-def test_names_of_close_points_do_not_cover_each_other_or_a_point() -> None:
+def test_labels_of_close_points_do_not_overlap() -> None:
     points = np.random.default_rng(0).normal(0.0, 0.12, (30, 2))
     names, left_out, axes = _named(points)
     assert len(names) + left_out == 30

@@ -50,9 +50,7 @@ def test_a_figure_has_curves_and_a_map(name: str):
 @pytest.mark.parametrize(
     ("name", "label"), [("cover", "force [N]"), ("creep", "time [s]"), ("hysteresis", "time [s]")]
 )
-def test_an_effect_of_which_nothing_is_said_is_drawn_all_the_same(
-    name: str, label: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_effect_without_values_is_drawn(name: str, label: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(signatures, "_VIEWS", MappingProxyType({}))
     assert signature(name).x_label == label
 

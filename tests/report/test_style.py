@@ -23,7 +23,7 @@ def test_a_title_of_any_letters_is_drawn_without_a_warning(tmp_path: Path, name:
     assert _title(figure).endswith(": 60 presses")
 
 
-def test_letters_that_a_font_has_are_kept_and_others_become_boxes() -> None:
+def test_letters_that_a_font_lacks_become_boxes() -> None:
     with style():
         assert _title(new_figure(3, 2, "Größe δ µ ß ± 5 €")) == "Größe δ µ ß ± 5 €"
         # A private letter, which no font that we name has.

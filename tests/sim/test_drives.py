@@ -50,7 +50,7 @@ def test_commanded_angles_are_low_passed() -> None:
         assert drive.filtered_rad[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_friction_holds_what_is_small_and_takes_off_what_is_large() -> None:
+def test_friction_holds_small_and_reduces_large_torques() -> None:
     drive = drives(friction=0.08)
     drive.target_rad = [0.2 + 0.015]
     assert settle(drive, 0.2) == 0.0

@@ -1,4 +1,4 @@
-"""What a simulated skin remembers when its session goes on in another process."""
+"""A simulated skin keeps its history when a session is resumed in another process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skincal.sim.memory import Look
 from skincal.sim.touch import contact_stiffness
 
 
-def test_a_skin_that_remembers_goes_on_as_if_there_had_been_no_break() -> None:
+def test_a_skin_with_memory_resumes_without_a_break() -> None:
     strengths = {"hysteresis": 1.0, "creep": 1.0, "first_cycle": 2.0, "gain_drift": 1.0, "latency": 1.0}
     before, after = ramp(), ramp(3.2)
     whole = skin(**strengths)
@@ -29,7 +29,7 @@ def test_a_skin_that_remembers_goes_on_as_if_there_had_been_no_break() -> None:
     assert not np.array_equal(images(new, after), expected)
 
 
-def test_the_file_holds_what_was_there_up_to_a_row_that_was_cut_off(tmp_path: Path) -> None:
+def test_the_file_is_read_up_to_a_truncated_row(tmp_path: Path) -> None:
     path = tmp_path / "skin.memory"
     looks = [Look(contact(0.04 * i, 0.5 * i), np.full(6, i), np.full(6, -i)) for i in range(4)]
     memory = SkinMemory(path, 6)

@@ -49,7 +49,7 @@ def test_it_may_be_the_skin_of_a_calibration_effects_included() -> None:
         np.testing.assert_array_equal(reference.image(c), expected)
 
 
-def test_the_calibration_of_another_sensor_or_a_doubled_effect_is_refused() -> None:
+def test_foreign_calibrations_and_doubled_effects_are_refused() -> None:
     truth = Truth.draw(np.random.default_rng(3), bundled_hand(), effects={"creep": 1.0})
     with pytest.raises(InputError, match=r"hand .*, \[surface\] kind"):
         truth.with_skin(on_a_plane(), bundled_hand())

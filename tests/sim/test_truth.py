@@ -75,7 +75,7 @@ def test_joints_without_errors_leave_positions_where_they_are(tmp_path: Path, pl
         assert position_error(Kinematics(hand), truth).rms_m < 1e-6
 
 
-def test_a_known_offset_of_one_joint_moves_positions_by_its_lever() -> None:
+def test_a_joint_offset_moves_positions_by_its_lever() -> None:
     hand = bundled_hand()
     truth = exact(Truth.draw(np.random.default_rng(1), hand))
     # The thumb turns about an axis some 104 mm from the contact: so far beside it the contact seems to be.
@@ -95,7 +95,7 @@ def test_the_truth_is_plain_and_whole() -> None:
     assert set(truth["position_error"]) == {"mean_across_m", "mean_along_m", "rms_m", "scatter_m"}
 
 
-def test_the_truth_of_a_session_has_its_position_error_in_the_pose() -> None:
+def test_session_truth_has_its_position_error_in_the_pose() -> None:
     with session(3) as hand:
         assert json.loads(json.dumps(hand.truth_dict()))["session"] == {"contacts": 0}
         press(hand)

@@ -233,7 +233,7 @@ def test_a_run_is_replaced_by_force_and_strangers_in_it_are_not(tmp_path):
 
 
 def test_a_checkpoint_that_was_moved_away_comes_back(tmp_path):
-    """As it is after a kill where the file system cannot exchange two names."""
+    """The state after a kill where the file system cannot exchange two names."""
     folder = tmp_path / "run"
     small_runs.run(folder, 2 * small_runs.CHECKPOINT_STEPS)
     (folder / "checkpoint").rename(folder / ".checkpoint.abcd_123.old")

@@ -16,7 +16,7 @@ LAWS = ("foundation", "layer")
 
 @dataclass(frozen=True)
 class Body:
-    """What a session's base model is.
+    """Base model of a session.
 
     Attributes:
         y_m, beta_deg, alpha_deg: pose of the patch.
@@ -40,11 +40,11 @@ class Body:
 
     @property
     def centres_m(self) -> Floats:
-        """Where the taxels are (J, 2) [m]."""
+        """Centres of the taxels (J, 2) [m]."""
         return centres_m(self.y_m, self.beta_deg, self.alpha_deg)
 
     def depth_m(self, sphere_m: float, force_n: Floats) -> Floats:
-        """How far a sphere sinks in [m]."""
+        """Return the penetration of a sphere [m]."""
         fields = self.images.fields(ContactKind(sphere_m))
         return np.interp(np.sqrt(force_n / self.elasticity_pa_per_m), fields.root, fields.depth_m)
 
@@ -62,7 +62,7 @@ class Body:
 
 @dataclass(frozen=True)
 class ContactChange:
-    """How hidden effects change the contact itself."""
+    """Change of the contact by hidden effects."""
 
     hardening: Hardening | None = None
     sheet_m: float = 0.0
@@ -71,7 +71,7 @@ class ContactChange:
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """What touches where, at some samples.
+    """Contacts at a number of samples.
 
     Attributes:
         force_n: (K,) normal force that the skin feels [N].
@@ -92,7 +92,7 @@ class Touches:
 def values(
     body: Body, touches: Touches, change: ContactChange | None = None, moves_m: Floats | None = None
 ) -> Floats:
-    """What the base model reads (K, J) [counts], not noisy, not rounded, not clipped.
+    """Compute the base model's readings (K, J) [counts] before noise, rounding and clipping.
 
     Args:
         body: the sensor.

@@ -15,7 +15,7 @@ from benchmarks.blind.truth.spec import Spec
 
 
 def counts(scene: Scene, effects: Sequence[Effect] = ()) -> Floats:
-    """What the taxels read (N, J) [counts], not noisy, not rounded, not clipped."""
+    """Compute the taxels' readings (N, J) [counts] before noise, rounding and clipping."""
     touches = scene.touches
     for effect in effects:
         touches = effect.touches(touches, scene)
@@ -28,7 +28,7 @@ def counts(scene: Scene, effects: Sequence[Effect] = ()) -> Floats:
 
 
 def _change(effects: Sequence[Effect]) -> ContactChange:
-    """What all effects together change in the contact."""
+    """Combine the contact changes of all effects."""
     whole = ContactChange()
     for change in (effect.change() for effect in effects):
         if change is not None:
@@ -57,7 +57,7 @@ def _bell(x: Floats) -> Floats:
 
 
 def read(rng: np.random.Generator, x: Floats, noise_counts: float, spec: Spec | None = None) -> Floats:
-    """What the sensor reads of values (N, J): noisy, in whole steps, clipped, above its level at rest."""
+    """Return the sensor's readings of values (N, J): with noise, rounded, clipped, above the rest level."""
     rest, step, grows = (
         (0.0, 1, 0.0) if spec is None else (spec.rest_counts, spec.step_counts, spec.noise_grows)
     )

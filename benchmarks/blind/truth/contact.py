@@ -93,7 +93,7 @@ class Fields:
     depth_m: Floats
 
     def stiffened(self, factor: float) -> Fields:
-        """Those of a law that is stiffer by a factor."""
+        """Return the fields of a law that is stiffer by a factor."""
         return Fields(np.sqrt(factor) * self.root, factor * self.felt, self.depth_m)
 
 
@@ -104,7 +104,7 @@ class Foundation:
     name = "linear foundation"
 
     def depths_m(self, sphere_m: float, force_m3: Floats, hardening: Hardening | None) -> Floats:
-        """How far the sphere has come under forces over E (n,) [m³]."""
+        """Return the sphere's penetration (n,) [m] under forces over E (n,) [m³]."""
         return self._solved(_whole(sphere_m), force_m3, hardening)
 
     def fields(self, sphere_m: float, largest_m3: float, hardening: Hardening | None) -> Fields:

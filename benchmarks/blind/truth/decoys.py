@@ -1,4 +1,4 @@
-"""What is there to mislead a diagnosis without being an effect, and faults that are no effect of the skin.
+"""Decoys: disturbances and faults that are no effect of the skin.
 
 ``shuffled``: pose, cycle, speed and temperature are those of other presses. ``positions``: measured places are twice
 as far off, still within the slack. ``base``: pose, elasticity and scale far from the nominal ones, which a refit finds.

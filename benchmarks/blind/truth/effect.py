@@ -1,4 +1,4 @@
-"""What a hidden effect is: where it may reach into the chain, and what it sees there."""
+"""Interface of a hidden effect: its hooks into the signal chain, and the scene that they get."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks.blind.truth.rig import RATE_HZ, Floats, Ints
 
 
 class Stage(IntEnum):
-    """Where a signal is changed, in this order."""
+    """Stages of the signal chain, in their order."""
 
     LOADS = 0
     MEMORY = 1
@@ -47,7 +47,7 @@ class Scene:
 
     @property
     def touching(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Whether a sample belongs to a press (N,)."""
+        """Mask of the samples that belong to a press (N,)."""
         return self.line.press >= 0
 
     def of_press(self, column: Floats) -> Floats:
@@ -66,7 +66,7 @@ class Scene:
 
     @property
     def length_s(self) -> float:
-        """How long the session is."""
+        """Duration of the session [s]."""
         return float(self.line.time_s[-1])
 
 
@@ -94,21 +94,21 @@ class Effect:
         return cls(cls.typical)
 
     def touches(self, touches: Touches, scene: Scene) -> Touches:
-        """What truly touches, for what is measured."""
+        """Return the true contacts for the measured ones."""
         del scene
         return touches
 
     def change(self) -> ContactChange | None:
-        """What is another in the contact itself."""
+        """Return the change of the contact itself."""
         return None
 
     def moves(self, scene: Scene) -> Floats | None:
-        """How far the taxels themselves move round and along the finger (N, J, 2) [m]."""
+        """Return the taxels' displacements round and along the finger (N, J, 2) [m]."""
         del scene
         return None
 
     def reported(self, scene: Scene) -> Floats:
-        """What is added to the measured position of every press, round and along the finger (K, 2) [m]."""
+        """Return the offsets of every press's measured position, round and along the finger (K, 2) [m]."""
         return np.zeros((len(scene.plan.presses), 2))
 
     def signal(self, x: Floats, scene: Scene) -> Floats:

@@ -22,7 +22,7 @@ _LEVELS = 40
 
 @dataclass(frozen=True)
 class ContactKind:
-    """What a field depends on, besides the law and the force.
+    """Key of a field, besides the law and the force.
 
     Attributes:
         sphere_m: radius of the indenter [m].

@@ -1,4 +1,4 @@
-"""What the catalogue of effects does not have, and what a diagnosis should therefore call unknown."""
+"""Effects that the catalogue lacks; a diagnosis should report them as unknown."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Wander(Outside):
 
 @dataclass(frozen=True)
 class AfterImage(Outside):
-    """What was pressed last is felt again: a part of the last hold's image, which fades, is added to the next press."""
+    """Add a fading part of the last hold's image to the next press."""
 
     fade_s: float = 5.0
 

@@ -1,4 +1,4 @@
-"""Which presses a session has, when they are, and what is commanded of the force at every sample.
+"""Presses of a session, their times, and the commanded force at every sample.
 
 Three protocols. ``full``: 90 presses in an order of chance, an anchor every ten, sites that are come back to, exact
 repeats, two speeds, two holds, two hand poses, two indenters, some with a tangential force. ``raster``: the same kinds
@@ -30,7 +30,7 @@ Depth = Callable[[float, Floats], Floats]
 
 @dataclass(frozen=True)
 class Press:
-    """What is commanded of a press."""
+    """Commanded values of a press."""
 
     site: int
     arc_m: float
@@ -93,7 +93,7 @@ def make_plan(rng: np.random.Generator, protocol: str, depth: Depth) -> Plan:
 
 
 def timeline(plan: Plan, depth: Depth) -> Timeline:
-    """What is commanded at every sample."""
+    """Return the commanded values at every sample."""
     time = np.arange(int((plan.times_s[-1, 3] + LEAD_S) * RATE_HZ) + 1) / RATE_HZ
     start, hold, release, end = plan.times_s.T
     near = np.minimum(np.searchsorted(end, time, side="right"), len(plan.presses) - 1)

@@ -30,7 +30,7 @@ def taxel_names() -> list[str]:
 
 
 def centres_m(y_m: float, beta_deg: float, alpha_deg: float) -> Floats:
-    """Where the taxels' centres are: arc round the finger from ``beta = 0`` and place along it (J, 2) [m]."""
+    """Return the taxels' centres: arc round the finger from ``beta = 0`` and place along it (J, 2) [m]."""
     turn = np.radians(alpha_deg)
     u, v = TAXEL_UV_M.T
     arc = np.radians(beta_deg) * FINGER_RADIUS_M + u * np.cos(turn) - v * np.sin(turn)

@@ -28,7 +28,7 @@ NOTHING_G = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What is written of a session, and its label.
+    """Recorded data of a session, and its label.
 
     Attributes:
         scene: what truly was.
@@ -109,7 +109,7 @@ def _temperature(rng: np.random.Generator, time_s: Floats) -> Floats:
 
 
 def _told_temperature(scene: Scene, order: Ints) -> Floats:
-    """What is written (N,): the true one, unless covariates are those of other presses."""
+    """Return the recorded temperature (N,): the true one, unless covariates are shuffled between presses."""
     if np.array_equal(order, np.arange(len(order))):
         return scene.temperature_c
     of_press = np.array([scene.temperature_c[rows].mean() for rows in scene.by_press])
@@ -132,7 +132,7 @@ def _effects(rng: np.random.Generator, spec: Spec, scene: Scene) -> tuple[list[E
 
 
 def _measured(rng: np.random.Generator, scene: Scene, effects: Sequence[Effect]) -> Floats:
-    """Where the presses are said to be (K, 2): an error beyond the slack is drawn anew."""
+    """Draw the reported positions (K, 2); an error beyond the slack is drawn anew."""
     body = scene.body
     first = np.array([rows[0] for rows in scene.by_press])
     true = np.column_stack([scene.touches.arc_m[first], scene.touches.along_m[first]])
@@ -185,7 +185,7 @@ def _label(
 
 
 def _floor(session: Session, clean: Floats, rest: float) -> dict[str, float]:
-    """What the best model leaves: RMS of readings less what they are on average."""
+    """Return the residual of the best model: RMS of readings minus their mean."""
     scene = session.scene
     left = session.reading - shown(clean + rest, scene.body.noise_counts, rest)
     return {

@@ -1,4 +1,4 @@
-"""What is asked of a session."""
+"""Specification of a session."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Spec:
-    """What is asked of a session; the rest is drawn from the seed.
+    """Specification of a session; the rest is drawn from the seed.
 
     Attributes:
         suite: which part of the test it belongs to.
@@ -37,5 +37,5 @@ class Spec:
 
     @property
     def name(self) -> str:
-        """Of the session; says nothing about what is hidden."""
+        """Name of the session; it does not reveal what is hidden."""
         return f"{self.suite}-{self.number:03d}"

@@ -1,4 +1,4 @@
-"""How strong a hidden effect is: g, the RMS of what it leaves after the base model is refitted, over the noise.
+"""Strength g of a hidden effect: RMS of its residual after a refit of the base model, over the noise.
 
 The refit is linear: what the effect changes in what is shown is projected on what the base model could do about it -
 turn, elasticity and scale of the sensor, and the place of every press, which a fit may shift within its slack. All
@@ -25,7 +25,7 @@ _TRIES, _NEAR_ENOUGH, _LEAST = 12, 0.02, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """What the base model of a scene can do about a change of its images.
+    """Sensitivities of a scene's base model, for a refit to a change of its images.
 
     Attributes:
         base: (N, J) what is shown without any effect [counts].
@@ -42,7 +42,7 @@ class Refit:
 
     @classmethod
     def of(cls, scene: Scene) -> Refit:
-        """By finite differences."""
+        """Compute the sensitivities by finite differences."""
         body, touches = scene.body, scene.touches
         noise = body.noise_counts
         plain = shown(values(body, touches), noise)
@@ -59,7 +59,7 @@ class Refit:
         return cls(scene, plain, np.stack(places, axis=2), np.stack(shared, axis=2), rows)
 
     def left(self, change: Floats, *, places: bool = True) -> Floats:
-        """What is left of a change (N, J) [counts] in the samples with contact (M, J)."""
+        """Return the residual of a change (N, J) [counts] in the samples with contact (M, J)."""
         press = self.scene.line.press[self.rows]
         target, shared = change[self.rows], self.shared[self.rows]
         slack = self.places[self.rows]
