@@ -174,7 +174,7 @@ def _stage(
     beyond_limits: bool,
     as_json: bool,
 ) -> None:
-    """A session of a stage."""
+    """Collect the session of a stage."""
     from skincal.collect import journal_folder, write_plan
     from skincal.collect.plan_file import FORMAT
     from skincal.collect.stage import collect_stage, stage_plan

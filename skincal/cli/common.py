@@ -52,17 +52,17 @@ def example(*commands: str) -> str:
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Prints one JSON object on standard output; what JSON has no number for (NaN, inf) becomes null."""
+    """Print one JSON object on standard output; NaN and inf, which JSON lacks, become null."""
     print(json.dumps(plain(content), allow_nan=False), file=_for_json[-1], flush=True)
 
 
 _for_json: list[TextIO | None] = [None]
-"""Where JSON goes; None: to standard output."""
+"""Stream for JSON; None: standard output."""
 
 
 @contextmanager
 def json_alone(wanted: bool) -> Generator[None]:
-    """While a verb with ``--json`` runs, what anybody else prints goes to standard error: a driver, say, or a library.
+    """Redirect other output, such as that of a driver or a library, to standard error while ``--json`` is on.
 
     Args:
         wanted: whether the verb has that option.

@@ -132,7 +132,7 @@ _SPEEDS = {"marble": 0.3, "bolt": 0.6}
 
 
 def _speed(policy: Policy, task: Task, most: float) -> float:
-    """Joint velocity that an action of 1 commands [rad/s]: the policy's own, if the hand has it."""
+    """Return the joint velocity of an action of 1 [rad/s]: the policy's own, if the hand allows it."""
     from skincal.errors import InputError, Problem
 
     speed = policy.description.environment.get("speed_rad_per_s", _SPEEDS[task])

@@ -169,7 +169,7 @@ def _whole(value: float) -> float:
 
 
 MOST_M = 0.5
-"""A target lies no further from the middle of a skin [m]."""
+"""Largest distance of a target from the middle of a skin [m]."""
 
 
 def _targets(path: Path) -> list[list[float]]:

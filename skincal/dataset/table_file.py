@@ -180,7 +180,7 @@ class ParquetColumns(Mapping[str, Column]):
 
 
 def _is_single(kind: pa.DataType) -> bool:
-    """Whether the cells of a column are single numbers, texts or dates."""
+    """Return whether the cells of a column are single numbers, texts or dates."""
     import pyarrow as pa
 
     return (

@@ -17,7 +17,7 @@ ROUNDING_RAD = 1e-9
 
 
 class Elapsed:
-    """The time that counts for the step of a command.
+    """Clock of the time that bounds the step of a command.
 
     It is what has passed since the command before, on the rig's clock and on ours, whichever is less, and one period at
     most: a state that comes early, twice or with a clock that leaps earns no larger step. A simulated clock has nothing
@@ -33,17 +33,17 @@ class Elapsed:
         self._rig_s = self._sent_rig_s = self._sent_own_s = math.nan
 
     def observed(self, rig_s: float, now_s: float) -> None:
-        """Takes the time of a sound state on the rig's clock [s]; it came at ``now_s`` on ours."""
+        """Record the time of a sound state on the rig's clock [s], which arrived at ``now_s`` on ours."""
         self._rig_s = rig_s
         if math.isnan(self._sent_rig_s):
             self._sent_rig_s, self._sent_own_s = rig_s, now_s
 
     def sent(self, now_s: float) -> None:
-        """A command has been sent; ``now_s`` is our clock after that [s]."""
+        """Record that a command was sent; ``now_s`` is our clock afterwards [s]."""
         self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
 
     def passed_s(self, now_s: float) -> float:
-        """The time that counts since the last command [s]."""
+        """Return the time since the last command that counts [s]."""
         own_s = now_s - self._sent_own_s if self._real_time else math.inf
         return max(0.0, min(self._rig_s - self._sent_rig_s, own_s, self._period_s))
 
@@ -51,8 +51,8 @@ class Elapsed:
 class CommandCheck:
     """Checker of commands, one after the other.
 
-    A command may step from the one before by velocity times time at most (:class:`Elapsed`). Before the first command
-    the hand holds to what it says.
+    A command may differ from the previous one by at most velocity times time (:class:`Elapsed`). Before the first
+    command the hand holds its reported angles.
 
     Args:
         driver: the connected hand.
@@ -68,7 +68,7 @@ class CommandCheck:
         self._sent = False
 
     def observed(self, state: HandState, now_s: float) -> None:
-        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
+        """Record a sound state that arrived at ``now_s`` on our clock [s]."""
         self._elapsed.observed(float(state.time_s), now_s)
         if not self._sent:
             self._base_rad = state.q_desired_rad.copy()

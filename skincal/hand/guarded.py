@@ -30,20 +30,20 @@ from skincal.hand.stage import StageDriver
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 
 LONGEST_PERIOD_S = 1.0
-"""A rig that is commanded less often than this is not controlled [s]."""
+"""Longest period of a controlled rig [s]."""
 
 
 PATIENCE = 10.0
-"""A simulated rig may take so many times longer to connect; compiling takes a quarter of a minute on an idle core."""
+"""Factor by which a simulated rig may take longer to connect; compilation takes about 15 s on an idle core."""
 
 State = TypeVar("State")
 Command = TypeVar("Command")
 
 
 class Guarded(ABC, Generic[State, Command]):
-    """A rig that is safe to move: used as a driver is, within a ``with`` block, for one connection.
+    """A rig that is safe to move: used like a driver, within a ``with`` block, for one connection.
 
-    Calls to the driver are made by one thread of the guard's own, except for ``stop``.
+    A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
     Args:
         driver: the rig.
@@ -52,7 +52,7 @@ class Guarded(ABC, Generic[State, Command]):
     """
 
     rig: ClassVar[str]
-    """What it is called in errors."""
+    """Name of the kind of rig in errors."""
 
     def __init__(
         self,
@@ -71,15 +71,15 @@ class Guarded(ABC, Generic[State, Command]):
 
     @abstractmethod
     def _check_limits(self) -> None:
-        """Refuses a description beyond all bounds, before connecting.
+        """Refuse a description with limits beyond all bounds, before connecting.
 
         Raises:
-            InputError: it is.
+            InputError: the limits are beyond all bounds.
         """
 
     @abstractmethod
     def _checks(self) -> tuple[Any, Any]:
-        """What looks at states and at commands, once the rig is connected (:mod:`skincal.hand.checks`)."""
+        """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.checks`)."""
 
     @property
     def name(self) -> str:
@@ -93,28 +93,30 @@ class Guarded(ABC, Generic[State, Command]):
 
     @property
     def real_time(self) -> bool:
-        """Whether the rig's clock runs as fast as ours."""
+        """True if the rig's clock runs as fast as ours."""
         return self._made.real_time
 
     @property
     def failure(self) -> HandError | None:
-        """Why the rig was stopped by the guard; None while all is well."""
+        """Error for which the guard stopped the rig; None without a fault."""
         return self._failure
 
     def connect(self) -> None:
-        """Takes the rig.
+        """Connect to the rig.
 
         Raises:
             InputError: the limits of its description are beyond all bounds.
-            HandError: it does not answer, or has been connected before.
+            HandError: it does not respond, or has been connected before.
         """
         if self._worker is not None:
-            raise HandError(f"{self.name}: a guarded {self.rig} connects only once; create a new one", "order")
+            raise HandError(
+                f"{self.name}: a guarded {self.rig} connects only once; create a new one", "order"
+            )
         options = self._options
         self._check_limits()
         self._worker = Worker(f"{self.rig} {self.name}", options.idle_s, self._idle)
         atexit.register(self._at_exit)
-        # What a simulated rig computes first (it may compile its skin model) takes longer where others are at work.
+        # A simulated rig may compile its skin model first, which takes longer on a busy machine.
         patience = 1.0 if self._made.real_time else PATIENCE
         try:
             self._call("connect", self._made.connect, timeout_s=patience * options.connect_timeout_s)
@@ -126,7 +128,7 @@ class Guarded(ABC, Generic[State, Command]):
                 self._fail("driver", text)
             self._check_state, self._check_command = self._checks()
         except BaseException as error:
-            # A `with` block that was not entered does not leave.
+            # The exit of a `with` block that was not entered is not called.
             if isinstance(error, HandError) and error.stopped is not None:
                 self._leave(error, "")
             else:
@@ -134,10 +136,10 @@ class Guarded(ABC, Generic[State, Command]):
             raise
 
     def observe(self) -> State:
-        """Waits for the next state, checks it and returns it.
+        """Wait for the next state, check it and return it.
 
         Raises:
-            HandError: something is wrong; the rig has been stopped.
+            HandError: a check failed; the rig has been stopped.
         """
         start_s = self._clock()
         state: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
@@ -149,7 +151,7 @@ class Guarded(ABC, Generic[State, Command]):
         return state
 
     def act(self, command: Command) -> None:
-        """Checks a command and sends it.
+        """Check a command and send it.
 
         Raises:
             HandError: the command breaks a limit and was not sent, or the driver failed; the rig has been stopped.
@@ -157,7 +159,7 @@ class Guarded(ABC, Generic[State, Command]):
         self._ready("act")
         if self._halted:
             raise HandError(
-                f"{self.name}: the {self.rig} has been stopped; connect anew to move it", "stopped"
+                f"{self.name}: the {self.rig} has been stopped; connect again to move it", "stopped"
             )
         violation = self._check_command(command, self._clock())
         if violation is not None:
@@ -166,7 +168,7 @@ class Guarded(ABC, Generic[State, Command]):
         self._check_command.sent(command, self._clock())
 
     def stop(self) -> None:
-        """Stops the rig; may be called at any time and from any thread. States can still be observed.
+        """Stop the rig; may be called at any time and from any thread. States can still be observed.
 
         Raises:
             HandError: the driver's ``stop`` raised, or did not return.
@@ -176,7 +178,7 @@ class Guarded(ABC, Generic[State, Command]):
             raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
 
     def close(self) -> None:
-        """Gives the rig back. May be called twice.
+        """Release the rig. May be called twice.
 
         Raises:
             HandError: the driver's ``close`` raised, or did not return; the rig is stopped.
@@ -195,10 +197,10 @@ class Guarded(ABC, Generic[State, Command]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the rig, whatever happened, and gives it back. What ended the block has a note that it was stopped.
+        """Stop the rig, whatever happened, and release it. Add a note to the exception that the rig was stopped.
 
         Raises:
-            HandError: it could not be stopped.
+            HandError: the rig could not be stopped.
         """
         try:
             with held_back() as came:
@@ -207,7 +209,7 @@ class Guarded(ABC, Generic[State, Command]):
                     try:
                         self._leave(error, trouble)
                     finally:
-                        # It ends already, and what there is to say must be said.
+                        # The process is ending already, and the error must be reported.
                         came.clear()
                     return
         except KeyboardInterrupt as interrupt:
@@ -217,16 +219,16 @@ class Guarded(ABC, Generic[State, Command]):
         self._leave(error, trouble)
 
     def _leave(self, error: BaseException | None, trouble: str) -> None:
-        """Gives the rig back, and tells whether it was stopped."""
+        """Release the rig, and report whether it was stopped."""
         told = isinstance(error, HandError) and error.stopped is False
         try:
             if not (trouble or told or isinstance(error, KeyboardInterrupt)):
                 self.close()
             elif self._worker is not None and not self._closed:
-                # Whoever has to cut the power, or wants an end, is not kept waiting.
+                # Do not delay a user who must cut the power, or a process that is to end.
                 self._give_back(self._worker, min(self._options.connect_timeout_s, HURRY_S))
         except HandError:
-            # What ended the block is the news, not that closing failed after it.
+            # The exception of the block matters, not a failure to close after it.
             if error is None:
                 raise
         except BaseException as interrupt:
@@ -235,7 +237,7 @@ class Guarded(ABC, Generic[State, Command]):
         self._tell(error, trouble)
 
     def _tell(self, error: BaseException | None, trouble: str) -> None:
-        """Notes at what ends the block that the rig was stopped; where it was not, that is what ends it."""
+        """Note on the block's exception that the rig was stopped; raise an error if it was not."""
         if isinstance(error, HandError) and error.stopped is not None:
             return
         if trouble:
@@ -251,13 +253,13 @@ class Guarded(ABC, Generic[State, Command]):
             error.add_note(stopped(self.rig))
 
     def _at_exit(self) -> None:
-        """At the end of a process that forgot its rig."""
+        """Stop a rig that is still connected at the end of the process."""
         trouble = self._halt()
         if trouble:
             print(f"{self.name}: {trouble}", file=sys.stderr)
 
     def _ready(self, what: str) -> Worker:
-        """The worker, where the rig is connected and nothing has gone wrong."""
+        """Return the worker of a connected rig without faults."""
         if self._failure is not None:
             raise again(self._failure)
         if self._worker is None or self._closed:
@@ -265,7 +267,7 @@ class Guarded(ABC, Generic[State, Command]):
         return self._worker
 
     def _call(self, what: str, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Makes a call to the driver; whatever goes wrong, the rig is stopped."""
+        """Make a call to the driver; stop the rig on any fault."""
         worker = self._ready(what)
         try:
             return worker.call(self._unless_failed, work, arguments, timeout_s=timeout_s)
@@ -284,13 +286,13 @@ class Guarded(ABC, Generic[State, Command]):
             raise
 
     def _unless_failed(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """In the worker: nothing is sent after the rig was stopped while the call waited for its turn."""
+        """Run in the worker: do nothing if the rig was stopped while the call waited for its turn."""
         if self._failure is not None:
             raise self._failure
         return work(*arguments)
 
     def _send(self, command: Command) -> None:
-        """In the worker: nothing is sent after the rig was stopped while the command waited for its turn."""
+        """Run in the worker: send nothing if the rig was stopped while the command waited for its turn."""
         if self._halted:
             raise HandError(f"the {self.rig} has been stopped; the command was not sent", "stopped")
         self._made.act(command)
@@ -307,7 +309,7 @@ class Guarded(ABC, Generic[State, Command]):
         limit: float | None = None,
         cause: BaseException | None = None,
     ) -> NoReturn:
-        """Stops the rig, and raises what happened; the first failure is the one that counts."""
+        """Stop the rig and raise the error; only the first failure counts."""
         trouble = self._halt()
         end = trouble or f"{stopped(self.rig)} {self._advice(kind)}".rstrip()
         error = HandError(
@@ -318,7 +320,7 @@ class Guarded(ABC, Generic[State, Command]):
         raise error from cause
 
     def _halt(self) -> str:
-        """Stops the rig. Returns what went wrong with that; empty: it was stopped."""
+        """Stop the rig; return the failure to do so, or ''."""
         self._halted = True
         return halt(self._made.stop, self._options.stop_timeout_s, self.name, self.rig)
 
@@ -326,24 +328,24 @@ class Guarded(ABC, Generic[State, Command]):
         return ADVICE[kind]
 
     def _idle(self) -> None:
-        """In the worker: nobody has called for ``idle_s``."""
+        """Run in the worker: stop a rig that has not been called for ``idle_s``."""
         if self._closed or self._halted:
             return
         try:
             self._fail("idle", f"no call for {self._options.idle_s:g} s", limit=self._options.idle_s)
         except HandError:
-            # The next call raises it.
+            # The next call raises the error.
             return
 
     def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
-        """Closes the driver and lets the worker end. Returns what went wrong."""
+        """Close the driver and let the worker end; return the error of closing, or None."""
         self._closed = True
         atexit.unregister(self._at_exit)
         options = self._options
         timeout_s = timeout_s or options.connect_timeout_s
         hung = self._failure is not None and self._failure.kind == "timeout"
         try:
-            # Behind a call that hangs there is no closing, and nothing to wait for.
+            # A driver with a hanging call cannot be closed; do not wait.
             worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)
             worker.call(self._made.close, timeout_s=timeout_s)
         except CallTimeoutError:

@@ -12,7 +12,7 @@ from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 
 
 def stopped(rig: str) -> str:
-    """What is said of a rig whose ``stop`` returned, and of no other."""
+    """Return the statement that a rig was stopped, valid only after its ``stop`` returned."""
     return f"The {rig} was stopped."
 
 

@@ -57,7 +57,7 @@ class Keys:
     allowed: frozenset[bytes] = frozenset()
 
     def callback(self, domain: str, key: bytes) -> bool:
-        """Whether a client may come in; ZeroMQ asks."""
+        """Return whether ZeroMQ may admit a client."""
         return key in self.allowed
 
 

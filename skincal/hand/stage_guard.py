@@ -23,8 +23,8 @@ BEYOND_M = 0.5e-3
 """Tolerance of a measured position beyond the travel, for overshoot [m]."""
 
 MOST_TRAVEL_M, MOST_SPEED_M_PER_S, MOST_FORCE_N = 1.0, 0.5, 200.0
-"""Largest limits that are taken without being asked for: what a bench has no room for, the speed of an arm that is
-moved beside a person (0.25 m/s, ISO 10218-1) twice over, and ten times the force that a skin is pressed with."""
+"""Largest limits that are accepted by default: more travel than a bench has room for, twice the speed of an arm that
+moves next to a person (0.25 m/s, ISO 10218-1), and ten times the force that a skin is pressed with."""
 
 
 class GuardedStage(Guarded[StageState, FloatArray]):
@@ -53,7 +53,7 @@ class GuardedStage(Guarded[StageState, FloatArray]):
         return self._driver.description
 
     def nearest(self, position_m: FloatArray) -> FloatArray:
-        """The allowed place that is nearest to this one (3,) [m], within travel and speed."""
+        """Return the allowed position nearest to a position (3,) [m], within travel and speed."""
         self._ready("nearest")
         return self._commands.nearest(position_m, self._clock())
 
@@ -69,7 +69,7 @@ class GuardedStage(Guarded[StageState, FloatArray]):
 
 
 def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
-    """Refuses limits that are none, or that no bench has.
+    """Refuse limits that are invalid, or beyond those of any bench.
 
     Args:
         rig: the stage.
@@ -95,7 +95,7 @@ def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
 
 
 class StageStateCheck:
-    """Checks states, one after the other.
+    """Checker of states, one after the other.
 
     Args:
         driver: the stage, connected.
@@ -109,7 +109,7 @@ class StageStateCheck:
         self._last_s = -math.inf
 
     def __call__(self, state: StageState, now_s: float, waited_s: float = 0.0) -> Violation | None:
-        """What is wrong with a state; None: nothing. Arguments as those of the check of a hand's."""
+        """Return the violation of a state, or None; arguments as for a hand's state."""
         return (
             self._form(state)
             or self._goes_on(state)
@@ -165,7 +165,7 @@ class StageStateCheck:
 
 
 class StageCommandCheck:
-    """Checks commands, one after the other: travel, and how far they step in the time passed (:class:`Elapsed`).
+    """Checker of commands, one after the other: travel, and step size for the time passed (:class:`Elapsed`).
 
     Before the first command the tip holds to where it is.
 
@@ -180,18 +180,18 @@ class StageCommandCheck:
         self._sent = False
 
     def observed(self, state: StageState, now_s: float) -> None:
-        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
+        """Record a sound state that arrived at ``now_s`` on our clock [s]."""
         self._elapsed.observed(float(state.time_s), now_s)
         if not self._sent:
             self._base = np.array(state.position_m, dtype=np.float64)
 
     def sent(self, position_m: FloatArray, now_s: float) -> None:
-        """Takes a command that the driver has been sent; ``now_s`` is our clock after that [s]."""
+        """Record a command that was sent; ``now_s`` is our clock afterwards [s]."""
         self._base, self._sent = np.array(position_m, dtype=np.float64), True
         self._elapsed.sent(now_s)
 
     def __call__(self, position_m: FloatArray, now_s: float) -> Violation | None:
-        """What is wrong with a command that is to be sent now; None: nothing."""
+        """Return the violation of a command that is to be sent now; None if it is allowed."""
         base = self._before()
         if (
             not isinstance(position_m, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -210,7 +210,7 @@ class StageCommandCheck:
         return Violation("command", text, value=step_m, limit=longest_m)
 
     def nearest(self, position_m: FloatArray, now_s: float) -> FloatArray:
-        """The place (3,) [m] that is nearest to this one of those allowed now."""
+        """Return the allowed position (3,) [m] nearest to a position."""
         base, rig = self._before(), self._rig
         inside = np.clip(position_m, rig.lower_m, rig.upper_m)
         step_m, longest_m = float(np.linalg.norm(inside - base)), self._longest_m(now_s)

@@ -1,7 +1,7 @@
-"""Foreign formats are read in a process of their own, with bounds on its memory and its time.
+"""Reading of foreign formats in a separate process, with bounds on its memory and its time.
 
-Libraries that read them run into whatever a damaged file tells them to: they crash, take all memory, or never come
-back. None of that reaches the process that asked.
+A damaged file can make the libraries that read such formats crash, take all memory, or hang. The separate process
+protects the caller from all of this.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from skincal.bounded import UnreadableError
 Value = TypeVar("Value")
 
 MOST_BYTES: Final = 8 << 30
-"""Of memory for one file, on a machine that has twice as much; half of a smaller one's."""
+"""Memory for one file on a machine that has twice as much; else half of the machine's memory."""
 
 LEAST_BYTES: Final = 2 << 30
-"""With less, the libraries themselves are not loaded."""
+"""Least memory, below which the libraries cannot be loaded."""
 
 LONGEST_S: Final = 60.0
 BYTES_PER_S: Final = 1e5
-"""A file is read for a minute, and so many bytes of it each second more; the slowest bags come at ten times that."""
+"""Time for a file: a minute, plus its size over this rate [byte/s]; the slowest bags are read at ten times the rate."""
 
 _CHILD: Final = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
@@ -36,15 +36,15 @@ _CHILD: Final = (
 
 
 def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
-    """Return what a function makes of a file, in a process of its own.
+    """Return the result of a function on a file, computed in a separate process.
 
     Args:
-        read: a function of a module; it is given the file and the arguments.
+        read: a function of a module; it is called with the file and the arguments.
         path: the file, or a folder of files.
-        arguments: more of them; they and the result are sent from one process to the other.
+        arguments: further arguments; they and the result are pickled.
 
     Raises:
-        UnreadableError: the process crashed, or the file needs more memory or more time than it may have.
+        UnreadableError: the process crashed, or the file needs more memory or time than allowed.
         Exception: what the function raised.
     """
     most = min(MOST_BYTES, max(LEAST_BYTES, _memory_bytes() // 2))
@@ -66,7 +66,7 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
         raise UnreadableError(f"a file that is read within {longest_s:.0f} s", "one that is not") from None
     try:
         value, error = pickle.loads(done.stdout)
-    except Exception:  # it ended before it had answered, or half-way
+    except Exception:  # the process ended before or while it answered
         ended = f"signal {-done.returncode}" if done.returncode < 0 else f"status {done.returncode}"
         raise UnreadableError(
             "a whole file", f"one that crashes the library that reads it ({ended})"
@@ -79,11 +79,11 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
 
 
 def answer() -> None:
-    """In the other process: do what is asked, and send what came of it."""
+    """Run the function in the other process, and send its result."""
     most, longest_s, read, path, arguments = pickle.load(sys.stdin.buffer)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked, which ends this one
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the calling process, which ends this one
     sink = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no part of the answer
+    os.dup2(2, 1)  # output of a library is not part of the answer
     _limit(most, longest_s)
     try:
         found: tuple[Any, BaseException | None] = read(path, *arguments), None
@@ -107,7 +107,7 @@ def _limit(most_bytes: int, longest_s: int) -> None:
 
 
 def _sendable(error: Exception) -> Exception:
-    """An error, or one that says the same, if its class cannot be sent."""
+    """Return an error that can be sent: itself, or one with the same text."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

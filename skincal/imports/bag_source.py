@@ -64,7 +64,7 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
 
 
 def _collected(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
-    """What a bag holds of what a mapping asks for, and what is wrong with it.
+    """Return the content of a bag that a mapping needs, and the problems, from a separate process.
 
     Raises:
         InputError: it cannot be opened.
@@ -77,7 +77,7 @@ def _collected(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
 
 
 def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
-    """Do as :func:`_collected` says, in this process."""
+    """Return the same as :func:`_collected`, in this process."""
     form = mapping.source
     assert isinstance(form, BagFormat)
     findings = Findings()

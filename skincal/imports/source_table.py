@@ -19,7 +19,7 @@ from skincal.imports.mapping import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
 
 FOREIGN: Final = (read_hdf5, read_matlab, read_parquet)
-"""Those whose libraries may crash, or take all memory, on a damaged file."""
+"""Formats whose libraries may crash, or take all memory, on a damaged file."""
 
 ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"\x89HDF\r\n\x1a\n": read_hdf5,

@@ -87,6 +87,6 @@ def test_the_report_holds_everything(tmp_path: Path):
     data = read_dataset(Chamber.plain(group=(0, 1, 2)).write(tmp_path / "chamber"))
     write_uniform_report(calibrate_uniform(data), data, tmp_path)
     page = (tmp_path / "report.html").read_text()
-    assert "16 of 16 taxels answer" in page
+    assert "16 of 16 taxels respond" in page
     assert page.count("data:image/png") == 2
     assert (tmp_path / "scales.png").is_file() and (tmp_path / "answers.png").is_file()

@@ -97,7 +97,7 @@ def test_offset_that_cannot_be_told():
     )
     assert abs(clock.offset_s) < 0.01
     noise = np.random.default_rng(0).normal(size=(2, len(time)))
-    with pytest.raises(NoOffsetError, match="no lag at which force_n goes"):
+    with pytest.raises(NoOffsetError, match="no lag at which force_n correlates"):
         estimate_offset("gauge", time, noise[:1].T, time, {"force_n": noise[1]})
 
 
