@@ -38,10 +38,10 @@ demo: $(VENV)/.policy-stamp ## sessions on the simulated hand: fit, ranges, a po
 	@$(BIN)/skincal demo --out $(DEMO)
 
 test: $(VENV)/.test-stamp ## the tests, without the slow ones
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 test-slow: $(VENV)/.test-stamp ## the slow tests
-	$(BIN)/python -m pytest -n auto -m slow
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 lint: $(VENV)/.lint-stamp ## style, formatting, and the one-way flow of imports
 	$(BIN)/ruff check .

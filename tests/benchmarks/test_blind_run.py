@@ -201,17 +201,22 @@ def test_a_fit_that_asks_for_fewer_taxels_gets_them(tmp_path):
     assert record["fit"]["status"] == record["diagnose"]["status"] == 0
 
 
+STATIC = Spec("one", 0, 7, "foundation", "static", effects=(("crosstalk", 4.0),))
+WHOLE = Spec("one", 0, 7, effects=(("crosstalk", 1.2),))
+
+
 @pytest.mark.parametrize(
-    "suites", [("one",), pytest.param(("none", "one"), marks=pytest.mark.slow)], ids=["one", "two"]
+    "some",
+    [(STATIC,), pytest.param((Spec("none", 0, 7), WHOLE), marks=pytest.mark.slow)],
+    ids=["static presses", "whole sessions"],
 )
-def test_a_slice_with_skincal_itself(tmp_path, suites):
+def test_a_slice_with_skincal_itself(tmp_path, some):
     bench = Bench(tmp_path / "out", extra=("--no-cache", "--no-report", "--workers", "1"))
     check_diagnose(bench)
-    some = {"none": Spec("none", 0, 7), "one": Spec("one", 0, 7, effects=(("crosstalk", 1.2),))}
-    assert run_all(bench, [some[suite] for suite in suites], 1, print) == 0
+    assert run_all(bench, some, 1, print) == 0
     outcomes, failed = opened(bench.out)
     assert not failed
     by_suite = {outcome.label["suite"]: outcome for outcome in outcomes}
-    assert "none" not in suites or by_suite["none"].verdict == "none"
+    assert "none" not in by_suite or by_suite["none"].verdict == "none"
     assert by_suite["one"].right_class()
     assert by_suite["one"].found("crosstalk")

@@ -30,7 +30,7 @@ from skincal.errors import InputError, WorkError
 from skincal.fitting.grid import GridSlab
 from skincal.fitting.options import FitOptions
 from skincal.model import Cylinder, Plane
-from tests.fitting.conftest import QUICK
+from tests.fitting.conftest import FEW_DRAWS, QUICK
 
 
 @pytest.fixture(scope="module")
@@ -286,7 +286,7 @@ def test_a_mapper_keeps_the_order(workers: int) -> None:
 def test_taxels_in_another_order_are_named_and_give_no_interval(session: Dataset, tmp_path: Path) -> None:
     mirrored = session.presses.counts.reshape(-1, 4, 4)[:, :, ::-1].reshape(-1, 16)
     turned = replace(session, presses=replace(session.presses, counts=mirrored), frames=None)
-    found = calibrate(turned, options=QUICK, workers=1).calibration
+    found = calibrate(turned, options=FEW_DRAWS, workers=1).calibration
     write_calibration(found, tmp_path / "cal")
     back = read_calibration(tmp_path / "cal")
     assert back.findings[0].code == "taxel_order"

@@ -32,7 +32,7 @@ def _dask(*arguments: str) -> subprocess.Popen[str]:
 
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A scheduler and three workers, processes of their own as on a cluster."""
+    """A scheduler and two workers, processes of their own as on a cluster."""
     folder: Path = tmp_path_factory.mktemp("cluster")
     file = folder / "scheduler.json"
     running = [
@@ -48,7 +48,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         running += [
             _dask("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard", "--no-nanny",
                   "--local-directory", str(folder))
-            for _ in range(3)
+            for _ in range(2)
         ]  # fmt: skip
         import json
 

@@ -34,7 +34,7 @@ def cylinder() -> tuple[Dataset, Truth]:
 def mesh(cylinder: tuple[Dataset, Truth]) -> Dataset:
     """The same session, told to lie on a mesh of the cylinder."""
     session, _ = cylinder
-    arrays = shell_arrays(lambda y: np.full_like(y, RADIUS), 256, 80)
+    arrays = shell_arrays(lambda y: np.full_like(y, RADIUS), 128, 60)
     file = trimesh.Trimesh(*arrays, process=False).export(file_type="stl")
     meta = replace(session.meta, surface=SurfaceSpec("mesh", None, "tip.stl"))
     return replace(session, meta=meta, meshes={"tip.stl": file})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -83,6 +83,9 @@ QUICK = FitOptions(
     round_size=200,
     enough_draws=150,
 )
+
+FEW_DRAWS = replace(QUICK, rounds=(3, 4), round_size=100, enough_draws=2)
+"""For what needs no good interval: draws that are worth little do not start the ensemble of walkers."""
 
 
 @pytest.fixture(scope="session")

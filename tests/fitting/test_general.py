@@ -45,6 +45,11 @@ def problem(table: PressTable) -> FitProblem:
 
 
 @pytest.fixture(scope="module")
+def on_mesh(table: PressTable) -> FitProblem:
+    return general_problem(table, shell(lambda y: np.full_like(y, RADIUS)))
+
+
+@pytest.fixture(scope="module")
 def tabled(problem: FitProblem, truth: Truth) -> SkinTable:
     return _tabled(problem, _macro(truth), REACH)
 
@@ -126,9 +131,8 @@ class TestShares:
             lost = SkinShares(problem, *pose, resolution_m=cell).lost_m2()
             assert lost == pytest.approx(np.full(2, cell**2 / 12), rel=1e-6)
 
-    def test_are_zero_where_the_taxels_have_no_place(self, table: PressTable) -> None:
-        problem = general_problem(table, shell(lambda y: np.full_like(y, RADIUS)))
-        shares = SkinShares(problem, 0.0, 0.2, 0.0)
+    def test_are_zero_where_the_taxels_have_no_place(self, on_mesh: FitProblem) -> None:
+        shares = SkinShares(on_mesh, 0.0, 0.2, 0.0)
         assert not shares.placed
         assert (shares.shares(np.array([0, 1]), np.zeros((2, 2)), np.full(2, -19.0)) == 0).all()
         assert (shares.lost_m2() == 0).all()
@@ -151,11 +155,10 @@ class TestGrid:
         assert slab.slack_rms_m[1, 0, 1] == pytest.approx(one.slack_rms_m)
         assert slab.mse_counts2[0, 0, 0] < slab.mse_counts2[1, 0, 1]
 
-    def test_a_pose_without_a_place_explains_nothing(self, table: PressTable) -> None:
-        problem = general_problem(table, shell(lambda y: np.full_like(y, RADIUS)))
-        got = evaluate_combination(problem, 0.0, 0.2, 0.0, math.log(4e8), SETTINGS)
+    def test_a_pose_without_a_place_explains_nothing(self, on_mesh: FitProblem) -> None:
+        got = evaluate_combination(on_mesh, 0.0, 0.2, 0.0, math.log(4e8), SETTINGS)
         assert got.scale_per_n == 0.0
-        seen = (problem.values * problem.weight)[problem.weight > 0]
+        seen = (on_mesh.values * on_mesh.weight)[on_mesh.weight > 0]
         assert got.mse_counts2 == pytest.approx((seen**2).mean())
 
     def test_the_default_is_coarse(self, problem: FitProblem, table: PressTable) -> None:

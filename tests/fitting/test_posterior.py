@@ -9,7 +9,7 @@ import pytest
 from skincal.fitting.errors import FitError
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
-from skincal.fitting.posterior import Bounds, climb
+from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import evaluate, settle
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
@@ -43,6 +43,13 @@ BOUNDS = Bounds(
 @pytest.fixture(scope="module")
 def problem(truth: Truth) -> FitProblem:
     return pose_problem(rig(), make_session(truth, presses=45, seed=4)[0])
+
+
+@pytest.fixture(scope="module")
+def peak(problem: FitProblem, truth: Truth) -> Peak:
+    """The peak of the posterior, from the truth."""
+    start = _macro(truth)
+    return climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
 
 
 def test_patch_coordinates_and_back() -> None:
@@ -159,10 +166,8 @@ def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
     assert (spoilt.without_taxels(np.arange(16) == 5).weight[:, 5] == 0).all()
 
 
-def test_importance_sampling_finds_a_known_density(problem: FitProblem, truth: Truth) -> None:
+def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Peak) -> None:
     """A correlated Gaussian of other width and centre than the first proposal."""
-    start = _macro(truth)
-    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
     rng = np.random.default_rng(0)
     sd = np.concatenate([np.sqrt(np.diag(peak.covariance)), [0.1, 0.5, 0.1, 0.5, 0.5, 0.5]])
     mean = np.concatenate([peak.macro, np.log(peak.sigmas)]) + 0.8 * sd
@@ -187,11 +192,11 @@ def test_equal_weights_are_worth_their_number() -> None:
     assert Draws(np.zeros((50, 11)), np.full(50, 0.02)).effective == pytest.approx(50)
 
 
-def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth: Truth) -> None:
-    start = _macro(truth)
+def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth: Truth, peak: Peak) -> None:
+    start, wider = _macro(truth), (0.2e-3, 0.4e-3)
     peaks = [
-        climb(problem, Neighbourhood.around(start, s).images(problem), BOUNDS, start)
-        for s in (0.0, 0.2e-3, 0.4e-3)
+        peak,
+        *(climb(problem, Neighbourhood.around(start, s).images(problem), BOUNDS, start) for s in wider),
     ]
     law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), peaks)
     assert law.density.sum() == pytest.approx(1.0)
@@ -207,9 +212,7 @@ def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth
     ).all()
 
 
-def test_a_law_without_density_is_ruled_out(problem: FitProblem, truth: Truth) -> None:
-    start = _macro(truth)
-    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+def test_a_law_without_density_is_ruled_out(peak: Peak) -> None:
     nowhere = replace(peak, log_density=-math.inf)
     law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), [peak, peak, nowhere])
     assert law.widths_m[-1] == 0.2e-3 and np.isfinite(law.shift).all()
@@ -217,10 +220,7 @@ def test_a_law_without_density_is_ruled_out(problem: FitProblem, truth: Truth) -
         weigh_laws(np.array([0.0, 0.2e-3]), [nowhere, peak])
 
 
-def test_a_density_that_is_nowhere_finite_fails_the_fit(problem: FitProblem, truth: Truth) -> None:
-    start = _macro(truth)
-    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
-
+def test_a_density_that_is_nowhere_finite_fails_the_fit(problem: FitProblem, peak: Peak) -> None:
     def nowhere(points: np.ndarray) -> np.ndarray:
         return np.full(len(points), np.nan)
 

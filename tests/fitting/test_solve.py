@@ -15,7 +15,7 @@ from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place
-from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
+from tests.fitting.conftest import BOX, FEW_DRAWS, QUICK, Truth, make_session, rig
 
 
 def _fit(
@@ -66,25 +66,12 @@ def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
     assert np.isfinite(fitted.draws).all()
 
 
-def test_a_seed_gives_one_result_for_any_workers(fitted: FitResult, truth: Truth) -> None:
-    order: list[int] = []
-
-    def backwards(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
-        results = [function(argument) for argument in reversed(arguments)]
-        order.append(len(results))
-        return results[::-1]
-
-    again = _fit(pose_problem(rig(), make_session(truth, seed=11)[0]), mapper=backwards)
-    assert order
-    assert again.best == fitted.best
-    assert again.intervals == fitted.intervals
-    assert (again.draws == fitted.draws).all()
-
-
-def test_evaluated_turns_are_taken_up_again(fitted: FitResult, truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, seed=11)[0])
-    plan = plan_fit(problem, BOX, QUICK)
+def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(fitted: FitResult, truth: Truth) -> None:
+    """Interrupted after two turns of the grid and taken up again, with workers that end in another order."""
+    plan = plan_fit(pose_problem(rig(), make_session(truth, seed=11)[0]), BOX, QUICK)
     kept: dict[int, Any] = {}
+    order: list[int] = []
+    evaluated: list[int] = []
 
     class InterruptError(Exception):
         pass
@@ -94,19 +81,22 @@ def test_evaluated_turns_are_taken_up_again(fitted: FitResult, truth: Truth) -> 
         if len(kept) == 2:
             raise InterruptError
 
+    def backwards(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
+        results = [function(argument) for argument in reversed(arguments)]
+        order.append(len(results))
+        return results[::-1]
+
+    def run(**more: Any) -> FitResult:
+        return solve(plan, BOX, QUICK, np.random.default_rng(0), **more)
+
     with pytest.raises(InterruptError):
-        solve(plan, BOX, QUICK, np.random.default_rng(0), on_slab=stop)
-    evaluated: list[int] = []
-    again = solve(
-        plan,
-        BOX,
-        QUICK,
-        np.random.default_rng(0),
-        slabs=kept,
-        on_slab=lambda turn, _slab: evaluated.append(turn),
-    )
-    assert not set(evaluated) & set(kept)
+        run(on_slab=stop)
+    again = run(slabs=kept, on_slab=lambda turn, _slab: evaluated.append(turn), mapper=backwards)
+    assert order
+    assert evaluated and not set(evaluated) & set(kept)
+    assert again.best == fitted.best
     assert again.intervals == fitted.intervals
+    assert (again.draws == fitted.draws).all()
 
 
 def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
@@ -125,7 +115,7 @@ def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
 def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, seed=12)[0])
     box = replace(BOX, y_m=(0.0242, 0.0262))
-    result = _fit(problem, box)
+    result = _fit(problem, box, FEW_DRAWS)
     assert "range_edge" in _codes(result)
     told = next(f for f in result.findings if f.code == "range_edge")
     assert "lower end" in told.text and "Widen" in told.advice
@@ -222,13 +212,13 @@ def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
 
 
 def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
-    presses, _ = make_session(truth, presses=120, seed=14)
+    presses, _ = make_session(truth, presses=90, seed=14)
     counts = presses.counts.copy()
     counts[:, 6] = (counts[:, 6] - 0.4) * 0.8 + 0.4
     weak = PressTable(
         presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
     )
-    result = _fit(pose_problem(rig(), weak), options=replace(QUICK, per_taxel=True))
+    result = _fit(pose_problem(rig(), weak), options=replace(FEW_DRAWS, per_taxel=True))
     scales = result.scale_per_taxel_per_n
     assert scales is not None
     others = np.delete(scales, 6)
@@ -243,10 +233,9 @@ def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
     assert low <= math.radians(12.0) <= high
 
 
-def test_unknown_force_scale_widens_elasticity_and_scale(truth: Truth) -> None:
+def test_unknown_force_scale_widens_elasticity_and_scale(fitted: FitResult, truth: Truth) -> None:
     sure = pose_problem(rig(), make_session(truth, seed=11)[0])
-    unsure = replace(sure, rig=replace(sure.rig, force_scale_sigma=0.05))
-    exact, wide = _fit(sure), _fit(unsure)
+    exact, wide = fitted, _fit(replace(sure, rig=replace(sure.rig, force_scale_sigma=0.05)))
     assert wide.best == exact.best
     for name in ("across_m", "y_m", "alpha_rad"):
         assert wide.intervals[name] == exact.intervals[name]

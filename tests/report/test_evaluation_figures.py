@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from skincal.model import TaxelLayout
 from skincal.report.eval_marble import error_figure, runs_figure
 from skincal.report.evaluation import Evaluated, names_of, write_figures, write_runs
 from skincal.report.train_curve import curves_figure, smoothed
@@ -52,9 +53,8 @@ def test_the_error_is_drawn_in_millimetres_with_its_interval():
 
 
 def test_three_runs_of_each_policy_are_drawn():
-    from skincal.report.evaluation import _layout
-
-    figure = runs_figure({"a": some_runs(), "b": some_runs(2)}, _layout())
+    layout = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
+    figure = runs_figure({"a": some_runs(), "b": some_runs(2)}, layout)
     first, second = figure.axes
     assert [line.get_label() for line in first.lines if not line.get_label().startswith("_")] == [
         "target", "run 1", "run 2", "run 3",
