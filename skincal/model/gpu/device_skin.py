@@ -43,7 +43,7 @@ class DeviceSkin:
     """A skin and an indenter on a GPU.
 
     Images are those of :meth:`skincal.model.Skin.image` but for rounding: about 1e-6 of the largest value in single
-    precision. No press is refused; :attr:`DeviceResponse.status` tells which make no sense.
+    precision. No press is refused; the ``status`` of a :class:`DeviceResponse` tells which make no sense.
 
     Args:
         skin: the skin.
