@@ -19,7 +19,8 @@ from skincal import compiling
 compiling.on_compile = lambda: print("compiling", file=sys.stderr)
 from skincal.model import *
 assert "numba" not in sys.modules, "numba imported before the first press"
-patch = Patch.build(Cylinder(0.0115), TaxelLayout.grid(2, 2, taxel_size_m=2e-3, pitch_m=3e-3), SensorPose(0.0, 0.1), 4e-4)
+layout = TaxelLayout.grid(2, 2, taxel_size_m=2e-3, pitch_m=3e-3)
+patch = Patch.build(Cylinder(0.0115), layout, SensorPose(0.0, 0.1), 4e-4)
 turn = np.linspace(-0.4, 0.4, 60)
 normals = np.column_stack([np.sin(turn), np.zeros(60), np.cos(turn)])
 contacts = Contacts(0.0115 * normals, normals, np.linspace(0.5, 4.0, 60))
