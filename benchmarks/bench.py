@@ -56,7 +56,7 @@ COMMANDS: dict[str, list[str]] = {
         "session",
     ],
     "fit of it": ["fit", "session", "--out", "cal"],
-    "diagnose it": ["diagnose", "session", "--cal", "cal", "--out", "diagnosis"],
+    "diagnose it": ["diagnose", "session", "cal", "--out", "diagnosis"],
 }
 """Whole commands, each of which needs the ones before."""
 

@@ -21,7 +21,7 @@ import json
 import numpy as np
 from skincal.model import *
 from skincal.model.gpu import DeviceSkin
-from skincal.errors import InputError
+from skincal.errors import SkincalError
 
 FREE = TaxelLayout(1, 3, [[-3e-3, 0.0], [0.0, 1e-3], [4e-3, -2e-3]], [[2e-3, 4e-3], [3e-3, 3e-3], [2e-3, 1e-3]])
 MANY = TaxelLayout.grid(18, 18, taxel_size_m=5e-4, pitch_m=5e-4)
@@ -85,13 +85,34 @@ skin = Skin(Patch.build(plane, EVEN, SensorPose(0.0, 0.0), 1e-3), SkinParameters
 device = DeviceSkin(skin, Sphere(6e-3), block=8)
 none = device.respond(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 cases["no presses"] = list(none.image.shape)
+image = device._cuda.to_device(np.zeros((2, 4), np.float32))
+given = np.tile([0.0, 0.0, 1.0], (2, 1)), np.zeros((2, 3)), np.full(2, 2.0)
+device.respond(*given, image=image)
+cases["own image"] = [image.copy_to_host().tolist(), device.respond(*given).image.copy_to_host().tolist()]
+
+
+class Full:
+    def __init__(self, cuda):
+        self.cuda = cuda
+
+    def __getattr__(self, name):
+        return getattr(self.cuda, name)
+
+    def device_array(self, *_):
+        raise MemoryError("out of memory")
+
+
+full = DeviceSkin(skin, Sphere(6e-3), block=8)
+full._cuda = Full(full._cuda)
 for name, ask in {
+    "no memory": lambda: full.respond(*given),
+    "wrong precision": lambda: device.respond(*given, image=device._cuda.to_device(np.zeros((2, 4)))),
     "bad shape": lambda: device.respond(np.zeros((2, 3)), np.zeros((3, 3)), np.zeros(2)),
     "mesh": lambda: DeviceSkin(skin, MeshIndenter([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], closed=False)),
 }.items():
     try:
         ask()
-    except (ValueError, InputError) as error:
+    except (ValueError, SkincalError) as error:
         cases[name] = str(error)
 print(json.dumps(cases))
 """
@@ -159,6 +180,15 @@ def test_device_refuses_with_a_reason(simulated: dict[str, Any]):
     assert simulated["no presses"] == [0, 4]
     assert "origins_m: expected shape (2, 3); got (3, 3)" in simulated["bad shape"]
     assert "closed form" in simulated["mesh"]
+    assert "free memory; got: out of memory" in simulated["no memory"]
+    assert "image: expected float32; got float64" in simulated["wrong precision"]
+
+
+@pytest.mark.slow
+def test_device_fills_an_image_of_the_callers(simulated: dict[str, Any]):
+    mine, new = simulated["own image"]
+    assert np.max(mine) > 5
+    assert mine == new
 
 
 def test_no_gpu_is_said():

@@ -43,7 +43,7 @@ class DeviceSkin:
     """A skin and an indenter on a GPU.
 
     Images are those of :meth:`skincal.model.Skin.image` but for rounding: about 1e-6 of the largest value in single
-    precision. No press is refused; :attr:`DeviceResponse.status` tells which make no sense.
+    precision. No press is refused; the ``status`` of a :class:`DeviceResponse` tells which make no sense.
 
     Args:
         skin: the skin.
@@ -97,8 +97,8 @@ class DeviceSkin:
             blocks = max(1, min(blocks, _SCRATCH // each))
         self._blocks = blocks
         self._scratch = (
-            cuda.device_array((blocks, 3, count), self._real), cuda.device_array((blocks, count), np.int32),
-            cuda.device_array((blocks, tile_count), np.int32),
+            self._room((blocks, 3, count)), self._room((blocks, count), np.int32),
+            self._room((blocks, tile_count), np.int32),
         )  # fmt: skip
 
     def respond(
@@ -123,9 +123,8 @@ class DeviceSkin:
 
         Raises:
             ValueError: shapes that do not fit, or an image of another type.
-            WorkError: the device has no memory for the result.
+            WorkError: the device has no memory for the results.
         """
-        cuda = self._cuda
         force = self._given("force_n", force_n, (None,))
         count = force.shape[0]
         normal, origin = (
@@ -133,19 +132,12 @@ class DeviceSkin:
             for name, value in (("normals", normals), ("origins_m", origins_m))
         )
         turns = (
-            cuda.device_array((1, 9), self._real)
+            self._room((1, 9))
             if rotations is None
             else self._given("rotations", rotations, (count, 3, 3)).reshape(count, 9)
         )
-        try:
-            out = self._out((count, self.taxels)) if image is None else self._given_image(image, count)
-            depth, status = cuda.device_array(count, self._real), cuda.device_array(count, np.int32)
-        except (MemoryError, RuntimeError) as error:
-            size = count * (self.taxels + 2) * self._real().itemsize / 1e6
-            fix = "Press fewer at once."
-            raise WorkError(
-                f"{count} presses at once: no memory on the GPU ({error}) for {size:.0f} MB. {fix}"
-            ) from None
+        out = self._room((count, self.taxels)) if image is None else self._given_image(image, count)
+        depth, status = self._room((count,)), self._room((count,), np.int32)
         if count:
             self._kernel[min(count, self._blocks), self._block](
                 *self._ground, normal, origin, turns, rotations is not None, force, *self._how, *self._scratch,
@@ -153,8 +145,18 @@ class DeviceSkin:
             )  # fmt: skip
         return DeviceResponse(out, depth, status)
 
-    def _out(self, shape: tuple[int, int]) -> Any:
-        return self._cuda.device_array(shape, self._real)
+    def _room(self, shape: tuple[int, ...], dtype: Any = None) -> Any:
+        """An array on the device, not filled."""
+        dtype = np.dtype(self._real if dtype is None else dtype)
+        try:
+            return self._cuda.device_array(shape, dtype)
+        except Exception as error:
+            # numba's own error has no base but this one.
+            if type(error).__name__ not in ("MemoryError", "CudaAPIError"):
+                raise
+            size = np.prod(shape) * dtype.itemsize / 1e6
+            fix = "Press fewer at once, or free memory of the device."
+            raise WorkError(f"GPU: expected {size:.3g} MB of free memory; got: {error}. {fix}") from None
 
     def _put(self, values: FloatArray) -> Any:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))
@@ -173,6 +175,11 @@ class DeviceSkin:
         array = self._given("image", image, (count, self.taxels))
         if array.dtype != self._real:
             raise ValueError(f"image: expected {np.dtype(self._real)}; got {array.dtype}")
+        size = np.dtype(self._real).itemsize
+        if count and tuple(array.strides) != (size * self.taxels, size):
+            raise ValueError(
+                "image: expected an array whose rows follow each other in memory; got a view of another"
+            )
         return array
 
 
