@@ -14,7 +14,7 @@ from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
-from skincal.model.arrays import BoolArray, FloatArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
 _FORM, _STRENGTH = 0.5, 0.4
@@ -163,10 +163,11 @@ class Fitter:
         """(n,) precisions beforehand, and their slope at a state."""
         law = np.array([C.law_power, C.law_blur, C.law_radius]) * (1e-3 if self.foundation else 1.0)
         prior = np.concatenate([self.before.base, 1 / law**2, [1 / f.sigma**2 for f in free]])
-        off = np.concatenate([self._off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
+        off = np.concatenate([self.off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
         return prior, prior * off
 
-    def _off(self, state: State) -> FloatArray:
+    def off(self, state: State) -> FloatArray:
+        """(6,) how far the base is from its start: place, turn, angle, logarithms of E and S, rest."""
         a, b = state.pose, self.before.start.pose
         turn = (a.beta_rad - b.beta_rad) * self.turning_radius(state) + a.x_m - b.x_m
         s = np.mean(state.log_s) - np.mean(self.before.start.log_s)
@@ -231,30 +232,45 @@ class Fitter:
                 d = np.concatenate(
                     [np.linalg.solve(rest, (g[:NB] - h[:NB, NB:] @ own) * size[:NB]) * size[:NB], own]
                 )
+        return self.moved(at, d, most=most)
+
+    def moved(
+        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, most: float = 1.0
+    ) -> State:
+        """A state by so much of its columns, no farther than a step may lead, presses with it.
+
+        Args:
+            at: the linearisation.
+            d: steps of base, law and free numbers; with columns, of these.
+            columns: of the blocks that the steps belong to, those of the model first; None: the first ones.
+            most: part of the longest step.
+        """
+        b, s = at.blocks, at.state
+        own, rest = d[: len(at.prior)].copy(), (np.arange(len(d)) if columns is None else columns)
         limit = most * _MOST.copy()
         limit[5] *= self.forward.noise.frame
-        d[:6] = np.clip(d[:6], -limit, limit)
-        pose = moved_pose(self.forward.surface, s.pose, "y", d[0])
-        pose = moved_pose(self.forward.surface, pose, "turn", d[1])
-        pose = moved_pose(self.forward.surface, pose, "alpha", d[2])
+        own[:6] = np.clip(own[:6], -limit, limit)
+        pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
+        pose = moved_pose(self.forward.surface, pose, "turn", own[1])
+        pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
         law = np.clip(
-            s.law + d[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
+            s.law + own[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
         )
         effects = (
-            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + d[NB:])
+            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB:])
             if at.free
             else s.effects
         )
         constant, by = b.moves
-        move = constant - by[:, :, :n] @ d
+        move = constant - by[:, :, rest] @ np.append(own, d[len(own) :])
         move = np.clip(move, [-8e-4, -8e-4, -0.05], [8e-4, 8e-4, 0.05]) + s.move
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
         return replace(
             s,
             pose=pose,
-            log_e=s.log_e + d[3],
-            log_s=s.log_s + d[4],
-            rest=s.rest + d[5],
+            log_e=s.log_e + own[3],
+            log_s=s.log_s + own[4],
+            rest=s.rest + own[5],
             law=law,
             move=move,
             effects=effects,
@@ -279,25 +295,38 @@ class Fitter:
         return at
 
     def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
-        """A state whose presses have gone back part of their way where that was too far, and its loss."""
-        before = dict(zip(at.blocks.press.tolist(), at.blocks.loss.tolist(), strict=True))
-        for last in (False, False, True):
-            seen = self.forward.see(state)
-            none = np.zeros((*seen.values.shape, 0))
-            w = self.whitened(seen, none, self.contributions(seen), only)
-            found = blocks(w, self.press, self.phase, state.move, self.before.move)
-            far = [
-                p
-                for p, own in zip(found.press.tolist(), found.loss.tolist(), strict=True)
-                if p >= 0 and own > before[p] + 1.0
-            ]
-            if last or not far:
+        """A state whose presses have gone the part of their way that is best for them, and its loss."""
+        before = np.full(len(state.move), np.inf)
+        own = at.blocks.press >= 0
+        before[at.blocks.press[own]] = at.blocks.loss[own]
+        best, move, way = np.full(len(before), np.inf), state.move.copy(), state.move - at.state.move
+        for part in (1.0, 0.3, 0.1):
+            seen, found = self._left(state, only)
+            loss = np.full(len(before), -np.inf)
+            own = found.press >= 0
+            loss[found.press[own]] = found.loss[own]
+            better = loss < best
+            best, move[better] = np.minimum(best, loss), state.move[better]
+            far = best > before + 1.0
+            if not far.any() or part == 0.1:
                 break
-            move = state.move.copy()
-            move[far] = at.state.move[far] + 0.3 * (move[far] - at.state.move[far])
+            state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
+        if (move != state.move).any():
             state = replace(state, move=move)
+            seen, found = self._left(state, only)
         prior, pull = self.prior(state, at.free)
         return state, seen, float(found.loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
+
+    def loss_at(self, state: State) -> float:
+        """Minus twice the logarithm of the likelihood of a state, but for a constant."""
+        return float(self._left(state, None)[1].loss.sum())
+
+    def _left(self, state: State, only: BoolArray | None) -> tuple[Seen, Blocks]:
+        """What a state reads, and what it leaves."""
+        seen = self.forward.see(state)
+        none = np.zeros((*seen.values.shape, 0))
+        w = self.whitened(seen, none, self.contributions(seen), only)
+        return seen, blocks(w, self.press, self.phase, state.move, self.before.move)
 
 
 def between(a: State, b: State, part: float) -> State:

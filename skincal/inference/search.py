@@ -48,6 +48,8 @@ class Tried:
         limit: of the null.
         candidate: the best start.
         coefficients: multiples of its points.
+        shared: gain of which no press has more than a bounded part [nats].
+        begin: where the base would go along with it.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Tried:
     candidate: Candidate
     coefficients: FloatArray
     shared: float
+    begin: State
 
     @property
     def good(self) -> bool:
@@ -172,6 +175,7 @@ class Search:
                 if more < max(null.limit(old.name), C.part * gained):
                     fit, named = less, [n for n in named if n is not old]
                     dropped.add(old.name)
+        fit = self._from_start(fit) if named else fit
         b = fit.blocks
         own = left(b.chi[:, None], b.count, b.press)[0]
         first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
@@ -215,7 +219,7 @@ class Search:
         if first:
             b = linear.blocks
             gains: dict[str, FloatArray] = {}
-            for c, (_, each) in zip(
+            for c, (_, _, each) in zip(
                 found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True
             ):
                 own = each.sum(axis=0)
@@ -234,20 +238,20 @@ class Search:
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """For each candidate its multiples (n, S), and what blocks gain (B, S)."""
+    ) -> list[tuple[FloatArray, IntArray, FloatArray]]:
+        """For each candidate the step (n, S) with it, its columns (n,), and what blocks gain (B, S)."""
         n, h = len(linear.prior), linear.blocks.h
         none = held_out(h[:, :n, :n], b[:, :n], linear.prior, pull, self._folds)
         out, at = [], n
         for c in found:
-            own = np.concatenate([np.arange(n), np.arange(at, at + c.columns.shape[2])])
+            own = np.append(np.arange(n), np.arange(at, at + c.columns.shape[2]))
             at += c.columns.shape[2]
             prior = np.concatenate([linear.prior, 1 / np.array(c.start.sigma) ** 2])
             slope = np.concatenate([pull, np.zeros(len(own) - n)])
             hh, bb = h[:, own][:, :, own], b[:, own]
             with_it = held_out(hh, bb, prior, slope, self._folds)
             best = np.linalg.solve(hh.sum(axis=0) + np.diag(prior), bb.sum(axis=0) - slope[:, None])
-            out.append((best[n:], with_it - none))
+            out.append((best, own, with_it - none))
         return out
 
     def _tried(self, fit: Fitted, columns: tuple[list[Candidate], Fitted], null: Null) -> list[Tried]:
@@ -255,9 +259,11 @@ class Search:
         b = linear.blocks.b[:, :, None]
         out: dict[str, Tried] = {}
         del fit
-        for c, (best, each) in zip(found, self._gains(linear, found, b, linear.pull), strict=True):
+        for c, (best, own, each) in zip(found, self._gains(linear, found, b, linear.pull), strict=True):
             s = Score(each[:, 0])
-            t = Tried(c.name, s.total, s.error, s.sure, null.limit(c.name), c, best[:, 0], s.shared)
+            begin = self.fitter.moved(linear, best[:, 0], own)
+            by = best[len(linear.prior) :, 0]
+            t = Tried(c.name, s.total, s.error, s.sure, null.limit(c.name), c, by, s.shared, begin)
             if c.name not in out or t.gain > out[c.name].gain:
                 out[c.name] = t
         return sorted(out.values(), key=lambda t: -t.gain)
@@ -307,17 +313,32 @@ class Search:
         """The joint fit with one more."""
         before = fit.state.effects.get(tried.name)
         values = self._scaled(fit, tried, before)
-        effects = {**fit.state.effects, tried.name: values}
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
-        at = replace(fit.state, effects=effects)
-        return self.fitter.solve(at, free, steps=C.joint_steps)
+        # The base stays where it is, or goes along as far as its slopes say: whichever is nearer.
+        at = [replace(x, effects={**x.effects, tried.name: values}) for x in (fit.state, tried.begin)]
+        return self.fitter.solve(min(at, key=self.fitter.loss_at), free, steps=C.joint_steps)
 
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
         """A fit gone on to its end, and again from better places of presses that it has left behind."""
         fit = self.fitter.solve(state, free, steps=C.last_steps)
         again = self.fitter.solve(placed(self.fitter, fit.state), fit.free, steps=C.joint_steps)
+        return again if again.loss() < fit.loss() else fit
+
+    def _from_start(self, fit: Fitted) -> Fitted:
+        """The fit, or one from where the sensor was thought to be, if it has gone far from there and that is better.
+
+        A base that gave way to what was missing can end at another pose, with all presses moved, and stay there.
+        """
+        start = self.fitter.before.start
+        sd = np.sqrt(np.diag(fit.covariance)[:4])
+        if (np.abs(self.fitter.off(fit.state)[:4]) < C.alike * sd).all():
+            return fit
+        state = replace(
+            fit.state, pose=start.pose, log_e=start.log_e, law=np.zeros(3), move=np.zeros_like(start.move)
+        )
+        again = self._settled(state, fit.free)
         return again if again.loss() < fit.loss() else fit
 
     def _scaled(
