@@ -24,7 +24,7 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.shared import integral
 from skincal.fitting.types import Floats, Ints
-from skincal.fitting.volume import fold_of, log_volume
+from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
 
@@ -121,8 +121,9 @@ def _log_density(problem: FitProblem, images: Images, places: Places, points: Fl
     start = starting_nuisance(problem, places, macro, press, count)
     state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
     fold = fold_of(problem, images, macro, sigmas, press, state)
-    paired = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
-    evidence = -0.5 * state.objective + log_volume(fold, paired)
+    tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
+    mirror = untracked(problem, images, macro, sigmas, press, state, fold, tracked)
+    evidence = -0.5 * state.objective + log_volume(fold, mirror)
     twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
     evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
     total, chance = np.zeros(count), np.empty((count, spots))

@@ -22,7 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from skincal.fitting.presses import PressStates, evaluate, solve_small
+from skincal.fitting.presses import PressStates, evaluate, settle, solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Bools, Floats, Ints
@@ -32,8 +32,10 @@ MERGED = 0.02
 """Below this a the two lobes are one place."""
 
 _LOW, _HIGH = -8.0, 14.0
-ALONE_BELOW = 4.0
-"""A lobe without a tracked mirror counts for both up to this a; beyond, the mirror was left out for good reason."""
+JOINED_BELOW, ALONE_BELOW = 1.0, 4.0
+"""A lobe whose mirror place is not tracked counts for both up to the first a: no more than half a unit of the log
+density lies between them. Up to the second the mirror counts as what is found there; beyond, it was left out for good
+reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +95,54 @@ def fold_of(
     )
 
 
-def log_volume(fold: Fold, mirrored: Bools) -> Floats:
+def untracked(
+    problem: FitProblem,
+    images: Images,
+    macro: Floats,
+    sigmas: Floats,
+    press: Ints,
+    state: PressStates,
+    fold: Fold,
+    tracked: Bools,
+) -> Floats:
+    """What the mirror place of each settled press (n,) counts, 0 to 1, where it is not counted on its own.
+
+    Args:
+        problem: as for :func:`skincal.fitting.presses.evaluate`.
+        images: the same.
+        macro: the same.
+        sigmas: the same.
+        press: the same.
+        state: settled presses.
+        fold: how their residuals bend.
+        tracked: (n,) whether the mirror place is among the places.
+    """
+    counts = np.where((fold.a > MERGED) & (fold.a <= JOINED_BELOW) & ~tracked, 1.0, 0.0)
+    rows = np.flatnonzero((fold.a > JOINED_BELOW) & (fold.a < ALONE_BELOW) & ~tracked)
+    if not len(rows):
+        return counts
+    start = state.nuisance[rows].copy()
+    start[:, :2] = fold.mirror_m[rows]
+    there = settle(
+        problem, images, macro[rows], sigmas[rows], press[rows], start, iterations=6, to_rest=False
+    )
+    # What comes back has no place of its own there: other taxels, or the rig's measurement, rule it out.
+    away = np.abs(there.nuisance[:, :2] - state.nuisance[rows, :2]).max(axis=1)
+    whole = np.abs(fold.mirror_m[rows] - state.nuisance[rows, :2]).max(axis=1)
+    less = np.maximum(there.objective - state.objective[rows], 0.0)
+    counts[rows] = np.where(away > 0.3 * whole, np.exp(-0.5 * less), 0.0)
+    return counts
+
+
+def log_volume(fold: Fold, mirror: Floats) -> Floats:
     """Logarithm (n,) of the open volume, up to a constant.
 
     Args:
         fold: how the residual bends.
-        mirrored: (n,) whether the mirror place is counted on its own.
+        mirror: (n,) what the mirror place counts besides, from :func:`untracked`.
     """
-    lobe = fold.a > MERGED
-    bent = fold.half_bend * _curvature(fold.a)
-    # Both lobes at once have twice the volume of one: a quarter of its curvature.
-    both = lobe & ~mirrored & (fold.a < ALONE_BELOW)
-    bent = np.where(both, 0.25 * bent, bent)
+    # A lobe that counts 1 + m times has that much more volume: a curvature less by the square.
+    bent = fold.half_bend * _curvature(fold.a) / (1.0 + mirror) ** 2
     corrected = fold.stiffness - fold.along_bend + bent
     return fold.log_volume - 0.5 * np.log(corrected / fold.stiffness)
 

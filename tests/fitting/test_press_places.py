@@ -13,7 +13,7 @@ from skincal.fitting.presses import evaluate, settle
 from skincal.fitting.problem import FitProblem, pose_problem
 from skincal.fitting.seen import Images
 from skincal.fitting.tasks import Neighbourhood
-from skincal.fitting.volume import Fold, fold_of, log_volume
+from skincal.fitting.volume import Fold, fold_of, log_volume, untracked
 from tests.fitting.conftest import Truth, make_session, rig
 
 SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
@@ -55,8 +55,9 @@ def by_places(problem: FitProblem, images: Images, macro: np.ndarray, places: Pl
     start = starting_nuisance(problem, places, many, places.press, 1)
     state = settle(problem, images, many, sigmas, places.press, start, iterations=12)
     fold = fold_of(problem, images, many, sigmas, places.press, state)
-    paired = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, 1)
-    evidence = -0.5 * state.objective + log_volume(fold, paired)
+    tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, 1)
+    mirror = untracked(problem, images, many, sigmas, places.press, state, fold, tracked)
+    evidence = -0.5 * state.objective + log_volume(fold, mirror)
     evidence[settled_twice(places.press, state.uv_m[None], fold)[0]] = -np.inf
     return np.array([logsumexp(evidence[places.press == k]) for k in range(len(problem))])
 
@@ -76,6 +77,23 @@ def test_places_have_the_mass_of_the_integral(scale: float) -> None:
     assert np.median(np.abs(off)) < 0.05
     assert np.abs(off).max() < 0.75
     assert abs(off.sum()) < 1.5
+
+
+def test_a_low_scale_gains_no_places_that_are_not_there() -> None:
+    """Of a low scale most presses lie at a fold. Mirror places that other taxels rule out would speak for it."""
+    truth = Truth()
+    problem = pose_problem(rig(), make_session(truth, presses=40, seed=3, position_sigma_m=0.6e-3)[0])
+    off = []
+    for log_e, log_s in ((0.0, 0.0), (-0.1, -0.03)):
+        macro = np.array([
+            truth.across_m, truth.y_m, truth.alpha_rad,
+            math.log(truth.elasticity_pa_per_m) + log_e, math.log(truth.scale_per_n) + log_s,
+        ])  # fmt: skip
+        images = Neighbourhood.around(macro).images(problem)
+        places = find_places(problem, images, macro, SIGMAS)
+        exact = np.array([by_brute_force(problem, images, macro, k) for k in range(len(problem))])
+        off.append(float((by_places(problem, images, macro, places) - exact).sum()))
+    assert off[1] - off[0] < 1.5
 
 
 def fold(a: list[float]) -> Fold:
