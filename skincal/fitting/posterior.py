@@ -435,7 +435,7 @@ def _estimated_noise(
     starts = (np.log(sigmas[2:4]), np.array([centres[0], max(centres[1], grown_only)]))
     start = min(starts, key=lambda x: loss(x)[0])
     found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
-    noise, misfit = np.exp(found.x)
+    noise, misfit = np.exp(np.asarray(found.x, dtype=np.float64))
     return max(float(noise), model.floor_counts * 1.05), float(misfit)
 
 

@@ -93,7 +93,7 @@ def test_a_low_scale_gains_no_places_that_are_not_there() -> None:
         places = find_places(problem, images, macro, SIGMAS)
         exact = np.array([by_brute_force(problem, images, macro, k) for k in range(len(problem))])
         off.append(float((by_places(problem, images, macro, places) - exact).sum()))
-    assert off[1] - off[0] < 1.5
+    assert off[1] - off[0] < 1.0
 
 
 def fold(a: list[float]) -> Fold:
