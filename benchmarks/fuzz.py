@@ -3,25 +3,29 @@
     python benchmarks/fuzz.py [--inputs 1000000] [--seed 0] [--out runs/fuzz] [--reader NAME] [--coverage]
 
 A reader may accept an input, or refuse it with an error that names the file. Anything else is a fault: another
-exception, more than 10 s, more than 4 GiB. Each is kept under ``faults/`` with its input and traceback. The count goes
-on where an earlier call ended, in ``progress.json``. ``--coverage`` lets atheris guide the damage by the lines that it
-reaches (``pip install atheris``), for one reader.
+exception, more than 10 s, more than 4 GiB, the end of the process (these three not where skincal has a process of its
+own read the file; here it is this one). Each is kept under ``faults/`` with its input and
+traceback. The count goes on where an earlier call ended, in ``progress.json``. Every reader gets ``--least`` inputs;
+the rest go to all for the same time, so that quick ones get more. ``--coverage`` lets atheris guide the damage by the
+lines that it reaches (``pip install atheris``), for one reader.
 """
 
 from __future__ import annotations
 
 import argparse
-import gc
 import hashlib
 import json
+import logging
+import os
 import random
 import resource
+import select
 import signal
 import sys
-import time
 import traceback
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,8 +38,8 @@ if TYPE_CHECKING:
     from benchmarks.fuzz_readers import Reader
 
 LIMIT_S, LIMIT_BYTES = 10, 4 << 30
-BATCH = 200
-"""Inputs of one reader in a row; so many are counted at once."""
+BATCH = 500
+"""Inputs of one reader in a row, in a process of their own; so many are counted at once."""
 
 
 class SlowError(Exception):
@@ -51,9 +55,11 @@ def run_one(reader: Reader, folder: Path, name: str, content: bytes) -> str | No
     signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
     try:
         reader.attack(folder, name, content)
+    except KeyboardInterrupt:
+        raise
     except BaseException as error:
-        if isinstance(error, KeyboardInterrupt):
-            raise
+        if reader.apart and isinstance(error, SlowError):
+            return None
         return traceback.format_exc()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
@@ -84,12 +90,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--inputs", type=int, default=1_000_000)
+    parser.add_argument("--least", type=int, default=4_000, help="inputs that every reader gets")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"))
     parser.add_argument("--reader", help="one reader only")
     parser.add_argument("--coverage", action="store_true", help="guided by atheris; needs --reader")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
+    logging.disable()
     signal.signal(signal.SIGALRM, _too_long)
     resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
     chosen = load(coverage=arguments.coverage)
@@ -115,35 +123,86 @@ def load(*, coverage: bool) -> dict[str, Reader]:
 
 
 def unguided(arguments: argparse.Namespace, chosen: list[Reader]) -> None:
-    """Inputs of all readers in turn, quick ones more often, until there are enough."""
-    from benchmarks.fuzz_readers import damaged
-
+    """Inputs of all readers in turn, until there are enough."""
     file = arguments.out / "progress.json"
     kept: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else {}
     done, faults, spent = (Counter(kept.get(name, {})) for name in ("inputs", "faults", "cpu_s"))
     while done.total() < arguments.inputs:
-        # Half of the time goes to the readers with the fewest inputs, half to those that took the least time.
-        by = done if random.Random(done.total()).random() < 0.5 else spent
-        reader = min(chosen, key=lambda one: by[one.name])
-        begun = time.process_time()
-        with TemporaryDirectory(
-            prefix="fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None
-        ) as scratch:
-            for i in range(BATCH):
-                rng = random.Random(f"{arguments.seed} {reader.name} {done[reader.name] + i}")
-                name, content = damaged(rng, reader)
-                trace = run_one(reader, Path(scratch), name, content)
-                if trace is not None:
-                    faults[reader.name] += 1
-                    keep_fault(arguments.out, reader, name, content, trace)
-        gc.collect()
+        few = [one for one in chosen if done[one.name] < arguments.least]
+        by = done if few else spent
+        reader = min(few or chosen, key=lambda one: by[one.name])
+        begun = _cpu_s()
+        faults[reader.name] += run_batch(arguments.out, reader, arguments.seed, done[reader.name])
         done[reader.name] += BATCH
-        spent[reader.name] += time.process_time() - begun
-        state = {"seed": arguments.seed, "inputs": done, "faults": faults, "cpu_s": spent}
+        spent[reader.name] += _cpu_s() - begun
+        state = {"seed": arguments.seed, "inputs": done, "faults": +faults, "cpu_s": spent}
         file.with_suffix(".part").write_text(json.dumps(state, indent=1, sort_keys=True))
         file.with_suffix(".part").replace(file)
     kinds = len(list((arguments.out / "faults").glob("*")))
     print(f"{done.total()} inputs to {len(done)} readers: {faults.total()} faults of {kinds} kinds")
+
+
+def _cpu_s() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def run_batch(out: Path, reader: Reader, seed: int, first: int) -> int:
+    """Gives a reader ``BATCH`` inputs, in forks that are watched; returns how many were faults."""
+    from benchmarks.fuzz_readers import damaged
+
+    def made(number: int) -> tuple[str, bytes]:
+        return damaged(random.Random(f"{seed} {reader.name} {number}"), reader)
+
+    def work(number: int, folder: Path) -> bool:
+        name, content = made(number)
+        trace = run_one(reader, folder, name, content)
+        if trace is not None:
+            keep_fault(out, reader, name, content, trace)
+        return trace is not None
+
+    faults, number, end = 0, first, first + BATCH
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+    while number < end:
+        with TemporaryDirectory(prefix="fuzz-", dir=memory) as scratch:
+            found, number, why = _watched(lambda i, place=Path(scratch): work(i, place), number, end)
+        faults += found
+        if why:
+            number += 1
+        if why and not reader.apart:
+            faults += 1
+            keep_fault(out, reader, *made(number - 1), why)
+    return faults
+
+
+def _watched(work: Callable[[int], bool], first: int, end: int) -> tuple[int, int, str]:
+    """Does numbered pieces of work in a fork; returns faults, the number that it came to, and why not to the end."""
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            for number in range(first, end):
+                os.write(write, b"x" if work(number) else b".")
+        finally:
+            os._exit(0)
+    os.close(write)
+    faults = done = 0
+    why = ""
+    while first + done < end:
+        # The fork's own alarm ends what Python runs; code of libraries that never comes back is ended from here.
+        if not select.select([read], [], [], 6 * LIMIT_S)[0]:
+            os.kill(child, signal.SIGKILL)
+            why = f"NeverBackError: no answer in {6 * LIMIT_S} s"
+            break
+        answers = os.read(read, BATCH)
+        if not answers:
+            break
+        done, faults = done + len(answers), faults + answers.count(b"x")
+    os.close(read)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if not why and first + done < end:
+        why = f"ProcessEndedError: status {status}"
+    return faults, first + done, why
 
 
 def guided(arguments: argparse.Namespace, reader: Reader) -> None:

@@ -9,7 +9,7 @@ import random
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
+from skincal.dataset import Dataset
 from skincal.errors import SkincalError
 from skincal.hand.messages import MessageError
 
@@ -35,12 +36,21 @@ class Reader:
         files: valid samples of the files that it reads, by name; one of them is damaged at a time.
         read: reads them in a folder.
         fixed: files that are never damaged.
+        apart: whether skincal reads them in a process of its own, which may crash or run out of memory; here it is
+            this one.
     """
 
     name: str
     files: Files
     read: Callable[[Path], object]
     fixed: tuple[str, ...] = ()
+    apart: bool = False
+
+    def write(self, folder: Path, damaged: str = "", content: bytes = b"") -> None:
+        """Writes the samples, one of them damaged."""
+        for name, valid in self.files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_bytes(content if name == damaged else valid)
 
     def attack(self, folder: Path, damaged: str, content: bytes) -> None:
         """Reads the samples with one of them damaged.
@@ -48,9 +58,8 @@ class Reader:
         Raises:
             Exception: other than the errors that a reader may raise.
         """
-        for name, valid in self.files.items():
-            (folder / name).write_bytes(content if name == damaged else valid)
-        with suppress(SkincalError, MessageError):
+        self.write(folder, damaged, content)
+        with suppress(SkincalError, MessageError, *([MemoryError] if self.apart else [])):
             self.read(folder)
 
 
@@ -60,7 +69,10 @@ def readers() -> dict[str, Reader]:
         found = [
             *_of_datasets(Path(scratch)),
             *_of_hands(),
+            *_of_keys(Path(scratch)),
             *_of_imports(),
+            *_of_arrays(Path(scratch)),
+            *_of_bags(Path(scratch)),
             *_of_ranges(),
             *_of_runs(Path(scratch)),
         ]
@@ -71,6 +83,18 @@ def _contents(folder: Path) -> Files:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
 
 
+def _small(session: Dataset) -> Dataset:
+    """A session with the four taxels in the middle alone: as many kinds of columns, in a third of the time."""
+    middle, frames = [5, 6, 9, 10], session.frames
+    assert frames is not None
+    return replace(
+        session,
+        meta=replace(session.meta, sensor=replace(session.meta.sensor, rows=2, cols=2)),
+        presses=replace(session.presses, counts=session.presses.counts[:, middle]),
+        frames=replace(frames, counts=frames.counts[:, middle]),
+    )
+
+
 def _of_datasets(scratch: Path) -> list[Reader]:
     import trimesh
 
@@ -79,12 +103,12 @@ def _of_datasets(scratch: Path) -> list[Reader]:
     from tests.calibrations import make_calibration
     from tests.conftest import make_session
 
-    session = make_session(6, frames_per_press=3)
+    session = _small(make_session(6, frames_per_press=3))
     write_dataset(session, scratch / "csv", frames_as="csv")
     write_dataset(session, scratch / "parquet", presses_as="parquet")
     csv, parquet = _contents(scratch / "csv"), _contents(scratch / "parquet")
     listed = csv["dataset.toml"].replace(b"[sensor]\n", b'[sensor]\npositions = "taxels.csv"\n')
-    rows = "".join(f"{r},{c},{0.004 * c},{0.004 * r},0.0025,0.0025\n" for r in range(4) for c in range(4))
+    rows = "".join(f"{r},{c},{0.004 * c},{0.004 * r},0.0025,0.0025\n" for r in range(2) for c in range(2))
     taxels = csv | {"dataset.toml": listed, "taxels.csv": f"r,c,u_m,v_m,du_m,dv_m\n{rows}".encode()}
     stl = trimesh.creation.icosphere(1, 0.03).export(file_type="stl")
     assert isinstance(stl, bytes)
@@ -182,6 +206,113 @@ def _of_imports() -> list[Reader]:
         Reader("import, presses", mapped(PRESS_ROWS, presses), read),
         Reader("import, series", mapped(SERIES, series), read),
     ]
+
+
+def _here(read: Callable[..., Any], path: Path, *arguments: Any) -> Any:
+    """In the place of a process of its own, which would take a hundred times as long."""
+    return read(path, *arguments)
+
+
+def _of_arrays(scratch: Path) -> list[Reader]:
+    """Binary tables of :func:`read_csv_files`."""
+    import h5py
+    import scipy.io
+
+    from skincal.dataset.findings import Findings
+    from skincal.imports import source_table
+    from skincal.imports.csv_source import read_csv_files
+    from skincal.imports.read_mapping import read_mapping
+    from tests.imports.foreign import RIG, SERIES
+
+    numbered = {
+        "csv": {"rows": "series"},
+        "columns": {
+            "time_s": {"column": "data[0]", "unit": "ms"},
+            "position": {"columns": ["data[1]", "data[2]", "data[3]"], "unit": "mm"},
+            "force_n": {"column": "data[4]", "unit": "N"},
+        },
+        "taxels": {"columns": "data[{j}]", "first": 5},
+    }
+    mappings = {}
+    for kind, rules in (("named", SERIES), ("numbered", numbered)):
+        (scratch / f"{kind}.toml").write_text(tomli_w.dumps(RIG | rules))
+        mappings[kind] = read_mapping(scratch / f"{kind}.toml", "csv")
+    time = np.arange(20.0)
+    columns = {"t": 10 * time, "X": 0 * time, "Y": 23.5 + 0 * time, "Z": 11.5 + 0 * time, "F": time % 7}
+    columns |= {f"tax_{r}_{c}": np.full(20, 3.0) for r in range(4) for c in range(4)}
+    np.savez(scratch / "a.npz", **columns)
+    np.save(scratch / "a.npy", np.column_stack(list(columns.values())))
+    scipy.io.savemat(scratch / "a.mat", columns)
+    with h5py.File(scratch / "a.h5", "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+    pq.write_table(pa.table(columns), scratch / "a.parquet")
+
+    def read(file: Path) -> None:
+        findings = Findings()
+        source_table.apart = _here
+        mapping = mappings["numbered" if file.suffix == ".npy" else "named"]
+        read_csv_files(mapping, [file], findings)
+        findings.raise_errors()
+
+    kinds = {
+        "NumPy, npz": "a.npz",
+        "NumPy, npy": "a.npy",
+        "MATLAB": "a.mat",
+        "HDF5": "a.h5",
+        "Parquet": "a.parquet",
+    }
+    return [
+        Reader(
+            f"import, {kind}",
+            {name: (scratch / name).read_bytes()},
+            lambda f, n=name: read(f / n),
+            apart=name[2:] in ("mat", "h5", "parquet"),
+        )
+        for kind, name in kinds.items()
+    ]
+
+
+def _of_bags(scratch: Path) -> list[Reader]:
+    from skincal.dataset.findings import Findings
+    from skincal.imports import bag_source
+    from skincal.imports.read_mapping import read_mapping
+    from tests.conftest import make_session
+    from tests.imports.foreign import RIG, recorded
+    from tests.imports.ros import BAG, write_bag
+
+    (scratch / "bag.toml").write_text(tomli_w.dumps(RIG | BAG))
+    mapping = read_mapping(scratch / "bag.toml", "bag")
+    recording = recorded(make_session(1, frames_per_press=0), rate_hz=5.0)
+
+    def read(bag: Path) -> None:
+        findings = Findings()
+        bag_source.apart = _here
+        bag_source.read_bags(mapping, [bag], findings)
+        findings.raise_errors()
+
+    one = write_bag(scratch / "one.bag", recording)
+    two = write_bag(scratch / "two", recording)
+    mcap = next(write_bag(scratch / "mcap", recording, "mcap").glob("*.mcap"))
+    return [
+        Reader("bag, ROS 1", {"one.bag": one.read_bytes()}, lambda f: read(f / "one.bag"), apart=True),
+        Reader(
+            "bag, ROS 2",
+            {f"two/{n}": c for n, c in _contents(two).items()},
+            lambda f: read(f / "two"),
+            apart=True,
+        ),
+        Reader("bag, MCAP", {"one.mcap": mcap.read_bytes()}, lambda f: read(f / "one.mcap"), apart=True),
+    ]
+
+
+def _of_keys(scratch: Path) -> list[Reader]:
+    from skincal.hand.sockets import client_keys, hand_keys, make_keys
+
+    make_keys(scratch / "keys")
+    hand, client = _contents(scratch / "keys" / "hand"), _contents(scratch / "keys" / "client")
+    allowed = {f"allowed/{n}": c for n, c in _contents(scratch / "keys" / "hand" / "allowed").items()}
+    return [Reader("keys, hand", hand | allowed, hand_keys), Reader("keys, client", client, client_keys)]
 
 
 def _of_ranges() -> list[Reader]:

@@ -68,7 +68,7 @@ math_numsep = "."
 math_eqref_format = "equation ({number})"
 
 nb_execution_mode = "force" if RUN else "off"
-nb_execution_timeout = 180
+nb_execution_timeout = 900
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True

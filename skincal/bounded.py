@@ -10,13 +10,15 @@ import csv
 import io
 import json
 import math
+import os
 import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import IO, Any, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +81,9 @@ def read_bytes(path: Path, most: int = MOST_TEXT_BYTES, within: Path | None = No
         OSError: it cannot be read, is a device or a pipe, or lies outside of ``within``.
     """
     with open_input(path, within) as stream:
-        content = stream.read(most + 1)
+        # Python takes the memory for all that it is asked to read before it reads; /proc says that its files are empty.
+        size = max(os.fstat(stream.fileno()).st_size, 1 << 16)
+        content = stream.read(min(size, most) + 1)
     if len(content) > most:
         raise UnreadableError(f"a file of at most {_size(most)}", "a larger one")
     return content
@@ -240,29 +244,49 @@ def read_arrays(
         UnreadableError: it is none, is cut short, or is larger than ``most`` bytes when unpacked.
         OSError: it cannot be read.
     """
-    with open_input(path, within) as stream:
-        try:
-            with zipfile.ZipFile(stream) as archive:
-                members = archive.infolist()
-                if sum(member.file_size for member in members) > most:
-                    raise UnreadableError(f"arrays of at most {_size(most)}", "larger ones")
-                return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
-        except (MemoryError, UnreadableError):
-            raise
-        except Exception as error:  # zipfile, zlib and numpy have no common class for what they raise
-            raise UnreadableError("a whole .npz file", _cut(f"{type(error).__name__}: {error}")) from error
+    with open_input(path, within) as stream, _whole(".npz"), zipfile.ZipFile(stream) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > most:
+            raise UnreadableError(f"arrays of at most {_size(most)}", "larger ones")
+        found: dict[str, NDArray[Any]] = {}
+        for member in members:
+            with archive.open(member) as content:
+                found[member.filename.removesuffix(".npy")] = _array(content)
+        return found
 
 
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+def read_array(path: Path, most: int = MOST_ARRAY_BYTES) -> NDArray[Any]:
+    """The array of an ``.npy`` file; nothing in it is executed.
+
+    Raises:
+        UnreadableError: it is none, is cut short, or is larger than ``most`` bytes.
+        OSError: it cannot be read.
+    """
+    content = io.BytesIO(read_bytes(path, most))
+    with _whole(".npy"):
+        return _array(content)
+
+
+@contextmanager
+def _whole(kind: str) -> Generator[None]:
+    """Whatever a library raises says that a file is not whole."""
+    try:
+        yield
+    except (MemoryError, UnreadableError):
+        raise
+    except Exception as error:  # zipfile, zlib and numpy have no common class for what they raise
+        raise UnreadableError(f"a whole {kind} file", _cut(f"{type(error).__name__}: {error}")) from error
+
+
+def _array(stream: IO[bytes]) -> NDArray[Any]:
     """One array; its header's shape has to be that of the bytes that follow."""
-    with archive.open(member) as stream:
-        version = np.lib.format.read_magic(stream)
-        read_header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }
-        shape, by_columns, kind = read_header[version](stream)
-        data = stream.read()
+    version = np.lib.format.read_magic(stream)
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    shape, by_columns, kind = read_header[version](stream)
+    data = stream.read()
     if kind.hasobject or math.prod(shape) * kind.itemsize != len(data):
         raise UnreadableError(f"numbers of shape {shape}", f"{len(data)} bytes of {kind}")
     return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")

@@ -69,6 +69,10 @@ class InputError(SkincalError):
         self.problems: tuple[Problem, ...] = () if isinstance(problems, str) else tuple(problems)
         super().__init__(problems if isinstance(problems, str) else "\n".join(str(p) for p in problems))
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[Sequence[Problem] | str]]:
+        """Keep the problems when the error is sent to another process."""
+        return type(self), (self.problems or str(self),)
+
 
 class WorkError(SkincalError):
     """The input is well formed, but the work cannot be done with it (a fit that does not converge, say)."""

@@ -6,6 +6,7 @@ import io
 import json
 import random
 import time
+import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -26,9 +27,10 @@ from skincal.hand.messages import MessageError
 
 NAMES = (
     "dataset, CSV", "dataset, Parquet", "dataset, positions", "dataset, mesh", "calibration", "plan, TOML", "plan, CSV",
-    "hand", "pinch", "message, state", "message, refused", "mapping, CSV", "mapping, bag", "import, presses",
-    "import, series", "ranges, toml", "ranges, json", "ranges, yaml", "policy", "run", "checkpoint", "journal",
-    "skin memory", "curve", "trajectory",
+    "hand", "pinch", "message, state", "message, refused", "keys, hand", "keys, client", "mapping, CSV", "mapping, bag",
+    "import, presses", "import, series", "import, NumPy, npz", "import, NumPy, npy", "import, MATLAB", "import, HDF5",
+    "import, Parquet", "bag, ROS 1", "bag, ROS 2", "bag, MCAP", "ranges, toml", "ranges, json", "ranges, yaml",
+    "policy", "run", "checkpoint", "journal", "skin memory", "curve", "trajectory",
 )  # fmt: skip
 
 
@@ -65,8 +67,7 @@ def refusal(known: dict[str, Reader], tmp_path: Path):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_samples_are_valid(known, tmp_path, name):
-    for file, content in known[name].files.items():
-        (tmp_path / file).write_bytes(content)
+    known[name].write(tmp_path)
     assert not getattr(known[name].read(tmp_path), "errors", ())
 
 
@@ -138,12 +139,11 @@ def test_sites_of_a_plan(refusal, value):
     assert "beta_deg" in refusal("plan, TOML", "plan.toml", "", f'format = "skincal-plan/1"\n{press}')
 
 
-@pytest.mark.parametrize("column", ["force_n", "x_m", "taxel_0_0", "another"])
+@pytest.mark.parametrize("column", ["force_n", "x_m", "taxel_0_0"])
 def test_lists_in_a_table(known, refusal, column):
     table = pq.read_table(io.BytesIO(known["dataset, Parquet"].files["frames.parquet"]))
     lists = pa.array([[1.0, 2.0]] * table.num_rows)
-    i = table.column_names.index(column) if column in table.column_names else None
-    table = table.append_column(column, lists) if i is None else table.set_column(i, column, lists)
+    table = table.set_column(table.column_names.index(column), column, lists)
     content = io.BytesIO()
     pq.write_table(table, content)
     said = refusal("dataset, Parquet", "frames.parquet", "", content.getvalue())
@@ -195,6 +195,11 @@ def test_a_journal_that_was_cut(refusal, content):
 @pytest.mark.parametrize("value", [HUGE, "true", '"x"', "[1]"])
 def test_a_refusal_of_the_hand(refusal, value):
     refusal("message, refused", "message.json", '"value": 1', f'"value": {value}')
+
+
+@pytest.mark.parametrize("rows", ["", "nan,0.0\n", "0.0,inf\n", "1e9,0.0\n", "0.001\n"])
+def test_targets_that_no_skin_has(refusal, rows):
+    assert "t.csv" in refusal("trajectory", "t.csv", "0.0,0.001\n0.001,0.002\n", rows)
 
 
 def test_a_loop_of_links(refusal):
@@ -256,6 +261,16 @@ def test_larger_files_are_not_read(tmp_path, monkeypatch):
         bounded.read_bytes(tmp_path / "a", 100)
     with pytest.raises(OSError, match="a device, not a file"):
         bounded.read_bytes(Path("/dev/zero"), 1000)
+
+
+def test_reading_takes_no_more_memory_than_the_file(tmp_path):
+    (tmp_path / "a").write_bytes(bytes(200))
+    tracemalloc.start()
+    try:
+        assert bounded.read_bytes(tmp_path / "a", 1 << 30) == bytes(200)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
 
 
 def test_elements_within_each_other():

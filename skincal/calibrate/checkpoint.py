@@ -22,6 +22,9 @@ from skincal.version import __version__
 _log = logging.getLogger("skincal")
 
 _TABLE = ("shares", "lit", "plane", "anchor_m", "slot", "log_ratio", "centre")
+_DAMAGED = (OSError, ArithmeticError, LookupError, TypeError, ValueError)
+"""What a file that is not what was written raises."""
+
 _FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
 
 
@@ -55,9 +58,11 @@ class Checkpoint:
         for file in sorted(self.folder.glob("turn-*.npz")) if self.folder.is_dir() else []:
             try:
                 arrays = read_arrays(file, self.folder)
-                if str(arrays["key"]) == self.key:
-                    slabs[int(arrays["turn"])] = GridSlab(*(arrays[name] for name in _FIELDS))
-            except (OSError, KeyError, TypeError, ValueError):
+                fields = [arrays[name] for name in _FIELDS]
+                whole = len({(field.shape, field.dtype) for field in fields}) == 1
+                if str(arrays["key"]) == self.key and whole and fields[0].dtype == np.float64:
+                    slabs[int(arrays["turn"])] = GridSlab(*fields)
+            except _DAMAGED:
                 continue
         if self.folder.is_dir() and not slabs:
             _log.warning("%s: nothing of this fit; it begins anew", self.folder)
@@ -85,7 +90,7 @@ class Checkpoint:
             reach = TableReach(*arrays["reach"].tolist())
             reach = replace(reach, levels=int(reach.levels))
             return SkinTable(**{field: arrays[field] for field in _TABLE}, reach=reach)
-        except (OSError, KeyError, ValueError, TypeError):
+        except _DAMAGED:
             return None
 
     def keep_table(self, name: str, table: SkinTable) -> None:

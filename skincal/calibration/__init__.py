@@ -1,4 +1,4 @@
-"""Calibrations: what a fit found, as a folder that loads into the simulator (``skincal-calibration/1``)."""
+"""Calibrations: results of a fit, as a folder that loads into the simulator (``skincal-calibration/1``)."""
 
 from skincal.calibration.calibration import MARGIN_M, Calibration, Columns
 from skincal.calibration.effects import EFFECT_NAMES

@@ -1,4 +1,4 @@
-"""A calibration in memory, and the model's objects that it describes."""
+"""A calibration in memory, and the model objects that it describes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from skincal.units import rad
 
 FloatArray = NDArray[np.float64]
 MARGIN_M = 8e-3
-"""How far a calibrated skin goes on around its taxels [m]."""
+"""Margin of a calibrated skin around its taxels [m]."""
 
 Columns = Mapping[str, NDArray[Any]]
 """A table: arrays of one length by name."""
@@ -44,28 +44,28 @@ Columns = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a fit found: the best skin, how far to trust it, and why (contract ``skincal-calibration/1``).
+    """The result of a fit: the best skin, and how far to trust it (contract ``skincal-calibration/1``).
 
     Attributes:
         sensor: taxels and converter, as in the dataset.
-        surface: what carries the sensor.
-        indenter: what pressed.
+        surface: surface that carries the sensor.
+        indenter: the indenter.
         model: best parameters.
-        intervals: low and high of each of them, by name; infinite where the data say nothing.
-        loss: how well it fits.
-        provenance: where it comes from.
-        effects: what was added beyond the base model; empty at first.
-        findings: what a person should know.
-        mount: what was known of the pose before the fit; None: not said.
-        position: what the measured contact positions were worth; None: not said.
-        draws: draws from the valley, parameters by name, one row a draw; None: none kept.
-        grid: the evaluated grid, one row a combination; None: not kept.
-        slack: one row a press (:data:`skincal.calibration.SLACK_COLUMNS`); None: not kept.
-        positions: the taxels of a layout that is no grid; None for a grid.
+        intervals: low and high of each of them, by name; infinite if the data do not bound it.
+        loss: quality of the fit.
+        provenance: provenance of the calibration.
+        effects: effects beyond the base model; empty at first.
+        findings: findings of the fit, for the user.
+        mount: prior knowledge of the pose; None: not given.
+        position: accuracy of the measured contact positions; None: not given.
+        draws: posterior draws, parameters by name, one row per draw; None: none stored.
+        grid: the evaluated grid, one row per combination; None: not stored.
+        slack: one row per press (:data:`skincal.calibration.SLACK_COLUMNS`); None: not stored.
+        positions: positions of taxels that form no grid; None for a grid.
         meshes: content of the mesh files that ``surface`` and ``indenter`` name, by file name.
-        extra: keys that skincal does not know.
-        warnings: what a person should know of the files it was read from.
-        folder: where it was read from; None for one made in memory.
+        extra: unknown keys.
+        warnings: warnings about the files it was read from.
+        folder: folder it was read from; None for a calibration made in memory.
     """
 
     sensor: SensorSpec
@@ -89,7 +89,7 @@ class Calibration:
     folder: Path | None = None
 
     def __post_init__(self) -> None:
-        # Plain dictionaries of its own, not proxies: a calibration goes to worker processes by pickle.
+        # Plain dictionaries, not proxies: a calibration is pickled for worker processes.
         object.__setattr__(self, "intervals", dict(self.intervals))
         for name in ("draws", "grid", "slack"):
             columns: Columns | None = getattr(self, name)
@@ -108,15 +108,15 @@ class Calibration:
         provenance: Provenance,
         **rest: Any,
     ) -> Self:
-        """A calibration of the sensor that a dataset describes.
+        """Return a calibration of the sensor that a dataset describes.
 
         Args:
-            dataset: gives sensor, surface, indenter, mount, position, and the files that they name.
+            dataset: dataset with sensor, surface, indenter, mount, position, and the files that they name.
             model: best parameters.
             intervals: low and high of each.
-            loss: how well it fits.
-            provenance: where it comes from.
-            rest: the other attributes.
+            loss: quality of the fit.
+            provenance: provenance of the calibration.
+            rest: further attributes.
         """
         meta = dataset.meta
         return cls(
@@ -135,7 +135,7 @@ class Calibration:
         )
 
     def pose(self) -> SensorPose:
-        """The best pose of the patch."""
+        """Return the best pose of the patch."""
         model = self.model
         return SensorPose(
             y_m=model.y_m,
@@ -145,23 +145,23 @@ class Calibration:
         )
 
     def layout(self) -> TaxelLayout:
-        """The taxels' layout."""
+        """Return the layout of the taxels."""
         return layout_of(self.sensor, self.positions)
 
     def surface_model(self) -> Surface:
-        """The surface that carries the sensor."""
+        """Return the surface that carries the sensor."""
         return surface_of(self.surface, self.meshes)
 
     def indenter_model(self, radius_m: float | None = None) -> Indenter:
-        """What pressed; a radius [m] goes before that of ``[indenter]``."""
+        """Return the indenter; a radius [m] overrides that of ``[indenter]``."""
         return indenter_of(self.indenter, self.meshes, radius_m)
 
     def converter(self) -> Converter:
-        """The sensor's converter."""
+        """Return the sensor's converter."""
         return converter_of(self.sensor)
 
     def parameters(self) -> SkinParameters:
-        """E and the scale of the best skin."""
+        """Return E and the scale of the best skin."""
         scale = self.model.scale_per_taxel_per_n
         return SkinParameters(
             elasticity_pa_per_m=self.model.elasticity_pa_per_m,
@@ -169,14 +169,14 @@ class Calibration:
         )
 
     def skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
-        """The best skin, of a calibration without effects; :func:`skincal.calibration.skin_of` takes any.
+        """Return the best skin of a calibration without effects; :func:`skincal.calibration.skin_of` accepts any.
 
         Args:
             resolution_m: longest edge of a tactile point's cell [m].
-            margin_m: how far the skin goes on around the taxels [m].
+            margin_m: margin of the skin around the taxels [m].
 
         Raises:
-            WorkError: the calibration has effects; without them the images would not be those that it stands for.
+            WorkError: the calibration has effects, without which the images would be wrong.
         """
         if self.effects:
             names = ", ".join(effect.name for effect in self.effects)
@@ -187,20 +187,20 @@ class Calibration:
         return self.base_skin(resolution_m, margin_m)
 
     def base_skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
-        """The best skin without its effects.
+        """Return the best skin without its effects.
 
         Args:
             resolution_m: longest edge of a tactile point's cell [m].
-            margin_m: how far the skin goes on around the taxels [m].
+            margin_m: margin of the skin around the taxels [m].
 
         Raises:
-            ValueError: the patch has no place on its surface.
+            ValueError: the patch does not fit on its surface.
         """
         patch = Patch.build(self.surface_model(), self.layout(), self.pose(), resolution_m, margin_m)
         return Skin(patch, self.parameters(), self.converter())
 
     def identified(self, name: str) -> bool:
-        """Whether the data bound a parameter on both sides.
+        """Return whether the data bound a parameter on both sides.
 
         Args:
             name: a key of ``intervals``: ``y_m``, ``elasticity_pa_per_m``.
@@ -209,7 +209,7 @@ class Calibration:
 
 
 def _read_only(column: NDArray[Any]) -> NDArray[Any]:
-    """A read-only view; the caller's own array stays as writable as it was."""
+    """Return a read-only view; the caller's own array stays writable."""
     view = np.asarray(column).view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""What must hold of an entry of ``[[effects]]``: parameters that the effect has, of their shape and within bounds."""
+"""Checks of an entry of ``[[effects]]``: its parameters exist, have the right shape and lie within bounds."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from skincal.effects import EFFECTS, EffectParameter
 
 
 def check_name(table: TomlTable, name: str, earlier: Sequence[str]) -> bool:
-    """Whether an effect has a name of the registry, and is the only one of it; else adds an error.
+    """Return whether an effect has a known name, and is the only one with it; else add an error.
 
     Args:
         table: the entry.
-        name: of the effect; empty where it is missing.
-        earlier: names of the entries before.
+        name: name of the effect; empty if it is missing.
+        earlier: names of the preceding entries.
     """
     if not name:
         return False
@@ -33,12 +33,12 @@ def check_name(table: TomlTable, name: str, earlier: Sequence[str]) -> bool:
 
 
 def check_effect(table: TomlTable, effect: Effect, taxels: int) -> None:
-    """Adds an error for everything that the effect's parameters cannot be.
+    """Add an error for every invalid parameter of an effect.
 
     Args:
         table: the entry.
-        effect: what it says, with a name of the registry.
-        taxels: number of taxels J; 0 where that is not known.
+        effect: the effect, with a known name.
+        taxels: number of taxels J; 0 if unknown.
     """
     known = {parameter.name: parameter for parameter in EFFECTS[effect.name].parameters}
     for name, value in effect.parameters.items():
@@ -55,7 +55,7 @@ def check_effect(table: TomlTable, effect: Effect, taxels: int) -> None:
 
 
 def _wrong_shape(parameter: EffectParameter, value: Numbers, taxels: int, poses: int) -> str | None:
-    """What a value should have been; None if it has a shape that the parameter may have."""
+    """Return the expected shape of a value; None if its shape is valid."""
     if not isinstance(value, tuple):
         return None
     if parameter.shape == "scalar":

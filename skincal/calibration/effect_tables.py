@@ -1,4 +1,4 @@
-"""``[[effects]]`` and ``[[findings]]`` of ``calibration.toml``: strict reading, and writing."""
+"""``[[effects]]`` and ``[[findings]]`` of ``calibration.toml``: a strict reader, and a writer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Range = tuple[Numbers, Numbers]
 
 
 def plain_effect(effect: Effect) -> dict[str, Any]:
-    """One entry of ``[[effects]]`` as TOML writes it."""
+    """Return one entry of ``[[effects]]`` as TOML writes it."""
     plain: dict[str, Any] = {
         "name": effect.name,
         "parameters": {name: _plain(value) for name, value in effect.parameters.items()},
@@ -35,13 +35,13 @@ def _plain(numbers: Numbers) -> float | list[float]:
 
 
 def effects_from(top: TomlTable, findings: Findings, file: str, taxels: int) -> tuple[Effect, ...]:
-    """The effects; what is wrong adds an error.
+    """Return the effects; add errors for invalid ones.
 
     Args:
         top: the file.
-        findings: where errors go.
+        findings: collects the errors.
         file: its name.
-        taxels: number of taxels J; 0 where that is not known.
+        taxels: number of taxels J; 0 if unknown.
     """
     found: list[Effect] = []
     for table, others in _entries(top, findings, file, "effects", _EFFECT):
@@ -53,12 +53,12 @@ def effects_from(top: TomlTable, findings: Findings, file: str, taxels: int) -> 
 
 
 def findings_from(top: TomlTable, findings: Findings, file: str) -> tuple[Finding, ...]:
-    """The findings of the fit; what is wrong adds an error."""
+    """Return the findings of the fit; add errors for invalid ones."""
     return tuple(
         Finding(
             code=table.text("code", "a word"),
             severity=table.choice("severity", SEVERITIES),
-            text=table.text("text", "what was found"),
+            text=table.text("text", "the finding"),
             advice=table.text("advice", "what to do", default=""),
             mapping=table.text("mapping", "lines of a mapping file", default=""),
         )
@@ -69,7 +69,7 @@ def findings_from(top: TomlTable, findings: Findings, file: str) -> tuple[Findin
 def _entries(
     top: TomlTable, findings: Findings, file: str, name: str, known: tuple[str, ...]
 ) -> Iterator[tuple[TomlTable, dict[str, Any]]]:
-    """The tables of a list of tables, each named by its number, and what they hold beside the known keys."""
+    """Yield the tables of a list of tables, each named by its number, with their unknown keys."""
     entries = top.raw(name)
     if entries is None:
         return
@@ -77,7 +77,7 @@ def _entries(
         top.error(name, f"tables [[{name}]]", shown(entries))
         return
     for number, entry in enumerate(cast("list[dict[str, Any]]", entries), start=1):
-        # These tables are open, as that of the loss: what else stands there is kept without a warning.
+        # These tables are open, like that of the loss: further keys are kept without a warning.
         others = {key: value for key, value in entry.items() if key not in known}
         table = {key: value for key, value in entry.items() if key in known}
         yield TomlTable(findings, file, f"{name} {number}", table, known), others
@@ -99,7 +99,7 @@ def _effect(table: TomlTable, extra: Mapping[str, Any]) -> Effect:
 
 
 def _poses(table: TomlTable) -> tuple[str, ...]:
-    """Names of the hand poses, each once."""
+    """Return the names of the hand poses, each once."""
     value = table.raw("poses")
     if value is None:
         return ()
@@ -145,7 +145,7 @@ def _range(table: TomlTable, key: str, value: object, parameters: Mapping[str, N
 
 
 def _side(value: object, like: Numbers) -> tuple[float, ...] | None:
-    """One end of an interval as numbers of the parameter's shape; None where it is something else."""
+    """Return one end of an interval as numbers of the parameter's shape; None for anything else."""
     numbers = number_list(value if isinstance(like, tuple) else [value], infinite=True)
     size = len(like) if isinstance(like, tuple) else 1
     return numbers if numbers is not None and len(numbers) == size else None

@@ -1,4 +1,4 @@
-"""The names that an effect beyond the base model may have: those of the registry of effects."""
+"""Names of effects beyond the base model: those of the registry of effects."""
 
 from __future__ import annotations
 
@@ -7,4 +7,4 @@ from typing import Final
 from skincal.effects import EFFECTS
 
 EFFECT_NAMES: Final[dict[str, str]] = {name: effect.meaning for name, effect in EFFECTS.items()}
-"""Name of each effect and what is meant by it, in the order of the chain."""
+"""Name and meaning of each effect, in the order of the chain."""

@@ -1,4 +1,4 @@
-"""A calibration as a folder: read with every fault named, written whole or not at all."""
+"""A calibration as a folder: reading reports every fault, writing is complete or not at all."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from skincal.files import whole_folder
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Reads a calibration's folder (contract ``skincal-calibration/1``) and checks all of it.
+    """Read and check a calibration's folder (contract ``skincal-calibration/1``).
 
     Args:
         path: the folder, or the ``calibration.toml`` in it. Grid, slack and draws may be missing.
 
     Returns:
-        The calibration; its ``warnings`` say what does not forbid its use.
+        The calibration; its ``warnings`` do not forbid its use.
 
     Raises:
-        InputError: anything in it is wrong; ``problems`` holds every violation, with file and key.
+        InputError: the folder has violations; ``problems`` holds all of them, with file and key.
     """
     folder = Path(path)
     if folder.name == FILE and folder.is_file():
@@ -64,17 +64,17 @@ def write_calibration(
     force: bool = False,
     beside: Callable[[Path], None] | None = None,
 ) -> None:
-    """Writes a calibration as a folder (contract ``skincal-calibration/1``); numbers come back exactly.
+    """Write a calibration as a folder (contract ``skincal-calibration/1``); numbers are read back exactly.
 
     Args:
-        calibration: what to write. It is checked as a file would be, so that it can be read back.
-        path: the folder to make.
-        force: whether an existing calibration there is replaced.
-        beside: writes further files (the report) into the folder that it is given, before that is moved to
+        calibration: the calibration. It is checked like a file, so that it can be read back.
+        path: folder to create.
+        force: whether to replace an existing calibration.
+        beside: writes further files (the report) into the given folder, before that is moved to
             its place.
 
     Raises:
-        InputError: the folder exists and ``force`` is not given, or the calibration is not a possible one.
+        InputError: the folder exists and ``force`` is not given, or the calibration is invalid.
         OSError: the disk is full, or not writable; then nothing is left behind.
     """
     plain = plain_meta(calibration)

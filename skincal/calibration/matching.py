@@ -1,4 +1,4 @@
-"""Whether data, or a hand, are of the sensor that a calibration stands for."""
+"""Checks that data, or a hand, have the sensor of a calibration."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skincal.errors import InputError, Problem
 from skincal.model import TaxelLayout
 
 SAME_M = 1e-6
-"""Lengths that differ by less are the same [m]."""
+"""Tolerance within which lengths are equal [m]."""
 
 _FIX = "Use a calibration of this sensor."
 
 
 def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
-    """Checks that a dataset's sensor and surface are the calibrated ones, and that the sensor may lie where it did.
+    """Check that a dataset has the calibrated sensor and surface, and that its mount allows the calibrated pose.
 
     Raises:
-        InputError: they are not; says everything in which they differ.
+        InputError: they differ; the message lists all differences.
     """
     file = "dataset.toml" if dataset.folder is None else str(dataset.folder / "dataset.toml")
     meta = dataset.meta
@@ -45,15 +45,15 @@ def sensor_differences(
     *,
     place: str,
 ) -> list[Problem]:
-    """Everything in which a sensor is not the calibrated one.
+    """Return every difference of a sensor from the calibrated one.
 
     Args:
-        calibration: of a sensor.
-        sensor: the other one.
-        layout: where its taxels are.
-        surface: what carries it.
+        calibration: calibration of a sensor.
+        sensor: the other sensor.
+        layout: layout of its taxels.
+        surface: surface that carries it.
         meshes: content of the mesh file that the surface names, by file name.
-        place: the file that describes it, for messages.
+        place: file that describes it, for messages.
     """
     return [
         *_taxels(calibration, sensor, layout, place),
@@ -71,12 +71,12 @@ def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout, p
     off = max(np.abs(own.centres_m - layout.centres_m).max(), np.abs(own.sizes_m - layout.sizes_m).max())
     if off <= SAME_M:
         return []
-    expected = "taxels where the calibration has them"
+    expected = "the calibrated positions of the taxels"
     return [Problem(f"{place}, [sensor]", expected, f"taxels up to {1e3 * off:.3g} mm off", _FIX)]
 
 
 def _converter(ours: SensorSpec, other: SensorSpec, place: str) -> list[Problem]:
-    """Bounds of the converter, where both are known: another one counts in other units."""
+    """Return differences of the converter's bounds, where both are known: another converter has other counts."""
     pairs = [(name, getattr(ours, name), getattr(other, name)) for name in ("value_min", "value_max")]
     return [
         Problem(f"{place}, [sensor] {name}", f"{mine:g} counts, as calibrated", f"{its:g}", _FIX)
@@ -103,7 +103,7 @@ def _surface(
 
 
 def _mount(calibration: Calibration, dataset: Dataset, place: str) -> list[Problem]:
-    """Where the calibrated sensor lies outside the ranges of the mount, the slack of positions allowed for."""
+    """Return ranges of the mount that exclude the calibrated pose, allowing for the slack of positions."""
     mount, slack = dataset.meta.mount, dataset.meta.position.slack_m
     if not isfinite(slack):
         return []

@@ -8,13 +8,13 @@ from datetime import datetime
 from typing import Any, Final, Literal
 
 Interval = tuple[float, float]
-"""Low and high; infinite on a side on which the data say nothing."""
+"""Low and high; infinite on a side that the data do not bound."""
 
 Numbers = float | tuple[float, ...]
 Severity = Literal["info", "warning", "error"]
 
 REST: Final = "rest_counts"
-"""The one parameter of the model that belongs to the session, not to the skin: files may leave it out."""
+"""The one parameter of the model that belongs to the session, not to the skin: files may omit it."""
 
 SEVERITIES: Final = ("info", "warning", "error")
 
@@ -30,9 +30,9 @@ class ModelParameters:
         scale_per_n: counts over taxel load, S, common to all taxels [1/N].
         beta_deg: centre of the patch round the fingertip [°]; None on a plane.
         x_m: centre of the patch across the finger [m]; on a plane only.
-        scale_per_taxel_per_n: scale of each taxel, S_j [1/N], J numbers by the flat index; goes before
+        scale_per_taxel_per_n: scale of each taxel, S_j [1/N], J numbers by the flat index; overrides
             ``scale_per_n``. None: one scale for all.
-        rest_counts: level at rest that all taxels share [counts]; None where it was not looked for.
+        rest_counts: level at rest that all taxels share [counts]; None if it was not fitted.
     """
 
     y_m: float
@@ -45,7 +45,7 @@ class ModelParameters:
     rest_counts: float | None = None
 
     def best(self) -> dict[str, float]:
-        """The single figures by name, in the order of the contract: the pose, E, S."""
+        """Return the scalar parameters by name, in the order of the contract: the pose, E, S."""
         across = {"x_m": self.x_m} if self.beta_deg is None else {"beta_deg": self.beta_deg}
         values = {
             "y_m": self.y_m,
@@ -59,13 +59,13 @@ class ModelParameters:
 
 @dataclass(frozen=True)
 class Loss:
-    """How well the best parameters and the valley fit.
+    """Quality of fit of the best parameters, and of the valley.
 
     Attributes:
         mse_counts2: mean square of the residual per taxel at the best parameters [counts²].
-        valley_mse_counts2: bound of that loss which the valley lies under [counts²].
-        presses_used: number of presses in it.
-        extra: further figures that a fit wants to keep, by a name with its unit.
+        valley_mse_counts2: bound of that loss in the valley [counts²].
+        presses_used: number of presses.
+        extra: further figures of a fit, by a name with its unit.
     """
 
     mse_counts2: float
@@ -76,16 +76,16 @@ class Loss:
 
 @dataclass(frozen=True)
 class Effect:
-    """What the skin does beyond the base model.
+    """An effect of the skin beyond the base model.
 
     Attributes:
         name: one of the contract's names, a key of :data:`skincal.calibration.EFFECT_NAMES`.
-        parameters: a number, or one number a taxel or a hand pose, by a name with its unit; what is left out is
+        parameters: a number, or one number per taxel or hand pose, by a name with its unit; omitted ones are
             neutral.
         intervals: low and high of some of the parameters, of the same shape as the parameter.
-        extra: what else is said of the effect.
-        poses: names of the hand poses that lists with one number a pose are of. Empty where there are none; a list
-            then is of the poses of the data at hand, in the order of their names.
+        extra: further keys.
+        poses: names of the hand poses of lists with one number per pose. Empty if not given; a list
+            then belongs to the poses of the data at hand, in the order of their names.
     """
 
     name: str
@@ -99,14 +99,14 @@ class Effect:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that a person should know of a calibration, and what to do about it.
+    """A finding about a calibration, with advice for the user.
 
     Attributes:
-        code: a word that programs can ask for: ``edge``, ``flat``, ``few_presses``.
+        code: code for programs: ``edge``, ``flat``, ``few_presses``.
         severity: ``info``, ``warning`` or ``error``.
-        text: what was found.
-        advice: what to do; empty where there is nothing to do.
-        mapping: lines of a mapping file, under ``[taxels]``, that mend it; empty where none do.
+        text: the finding.
+        advice: what to do; may be empty.
+        mapping: lines of a mapping file, under ``[taxels]``, that correct it; may be empty.
     """
 
     code: str
@@ -116,27 +116,27 @@ class Finding:
     mapping: str = ""
 
     def plain(self) -> dict[str, str]:
-        """As TOML has it; a mapping only where there is one."""
+        """Return the finding as TOML has it, without an empty mapping."""
         return {key: value for key, value in vars(self).items() if value or key != "mapping"}
 
     def as_json(self) -> dict[str, str]:
-        """As other programs read it: what is mere information is a ``note``."""
+        """Return the finding for other programs; the severity ``info`` becomes ``note``."""
         return self.plain() | {"severity": "note" if self.severity == "info" else "warning"}
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a calibration comes from.
+    """Provenance of a calibration.
 
     Attributes:
         dataset_sha256: hash of the dataset (:func:`skincal.dataset.dataset_hash`).
         dataset: name of its folder.
         version: version of skincal that made it.
         command: the command line.
-        seed: seed of the randomness; None where there was none.
-        time: when it was made.
+        seed: seed of the randomness; None without randomness.
+        time: time of the fit.
         options: settings of the fit by name.
-        extra: what else is said.
+        extra: further keys.
     """
 
     dataset_sha256: str

@@ -22,19 +22,19 @@ def skin_of(
     missing: Missing = "error",
     poses: Sequence[str] | None = None,
 ) -> EffectSkin:
-    """The skin that a calibration stands for, effects included.
+    """Return the skin of a calibration, with its effects.
 
     Args:
-        calibration: the best parameters, and what was added beyond the base model.
+        calibration: best parameters, and effects beyond the base model.
         resolution_m: longest edge of a tactile point's cell [m].
-        margin_m: how far the skin goes on around the taxels [m].
-        missing: what to do where samples lack a covariate that an effect needs: an error, or the effect abstains.
+        margin_m: margin of the skin around the taxels [m].
+        missing: policy for a missing covariate: an error, or the effect abstains.
         poses: names of the hand poses that samples number from 0 on; None: those that the calibration names, in its
             order.
 
     Raises:
-        InputError: effects or parameters that are not known, or values that they cannot have.
-        ValueError: the patch has no place on its surface.
+        InputError: unknown effects or parameters, or values out of bounds.
+        ValueError: the patch does not fit on its surface.
     """
     skin = calibration.base_skin(resolution_m, margin_m)
     return EffectSkin.of(skin, calibration.surface_model(), effects_of(calibration, poses), missing=missing)
@@ -48,18 +48,18 @@ def stream_of(
     missing: Missing = "error",
     poses: Sequence[str] | None = None,
 ) -> SkinStream:
-    """As :func:`skin_of`, for samples that come one after the other: a simulated hand, an environment."""
+    """Return :func:`skin_of` as a stream, for samples that arrive one by one: a simulated hand, an environment."""
     return SkinStream(skin_of(calibration, resolution_m, margin_m, missing=missing, poses=poses))
 
 
 def effects_of(
     calibration: Calibration, poses: Sequence[str] | None = None
 ) -> dict[str, dict[str, FloatArray]]:
-    """Parameters by effect, as :meth:`skincal.effects.EffectSkin.with_effects` takes them.
+    """Return parameters by effect, in the form of :meth:`skincal.effects.EffectSkin.with_effects`.
 
     Args:
-        calibration: with effects or without.
-        poses: as in :func:`skin_of`. A pose that the calibration does not know has the neutral value.
+        calibration: calibration with or without effects.
+        poses: as in :func:`skin_of`. A pose that the calibration does not know gets the neutral value.
     """
     return {
         one.name: {name: _array(one, name, value, poses) for name, value in one.parameters.items()}
@@ -70,7 +70,7 @@ def effects_of(
 def _array(one: Effect, name: str, value: Numbers, poses: Sequence[str] | None) -> FloatArray:
     array = np.asarray(value, dtype=np.float64)
     parameter = next((p for p in effect(one.name).parameters if p.name == name), None)
-    # Without poses the numbers stay as they are: an effect that lacks its covariate abstains.
+    # Without poses the numbers stay as they are: an effect without its covariate abstains.
     if not poses or not one.poses or array.ndim == 0 or parameter is None or parameter.shape != "per-pose":
         return array
     known = dict(zip(one.poses, array.tolist(), strict=True))
@@ -85,17 +85,17 @@ def effect_from(
     taxels: int,
     poses: Sequence[str] = (),
 ) -> Effect:
-    """An effect of a calibration from the parameters of a skin with effects.
+    """Return an effect of a calibration from the parameters of a skin with effects.
 
     Args:
-        name: of the effect.
+        name: name of the effect.
         parameters: numbers, (J,) or (poses,) by parameter.
         intervals: low and high of some of them, of the same shape.
         taxels: number of taxels J.
-        poses: names of the hand poses that numbers are of.
+        poses: names of the hand poses of lists.
 
     Raises:
-        InputError: unknown effects or parameters, or values that they cannot have.
+        InputError: unknown effects or parameters, or values out of bounds.
     """
     effect(name).checked(parameters, taxels)
     per_pose = any(effect(name).parameter(p).shape == "per-pose" for p in parameters)

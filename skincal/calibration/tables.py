@@ -1,4 +1,4 @@
-"""The tables beside ``calibration.toml``: grid, slack, draws. Reading and what must hold of them."""
+"""The tables next to ``calibration.toml`` (grid, slack, draws): reading and checks."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ TABLE_FILES: Final = {"grid": "grid.parquet", "slack": "slack.csv", "draws": "dr
 SLACK_COLUMNS: Final = {
     "press": "number of the press, as in the dataset",
     "used": "whether the fit used it",
-    "reason": "why it did not; empty where it did",
+    "reason": "reason if it did not; else empty",
     "x_m": "estimated contact point, fingertip frame [m]; with y_m, z_m; NaN where the press was not used",
     "y_m": "see x_m",
     "z_m": "see x_m",
     "slack_across_m": "estimated minus measured contact point, arc towards growing beta (on a plane +x) [m]",
     "slack_along_m": "estimated minus measured contact point, along +y [m]",
     "residual_rms_counts": "root mean square of the residual over the taxels [counts]",
-    "good": "whether the press fits: a person should look at the others",
+    "good": "whether the press fits; look at the others",
 }
-"""Columns of ``slack.csv``, one row a press; a fit may add others."""
+"""Columns of ``slack.csv``, one row per press; a fit may add others."""
 
 PARAMETERS: Final = ("y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n")
-"""Columns that ``draws.parquet`` may have, beside ``effects.NAME.PARAMETER``."""
+"""Columns that ``draws.parquet`` may have, in addition to ``effects.NAME.PARAMETER``."""
 
 _FLAGS: Final = ("used", "good")
 _NUMBERS: Final = ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m")
@@ -41,7 +41,7 @@ _NUMBERS: Final = ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m")
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of a calibration; None for one that is not kept."""
+    """The tables of a calibration; None for one that is not stored."""
 
     grid: Columns | None
     slack: Columns | None
@@ -49,7 +49,7 @@ class Tables:
 
 
 def read_tables(folder: Path, findings: Findings) -> Tables:
-    """The tables in a calibration's folder; what is wrong with them adds errors."""
+    """Return the tables in a calibration's folder; add errors for invalid ones."""
     tables: dict[str, Columns | None] = {}
     for name, file in TABLE_FILES.items():
         path = folder / file
@@ -59,7 +59,7 @@ def read_tables(folder: Path, findings: Findings) -> Tables:
 
 
 def check_tables(tables: Tables, findings: Findings) -> None:
-    """Adds an error for everything in tables in memory that could not be read back."""
+    """Add an error for everything in tables in memory that could not be read back."""
     for name, file in TABLE_FILES.items():
         columns: Columns | None = getattr(tables, name)
         if columns is None:
@@ -72,13 +72,13 @@ def check_tables(tables: Tables, findings: Findings) -> None:
 
 
 def check_grid(table: RawTable) -> Columns:
-    """The evaluated grid: numbers only."""
+    """Return the evaluated grid, after checking that it holds only numbers."""
     reader = ColumnReader(table)
     return {name: reader.numbers(name) for name in table.columns}
 
 
 def check_draws(table: RawTable) -> Columns:
-    """Draws from the valley: known parameters, finite numbers, one row or more."""
+    """Return the posterior draws, after checking for known parameters, finite numbers and at least one row."""
     reader = ColumnReader(table)
     unknown = [name for name in table.columns if not _is_parameter(name)]
     if unknown or not table.columns:
@@ -90,7 +90,7 @@ def check_draws(table: RawTable) -> Columns:
 
 
 def check_slack(table: RawTable) -> Columns:
-    """One row a press, with :data:`SLACK_COLUMNS`; other columns are kept as they are."""
+    """Return the slack table with :data:`SLACK_COLUMNS`, one row per press; other columns are kept as they are."""
     reader = ColumnReader(table)
     reader.require(tuple(SLACK_COLUMNS))
     columns: dict[str, NDArray[Any]] = {}

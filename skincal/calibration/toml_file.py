@@ -1,4 +1,4 @@
-"""``calibration.toml``: strict reading, and writing."""
+"""``calibration.toml``: a strict reader, and a writer."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ _MODEL: Final = (
 _INTERVALS: Final = tuple(name for name in _MODEL if name != "scale_per_taxel_per_n")
 _LOSS: Final = ("mse_counts2", "valley_mse_counts2", "presses_used")
 _OPEN: Final = ("loss", "provenance")
-"""Tables in which a fit may leave what it likes; other keys elsewhere are worth a warning."""
+"""Tables that may hold any further keys of a fit; unknown keys elsewhere give a warning."""
 _ROUNDED: Final = 1e-3
-"""Where an interval has no width, values are written with so many digits at least."""
+"""Smallest number of digits of values whose interval has no width."""
 ELASTICITY_PA_PER_M: Final = (1.0, 1e15)
 SCALE_PER_N: Final = (1e-9, 1e12)
-"""No skin is softer or stiffer, no counts are smaller or larger: beyond, squares of them are no numbers any more."""
+"""Bounds of plausible stiffness and counts; beyond, their squares overflow."""
 _PROVENANCE: Final = ("dataset_sha256", "dataset", "version", "command", "seed", "time", "options")
 
 
 @dataclass(frozen=True)
 class Meta:
-    """All of ``calibration.toml``; see :class:`skincal.calibration.Calibration`."""
+    """The content of ``calibration.toml``; see :class:`skincal.calibration.Calibration`."""
 
     sensor: SensorSpec
     surface: SurfaceSpec
@@ -65,11 +65,11 @@ class Meta:
 
 
 def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
-    """The content of ``calibration.toml``.
+    """Return the content of ``calibration.toml``.
 
     Args:
         values: the file as TOML.
-        findings: where errors and warnings go; with an error, placeholders stand in the result.
+        findings: collects errors and warnings; with an error, the result has placeholders.
     """
     top = TomlTable(findings, FILE, "", values, _TOP)
     check_format(top, FORMAT)
@@ -102,7 +102,7 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
 
 
 def plain_meta(calibration: Calibration) -> dict[str, Any]:
-    """The content of ``calibration.toml`` as plain tables; what is None is left out."""
+    """Return the content of ``calibration.toml`` as plain tables, without None."""
     shared = {name: getattr(calibration, name) for name in _SHARED}
     plain: dict[str, Any] = {
         "format": FORMAT,
@@ -132,7 +132,7 @@ def _plain_provenance(provenance: Provenance) -> dict[str, Any]:
 
 
 def _own(top: TomlTable, findings: Findings, name: str, known: tuple[str, ...]) -> TomlTable:
-    """A table that only calibrations have; an empty one, and an error, where it is missing."""
+    """Return a table that only calibrations have; an empty one, with an error, if it is missing."""
     values = top.raw(name)
     if isinstance(values, dict):
         table = cast("dict[str, Any]", values)
@@ -144,7 +144,7 @@ def _own(top: TomlTable, findings: Findings, name: str, known: tuple[str, ...]) 
 
 
 def _others(top: TomlTable, name: str, known: tuple[str, ...]) -> dict[str, Any]:
-    """What an open table holds beside its known keys."""
+    """Return the unknown keys of an open table."""
     values = top.raw(name)
     table = cast("dict[str, Any]", values) if isinstance(values, dict) else {}
     return {key: value for key, value in table.items() if key not in known}
@@ -168,7 +168,7 @@ def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
 
 
 def _check_best(model: ModelParameters, intervals: Mapping[str, Interval], findings: Findings) -> None:
-    """Warns of values that lie further outside their interval than it is wide: one of the two has been changed."""
+    """Warn of values farther outside their interval than its width: one of the two has been changed."""
     for name, value in model.best().items():
         low, high = intervals.get(name, (-math.inf, math.inf))
         beyond = max(low - value, value - high)
@@ -177,7 +177,7 @@ def _check_best(model: ModelParameters, intervals: Mapping[str, Interval], findi
                 f"{FILE}, [model] {name}",
                 f"a value about its interval, {low:g} to {high:g}",
                 f"{value:g}",
-                "One of them was changed by hand, or is of another fit: fit the session again.",
+                "One of them was changed by hand, or belongs to another fit: fit the session again.",
             )
 
 
@@ -217,7 +217,7 @@ def _intervals(table: TomlTable, surface: str) -> dict[str, Interval]:
 
 
 def _interval(table: TomlTable, name: str) -> Interval:
-    expected = "[low, high], in ascending order; -inf or inf where the data say nothing"
+    expected = "[low, high], in ascending order; -inf or inf where the data give no bound"
     nothing = (float("-inf"), float("inf"))
     if not table.has(name):
         table.error(name, expected, "nothing", f"Add {name} = [..., ...] to [intervals].")

@@ -1,4 +1,4 @@
-"""Values of a TOML file as the numbers they should be."""
+"""Values of a TOML file as numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def number_list(value: object, *, infinite: bool = False) -> tuple[float, ...] | None:
-    """A list of numbers as floats; None where it is something else.
+    """Return a list of numbers as floats; None for anything else.
 
     Args:
         value: the value as TOML has it.
@@ -26,14 +26,14 @@ def number_list(value: object, *, infinite: bool = False) -> tuple[float, ...] |
 
 
 def is_number(value: object, *, infinite: bool = False) -> bool:
-    """Whether a value is a number; ``true`` is none."""
+    """Return whether a value is a number; ``true`` is not."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return not math.isnan(value) if infinite else math.isfinite(value)
 
 
 def toml_value(value: Any) -> Any:
-    """A value as TOML has it: numpy's numbers and arrays, tuples and paths turned, what is None left out."""
+    """Return a value as TOML has it: numpy values, tuples and paths are converted, None is left out."""
     if isinstance(value, Mapping):
         items = cast("Mapping[Any, Any]", value).items()
         return {str(key): toml_value(item) for key, item in items if item is not None}
@@ -47,6 +47,6 @@ def toml_value(value: Any) -> Any:
 
 
 def shown(value: Any) -> str:
-    """A value for a message, cut where it is long."""
+    """Return a value for a message, shortened if it is long."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -1,4 +1,4 @@
-"""``skincal audit``: what the presses of a dataset, or of a plan, can show at all."""
+"""``skincal audit``: which effects the presses of a dataset, or of a plan, can show."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EPILOG = example("skincal audit data/paper-like", "skincal audit run-plan.toml -
 PICTURE = "audit.png"
 
 MOST_NUMBERS = 8
-"""Presses that are named one by one."""
+"""Number of presses that a message lists by number."""
 
 
 def audit(
@@ -36,8 +36,8 @@ def audit(
         typer.Option(
             "--calibration",
             metavar="CAL",
-            help="Folder of a calibration of this sensor: pose, E, S, and what positions are worth. Without it they "
-            "are guessed.",
+            help="Folder of a calibration of this sensor: pose, E, S and position uncertainty. Without it these "
+            "are assumed.",
             show_default=False,
         ),
     ] = None,
@@ -55,11 +55,11 @@ def audit(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Tell which effects presses can show, how strong they must be, and which look the same.
+    """Show which effects the presses can reveal, how strong they must be, and which look the same.
 
-    Nothing is fitted; of measured counts the noise is used and, without --calibration, the scale. The audit looks at
-    where, when and how hard was pressed, and what was recorded. Strength 1 of an effect is a typical, clearly visible
-    case of it.
+    Nothing is fitted. Of the measured counts, only the noise and, without --calibration, the scale are used. The audit
+    looks at the place, time and force of each press, and at the recorded covariates. Strength 1 of an effect is a
+    typical, clearly visible case of it.
     """
     from skincal.files import refuse_existing
 
@@ -71,7 +71,7 @@ def audit(
     if as_json:
         print_json(_as_json(report, picture))
         return
-    typer.echo(_told(report))
+    typer.echo(_report_text(report))
     if picture is not None:
         say(f"picture: {picture}")
 
@@ -139,7 +139,7 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
     }
 
 
-def _told(report: AuditReport) -> str:
+def _report_text(report: AuditReport) -> str:
     of = "frames in bins" if report.has_frames else "hold means"
     what = "planned presses" if report.planned else "presses"
     lines = [
@@ -147,11 +147,9 @@ def _told(report: AuditReport) -> str:
         _noise(report.floor),
     ]
     if report.left_out:
-        lines.append(
-            f"left out, as their force is out of all proportion: presses {_numbers(report.left_out)}"
-        )
+        lines.append(f"left out, because their force is an outlier: presses {_numbers(report.left_out)}")
     if not report.calibrated:
-        lines.append("pose, E and S are guessed; --calibration CAL gives those of a fit")
+        lines.append("pose, E and S are assumed; --calibration CAL takes those of a fit")
     lines += ["", f"{'visible':<17}{'smallest strength':>18}   looks the same as"]
     for name in report.visible:
         one = report.effects[name]
@@ -163,9 +161,9 @@ def _told(report: AuditReport) -> str:
     options = report.options
     lines += [
         "",
-        f"Strength 1 is a typical case. The smallest is found with {100 * options.power:.0f} % of cases at "
+        f"Strength 1 is a typical case. The smallest strength is detected in {100 * options.power:.0f} % of cases at "
         f"{100 * options.false_alarm:.0f} % false",
-        "alarms over all effects, for a base model that fits to the noise; a contact law that does not asks for more.",
+        "alarms over all effects, if the base model fits to the noise; if its contact law does not, more is needed.",
     ]
     return "\n".join(lines)
 
@@ -180,7 +178,7 @@ def _strength(value: float) -> str:
 
 
 def _beyond(report: AuditReport, name: str) -> str:
-    """The strength at which an effect would be seen all the same."""
+    """Return a note with the strength at which an effect that is not visible would be, or ''."""
     value = report.effects[name].smallest_strength
     return f" (seen from strength {value:.2g})" if value < 10 else ""
 

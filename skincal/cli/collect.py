@@ -1,4 +1,4 @@
-"""``skincal collect``: let a hand press its own skin, and write what came of it as a dataset."""
+"""``skincal collect``: press a hand's own skin and write the presses as a dataset."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EPILOG = example(
 )
 
 MEMORY = "skin.memory"
-"""In the folder of a session that is not whole: what the simulated skin remembers."""
+"""File in the folder of an unfinished session: the contact history that the simulated skin remembers."""
 
 
 def collect(
@@ -39,7 +39,7 @@ def collect(
         str | None,
         typer.Option(
             "--protocol",
-            help="`full`: presses that let every effect show but tangential force and, without "
+            help="`full`: presses that can show every effect except tangential force and, without "
             "--second-indenter-mm, the indenter's size; `paper`: 60 static ones.",
             show_default="full",
         ),
@@ -62,7 +62,7 @@ def collect(
             "--second-indenter-mm",
             min=0.5,
             max=50.0,
-            help="Radius of a second sphere: presses with it at the end of the full protocol; you are asked to "
+            help="Radius of a second sphere: the full protocol ends with presses with it; you are asked to "
             "change the cap.",
             show_default=False,
         ),
@@ -72,7 +72,7 @@ def collect(
         typer.Option(
             "--effect",
             metavar="NAME=STRENGTH",
-            help="An effect that the simulated skin has, 1 being a typical case; may be given several times.",
+            help="Effect of the simulated skin; strength 1 is a typical case. May be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -86,22 +86,22 @@ def collect(
         str | None,
         typer.Option(
             "--hand",
-            help="The hand: its name or its hand.toml, for drivers that take it.",
+            help="Name of the hand, or its hand.toml, for drivers that take one.",
             show_default=False,
         ),
     ] = None,
     driver_option: DriverOptionsOption = None,
     beyond_limits: BeyondLimitsOption = False,
     restart: Annotated[
-        bool, typer.Option("--restart", help="Throw an interrupted session away and begin anew.")
+        bool, typer.Option("--restart", help="Discard an interrupted session and start over.")
     ] = False,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
     """Press the skin with the hand's own indenter, at a regulated force, and write the dataset.
 
-    Contact points and forces come from joint angles and torques. Every finished press is kept at once: a session that
-    was interrupted, however, goes on where it was when the same command is given again.
+    Contact points and forces come from joint angles and torques. Every finished press is saved at once: an interrupted
+    session continues when the same command is given again.
     """
     from skincal.collect import collect as run
     from skincal.collect import journal_folder
@@ -115,8 +115,8 @@ def collect(
     options = _driver_options(driver, seed, effect, truth, hand, driver_option)
     rig = create_rig(driver, **options)
     if isinstance(rig, StageDriver):
-        _stage(rig, driver, options, seed, plan, protocol, plan_only, second_indenter_mm, out,
-               force=force, restart=restart, as_json=as_json)  # fmt: skip
+        _stage(rig, driver, options, seed, plan, protocol, plan_only, second_indenter_mm, out, truth,
+               force=force, restart=restart, beyond_limits=beyond_limits, as_json=as_json)  # fmt: skip
         return
     description = rig.description
     check_limits(description, beyond=beyond_limits)
@@ -130,11 +130,11 @@ def collect(
 
         refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
-    with _progress(len(chosen), description) as told, moving(lambda: _kept(out)), _resumable(out):
+    with _progress(len(chosen), description) as reporter, moving(lambda: _kept(out)), _resumable(out):
         found = run(
             chosen,
             description,
-            _maker(driver, options, out, told.pause),
+            _maker(driver, options, out, reporter.pause),
             out,
             key=key,
             guard=GuardOptions(beyond_limits=beyond_limits),
@@ -142,7 +142,7 @@ def collect(
             force=force,
             inputs=inputs,
             restart=restart,
-            watch=told,
+            watch=reporter,
         )
     if as_json:
         print_json(_as_json(found, out))
@@ -167,38 +167,52 @@ def _stage(
     plan_only: bool,
     second_indenter_mm: float | None,
     out: Path,
+    truth: Path | None,
     *,
     force: bool,
     restart: bool,
+    beyond_limits: bool,
     as_json: bool,
 ) -> None:
     """A session of a stage."""
-    from skincal.collect import write_plan
+    from skincal.collect import journal_folder, write_plan
+    from skincal.collect.plan_file import FORMAT
     from skincal.collect.stage import collect_stage, stage_plan
     from skincal.errors import InputError, Problem
+    from skincal.files import refuse_existing
+    from skincal.hand import GuardOptions
+    from skincal.hand.stage_guard import check_stage
+    from skincal.hand.stage_sim import TRUTH_FORMAT
     from skincal.progress import stage_bars
 
     if second_indenter_mm is not None:
         expected, got = "a hand's cap; a stage presses with its own indenter", f"{second_indenter_mm:g}"
         raise InputError([Problem("--second-indenter-mm", expected, got)])
+    check_stage(rig.description, beyond=beyond_limits)
     chosen = stage_plan(plan_of(plan, protocol, seed, rig.description, None), rig.description)
+    inputs = [] if plan is None else [plan]
     if plan_only:
         file = out.with_name(f"{out.name}-plan.toml")
+        refuse_existing(file, *inputs, force=force, mark=FORMAT)
         write_plan(chosen, file, force=force)
         print_json({"presses": len(chosen), "plan": file}) if as_json else typer.echo(f"plan: {file}")
         return
+    if truth is not None and not journal_folder(out).exists():
+        refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
     key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
     source = f"skincal collect: stage, driver {driver}, plan {chosen.name}, {rig.description.name}"
-    with stage_bars() as told, _resumable(out):
+    with stage_bars() as reporter, moving(lambda: _kept(out)), _resumable(out):
         found = collect_stage(
             chosen,
             lambda: rig,
             out,
             key=key,
+            guard=GuardOptions(beyond_limits=beyond_limits),
             source=source,
             force=force,
+            inputs=inputs,
             restart=restart,
-            watch=lambda done, total: told("presses", done, total),
+            watch=lambda done, total: reporter("presses", done, total),
         )
     print_json(_as_json(found, out)) if as_json else _tell(found, out)
 
@@ -211,7 +225,7 @@ def _driver_options(
     hand: str | None,
     given: list[str] | None,
 ) -> dict[str, Any]:
-    """The driver's options; those of skincal's own that it does not have are an error when it is made."""
+    """Return the driver's options. An option of this command that the driver lacks is an error when it is created."""
     from skincal.errors import InputError, Problem
     from skincal.hand.registry import driver_options, parse_options
 
@@ -224,7 +238,7 @@ def _driver_options(
     twice = [name for name in own if name in options]
     if twice:
         got = ", ".join(twice)
-        raise InputError([Problem("--driver-option", "options that have no option of their own", got)])
+        raise InputError([Problem("--driver-option", "options without an own command-line option", got)])
     return {**options, **own}
 
 
@@ -254,7 +268,7 @@ def _create(driver: str, options: dict[str, Any], later: dict[str, Any]) -> Hand
 def _maker(
     driver: str, options: dict[str, Any], out: Path, pause: Callable[[], None]
 ) -> Callable[[Need], HandDriver]:
-    """Makes drivers for where the session is, and asks for another cap where the plan needs one."""
+    """Return a factory of drivers for the point that the session has reached; it asks for another cap where needed."""
     from skincal.hand.registry import driver_options
 
     known = {option.name for option in driver_options(driver)}
@@ -274,16 +288,16 @@ def _maker(
 
 
 def _later(known: set[str], need: Need, out: Path) -> dict[str, Any]:
-    """What a simulated hand is told of its session: where its clock is, its cap, and what has touched its skin."""
+    """Return the options that tell a simulated hand about its session: the clock, the cap and the contact history."""
     from skincal.collect import journal_folder
     from skincal.collect.connection import GAP_S
 
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         "start_s": need.session_s + GAP_S if need.session_s > 0 else None,
         "indenter_radius_m": need.indenter_radius_m,
         "memory_path": journal_folder(out) / MEMORY,
     }
-    return {name: value for name, value in told.items() if name in known and value is not None}
+    return {name: value for name, value in values.items() if name in known and value is not None}
 
 
 def _source(
@@ -298,17 +312,17 @@ def _source(
 def _progress(total: int, hand: HandDescription) -> Generator[Any]:
     from skincal.cli.collect_progress import Told
 
-    told = Told(total, hand.meta.sensor)
+    reporter = Told(total, hand.meta.sensor)
     try:
-        with told:
-            yield told
+        with reporter:
+            yield reporter
     finally:
-        told.pause()
+        reporter.pause()
 
 
 @contextmanager
 def _resumable(out: Path) -> Generator[None]:
-    """A session that ends early says what is kept and how to go on."""
+    """Say, when a session ends early, what is saved and how to continue."""
     from skincal.errors import WorkError
 
     try:
@@ -325,9 +339,7 @@ def _kept(out: Path) -> str:
     done = len(list(folder.glob("press-*.npz")))
     if not done:
         return "No press was finished."
-    return (
-        f"{done} finished presses are kept in {folder}; give the same command again to go on with the next."
-    )
+    return f"{done} finished presses are saved in {folder}; give the same command again to continue."
 
 
 def _as_json(found: Collected, out: Path) -> dict[str, Any]:
@@ -345,7 +357,7 @@ def _as_json(found: Collected, out: Path) -> dict[str, Any]:
 
 def _tell(found: Collected, out: Path) -> None:
     if found.resumed:
-        say(f"{found.resumed} presses were taken from an interrupted session.")
+        say(f"{found.resumed} presses come from the interrupted session.")
     marks = ", ".join(f"{count} {name}" for name, count in found.statuses.items())
     typer.echo(
         f"{len(found.dataset.presses)} presses ({marks}), {found.missed_target} missed their target, "

@@ -1,4 +1,4 @@
-"""The plan of a session on the command line: which one is meant, and what is in it."""
+"""The plan of a session on the command line: choose it and show it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def plan_of(
     description: HandDescription | StageDescription,
     second_mm: float | None,
 ) -> Plan:
-    """The plan that is asked for: a file's, or a protocol drawn by the seed (full, unless another is named)."""
+    """Return the plan of a file, or of a protocol drawn by the seed (``full`` by default)."""
     import numpy as np
 
     from skincal.collect import PROTOCOLS, Mount, full_plan, paper_plan, read_plan
@@ -31,7 +31,7 @@ def plan_of(
 
     mount = Mount.of(description.meta)
     if path is not None and protocol is not None:
-        fix = "The plan says all presses itself; leave one of the two out."
+        fix = "A plan lists all presses; leave one of the two options out."
         got = f"--protocol {protocol} and --plan {path}"
         raise InputError([Problem("--protocol", "a protocol or a plan of your own", got, fix)])
     protocol = protocol or "full"
@@ -56,7 +56,7 @@ def show_plan(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Writes the plan and its picture, and says what is in it."""
+    """Write the plan and its picture, and print a summary."""
     from skincal.collect import KINDS, CollectOptions, write_plan
     from skincal.collect.duration import duration_s
     from skincal.collect.plan_file import FORMAT
@@ -82,7 +82,7 @@ def show_plan(
         print_json({"presses": len(plan), "kinds": kinds, "poses": list(plan.pose_names), "seconds": seconds,
                     "plan": file, "picture": picture})  # fmt: skip
         return
-    told = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
-    typer.echo(f"{plan.name}: {len(plan)} presses ({told}), poses {', '.join(plan.pose_names)}")
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
+    typer.echo(f"{plan.name}: {len(plan)} presses ({counts}), poses {', '.join(plan.pose_names)}")
     typer.echo(f"about {seconds:.0f} s of the hand's time; nothing was moved")
     typer.echo(f"plan: {file}   picture: {picture}")

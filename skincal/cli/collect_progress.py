@@ -1,4 +1,4 @@
-"""What a person sees of a session while it runs: presses done, force, taxels, time left."""
+"""Progress of a collecting session: presses done, force, taxels, time left."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from skincal.dataset import SensorSpec
 
 EVERY_S = 0.1
-"""The picture in the terminal is drawn anew after this time [s]."""
+"""Interval between updates of the picture in the terminal [s]."""
 
 LINE_EVERY = 10
-"""Without a terminal there is a line after so many presses."""
+"""Without a terminal, one line is printed per this many presses."""
 
 FULL_COUNTS = 255.0
-"""Where a sensor does not say where its values end, they are brightest at so many above their beginning."""
+"""Full brightness, in counts above the start of the range, for a sensor that does not state the end of its range."""
 
 
 class Told:
-    """Shows where a session is: a live picture on a terminal, else a line now and then; on standard error.
+    """Reporter of a session on standard error: a live picture on a terminal, else a line now and then.
 
     Args:
         total: presses of the plan.
@@ -48,23 +48,23 @@ class Told:
         self._said = -1
 
     def __enter__(self) -> Self:
-        """Begins to show."""
+        """Return the reporter; the picture appears with the first progress."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Takes the picture away."""
+        """Take the picture away."""
         self.pause()
 
     def pause(self) -> None:
-        """Takes the picture away until there is something new to show."""
+        """Take the picture away until there is something new to show."""
         if self._live is not None:
             self._live.stop()
             self._live = None
 
     def __call__(self, progress: Progress) -> None:
-        """Is told where the session is."""
+        """Report the progress of the session."""
         if self._first is None:
             self._first = progress.done
             if progress.done:
@@ -84,7 +84,7 @@ class Told:
         self._live.update(self._picture(progress), refresh=True)
 
     def left_s(self, progress: Progress) -> float:
-        """Time that the rest will take if it goes on as so far [s]; NaN while nothing is known."""
+        """Return the time that the rest takes at the present pace [s]; NaN while nothing is known."""
         done = progress.done - (self._first or 0)
         if done < 1:
             return float("nan")
@@ -115,11 +115,11 @@ class Told:
 
 
 def taxel_image(taxels: np.ndarray, sensor: SensorSpec) -> Text:
-    """Taxel values (J,) [counts] as small blocks of colour, row 0 at the bottom; a dead taxel shows a cross.
+    """Return taxel values (J,) [counts] as small blocks of colour, row 0 at the bottom; a dead taxel shows a cross.
 
     Args:
         taxels: values, flat index r * columns + c.
-        sensor: its layout, and where its values end.
+        sensor: its layout and range.
     """
     from rich.text import Text
 

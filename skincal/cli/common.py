@@ -1,13 +1,15 @@
-"""What the verbs share: options, JSON on standard output, messages on standard error."""
+"""Parts shared by the verbs: options, JSON on standard output, messages on standard error."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+import os
+import sys
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 
@@ -17,43 +19,77 @@ DatasetArgument = Annotated[
     Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.", show_default=False)
 ]
 OutOption = Annotated[
-    Path, typer.Option("--out", help="Where to write; made whole or not at all.", show_default=False)
+    Path,
+    typer.Option("--out", help="Folder to write; it appears complete or not at all.", show_default=False),
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else there.")
+    bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace an earlier output of skincal.")]
 SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")
+    int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed gives the same result.")
 ]
 
 WorkersOption = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes.", show_default="one a core")
+    int | None, typer.Option("--workers", min=1, help="Number of processes.", show_default="one per core")
 ]
 SchedulerOption = Annotated[
     str | None,
     typer.Option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes of this machine.",
+        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes on this machine.",
         show_default=False,
     ),
 ]
 
 
 def example(*commands: str) -> str:
-    """The end of a verb's help: what a person types."""
-    # The first line tells click to keep the lines as they are.
+    """Return the epilog of a verb's help: commands as a person types them."""
+    # The first line tells click to keep the line breaks.
     return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
     """Prints one JSON object on standard output; what JSON has no number for (NaN, inf) becomes null."""
-    typer.echo(json.dumps(plain(content), allow_nan=False))
+    print(json.dumps(plain(content), allow_nan=False), file=_for_json[-1], flush=True)
+
+
+_for_json: list[TextIO | None] = [None]
+"""Where JSON goes; None: to standard output."""
+
+
+@contextmanager
+def json_alone(wanted: bool) -> Generator[None]:
+    """While a verb with ``--json`` runs, what anybody else prints goes to standard error: a driver, say, or a library.
+
+    Args:
+        wanted: whether the verb has that option.
+    """
+    kept: TextIO | None = sys.stdout
+    if not wanted or kept is None:  # it may be closed
+        yield
+        return
+    with ExitStack() as stack:
+        stack.callback(setattr, sys, "stdout", kept)
+        stack.callback(_for_json.pop)
+        if kept is sys.__stdout__:
+            # Libraries that are not Python's write to the descriptor.
+            kept.flush()
+            out, descriptor = os.dup(1), 1
+            stack.callback(os.close, out)
+            stack.callback(os.dup2, out, descriptor)
+            os.dup2(2, descriptor)
+            sink = stack.enter_context(os.fdopen(out, "w", encoding="utf-8", closefd=False))
+        else:
+            sink = kept
+        _for_json.append(sink)
+        sys.stdout = sys.stderr
+        yield
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: arrays as lists, paths as text, NaN and inf as null."""
+    """Return a value as JSON has it: arrays as lists, paths as text, NaN and inf as null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, str) or value is None or isinstance(value, bool):
@@ -70,18 +106,18 @@ def plain(value: Any) -> Any:
 
 
 def say(message: str) -> None:
-    """Prints a message on standard error, if anybody can read it: a terminal may be gone."""
+    """Print a message on standard error; do nothing where the terminal is gone."""
     with suppress(OSError):
         typer.echo(message, err=True)
 
 
 def problems_json(problems: Iterable[Problem]) -> list[dict[str, str]]:
-    """Problems as JSON has them."""
+    """Return problems as JSON objects."""
     return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
 
 
 def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:
-    """Problems that programs can ask for, by their codes."""
+    """Return problems with their codes, for programs."""
     return [
         {
             "code": p.code,
@@ -96,6 +132,6 @@ def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:
 
 
 def warn(problems: Iterable[Problem]) -> None:
-    """Prints warnings on standard error."""
+    """Print warnings on standard error."""
     for problem in problems:
         say(f"skincal: {problem.severity}: {problem}")

@@ -1,4 +1,4 @@
-"""``skincal dataset``: check a dataset, or show what is in it."""
+"""``skincal dataset``: check a dataset, or show its content."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Check a dataset, or show what is in it.",
+    help="Check a dataset, or show its content.",
     epilog=example("skincal dataset check data/paper-like"),
 )
 
 
 @app.command(
-    short_help="Check every file, and name everything that is wrong.",
+    short_help="Check every file and report all problems.",
     epilog=example("skincal dataset check data/paper-like", "skincal dataset check data/paper-like --json"),
 )
 def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
-    """Check every file of a dataset, and name everything that is wrong, with file, column and row.
+    """Check every file of a dataset, and report every problem with file, column and row.
 
-    A note says what good data cannot be used for. Exit status 0: it can be used, perhaps with warnings; 2: it cannot.
+    A note states a limit of good data. Exit status 0: usable, perhaps with warnings; 2: not usable.
     """
     from skincal.dataset import check_dataset
     from skincal.dataset.uniform import notes_on
@@ -58,7 +58,7 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
         }
         print_json({"dataset": dataset, "ok": not found.errors, **found_out})
     if found.errors:
-        # All of them, however many: that is what was asked for.
+        # The user asked for all of them, however many.
         say(f"skincal: error: {InputError(found.errors)}")
         raise typer.Exit(InputError.exit_status)
     if not as_json and found.dataset is not None:
@@ -68,7 +68,7 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
 
 
 @app.command(
-    short_help="Show what is in it: a summary, and a picture.",
+    short_help="Show the content: a summary and a picture.",
     epilog=example("skincal dataset show data/paper-like --out paper.png"),
 )
 def show(
@@ -84,14 +84,14 @@ def show(
         typer.Option(
             "--threshold",
             min=0.0,
-            help="Counts above rest that make a taxel active [default: 5; by the noise where all are less]",
+            help="Counts above rest that make a taxel active [default: 5; by the noise where all values are smaller]",
             show_default=False,
         ),
     ] = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Show what is in a dataset: a summary, and a picture of the presses, forces and answers."""
+    """Show the content of a dataset: a summary, and a picture of the presses, forces and images."""
     from skincal.dataset import read_dataset
     from skincal.dataset.rest import active_threshold
     from skincal.dataset.summary import summarise
@@ -117,7 +117,7 @@ def show(
     from rich.text import Text
 
     console = Console()
-    # As a title it would be broken at the width of the table.
+    # A table title would be wrapped at the width of the table.
     console.print(Text(str(dataset), "italic"), soft_wrap=True)
     console.print(_table(data, summary))
     say(f"picture: {picture}")

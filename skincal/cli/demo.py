@@ -1,8 +1,8 @@
 """``skincal demo``: the main job, end to end, on the simulated hand.
 
-Runs the verbs as a person would, and ends with a short story of what they found. A second session comes from a skin
-with an effect that no fit knows: it is found, named and added, and the gap shrinks. The hand is simulated, so the truth
-is known and the story can be checked.
+Runs the verbs as a person would, and ends with a summary of the results. A second session uses a skin with an effect
+that no fit includes: the diagnosis finds it, names it and adds it, and the gap shrinks. The hand is simulated, so the
+true parameters are known and the results can be checked.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def demo(
 ) -> None:
     """Run the main job on a simulated hand: collect, fit, find what is missing, export ranges, try a policy.
 
-    Takes some minutes. Needs `skincal[policy]` for the last step; without it, the rest is shown.
+    Takes some minutes. The last step needs `skincal[policy]`; without it, the rest runs.
     """
     _make_room(out)
     try:
@@ -59,14 +59,18 @@ def _make_room(out: Path) -> None:
     """Remove an earlier demonstration, and nothing else.
 
     Raises:
-        InputError: there is something else.
+        InputError: the folder holds something else.
     """
     if out.exists():
         others = strangers(out) if out.is_dir() else [out.name]
         if others:
             got = ", ".join(others[:5]) + (" and more" if len(others) > 5 else "")
             raise InputError(
-                [Problem(f"--out {out}", "no folder, or an earlier demonstration", got, "Give another.")]
+                [
+                    Problem(
+                        f"--out {out}", "no folder, or an earlier demonstration", got, "Give another folder."
+                    )
+                ]
             )
         shutil.rmtree(out)
     out.mkdir(parents=True)
@@ -86,7 +90,7 @@ def _show(out: Path) -> None:
         skin = ("--ranges", str(out / "ranges.toml"), "--seed", SEED)
         skincal("eval", "marble", POLICY, *skin, "--episodes", "20", "--out", str(out / "evaluation"))
     else:
-        print("\nNo policy is tried: pip install 'skincal[policy]' adds what that needs.")
+        print("\nNo policy was run; it needs: pip install 'skincal[policy]'")
     gap = close_a_gap(out)
     story(fitted, out, time.monotonic() - began, policy=policy)
     gap_story(gap, out)
@@ -99,7 +103,7 @@ def _installed(packages: Iterable[str]) -> bool:
 
 
 def close_a_gap(out: Path) -> dict[str, Any]:
-    """A second session, with a skin that has what no fit looks for: collected, fitted coarsely, and diagnosed."""
+    """Collect a second session from a skin with an effect that no fit includes, fit it coarsely, and diagnose it."""
     run, cal, closed = (str(out / name) for name in ("gap", "gap-cal", "gap-closed"))
     hidden = ("--effect", HIDDEN, "--truth", str(out / "gap-truth.json"))
     from skincal.sample import sample_path
@@ -114,7 +118,7 @@ def close_a_gap(out: Path) -> dict[str, Any]:
 
 
 def skincal(*arguments: str, quiet: bool = False) -> str:
-    """Run one command of skincal; end the demonstration when it fails."""
+    """Run one command of skincal; exit when it fails."""
     print(f"\n$ skincal {' '.join(arguments)}", flush=True)
     command = [sys.executable, "-m", "skincal", *arguments]
     done = subprocess.run(command, stdout=subprocess.PIPE if quiet else None, text=True, check=False)
@@ -124,7 +128,7 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
 
 
 def story(fitted: dict[str, Any], out: Path, seconds: float, *, policy: bool) -> None:
-    """Print what was found, against the truth."""
+    """Print the results of the fit next to the true values."""
     hidden = json.loads((out / "truth.json").read_text(encoding="utf-8"))
     truth: dict[str, float] = hidden["model"] | hidden["session"]["truth_as_the_positions_tell_it"]
     print(f"\nWhat happened, in {seconds:.0f} s\n")
@@ -144,40 +148,36 @@ def story(fitted: dict[str, Any], out: Path, seconds: float, *, policy: bool) ->
     off = hidden["session"]["constant_position_error_m"]
     across, along = (f"{1e3 * off[name]:.1f} mm" for name in ("across", "along"))
     print(
-        "\nThe joints' sensors have constant errors, as a real hand's: measured positions are off by\n"
-        f"{across} round the finger and {along} along it. They are taken for a sensor that sits\n"
-        "elsewhere, which is what a policy on this hand needs: it sees through the same joints. The truth\n"
-        "of y and beta is therefore told with that error in it. The scale of the forces is known to 1 %,\n"
-        "which the intervals of E and S allow for.\n"
+        "\nThe joint sensors have constant errors, as on a real hand: measured positions are off by\n"
+        f"{across} around the finger and {along} along it. The fit explains this as a sensor that sits\n"
+        "elsewhere, which suits a policy on this hand: it uses the same joint sensors. The true values of\n"
+        "y and beta shown here include that error. The force scale is known to 1 %, which the\n"
+        "intervals of E and S include.\n"
     )
     print(f"report    {out / 'cal' / 'report.html'}")
     print(f"ranges    {out / 'ranges.toml'}")
     print(f"presses   {out / 'presses.png'}")
     if policy:
-        print(
-            f"policy    {out / 'evaluation'}: a policy that comes along rolls a marble in the calibrated skin"
-        )
+        print(f"policy    {out / 'evaluation'}: a bundled policy rolls a marble on the calibrated skin")
 
 
 def gap_story(found: dict[str, Any], out: Path) -> None:
-    """Print what was hidden in the second session, what was found of it, and the gap before and after."""
+    """Print the hidden effect of the second session, the diagnosis, and the gap before and after."""
     name, strength = HIDDEN.split("=")
     hidden = json.loads((out / "gap-truth.json").read_text(encoding="utf-8"))["effects"]
     sizes = ", ".join(f"{key} {value:.3g}" for key, value in hidden[0]["parameters"].items())
-    print("\nA skin that is not as the model has it\n")
+    print("\nA skin with an effect that the model lacks\n")
     print(f"Hidden:   {name}, {strength} times a typical case: {sizes}")
     print(f"Verdict:  {found['verdict']}")
     for effect in found["effects"]:
         numbers = ", ".join(f"{key} {_plain(value)}" for key, value in effect["parameters"].items())
         print(f"Named:    {' or '.join(effect['consistent_with'])} (p = {effect['p_value']:.2g}): {numbers}")
         if effect["name"] == "contact_offset":
-            print("          That is true of this hand whatever is hidden: its places err with its posture.")
+            print("          This hand always has it: its position errors depend on the posture.")
     print(f"Where:    {found['where']}\n")
     gap = found["gap"]
     before = gap["heldout_rmse_before"]
-    print(
-        f"Error on {gap['presses']} presses that neither the fit nor the choice has seen, counts rms a taxel:"
-    )
+    print(f"Error on {gap['presses']} held-out test presses, counts rms per taxel:")
     for label, key in (
         ("before", "heldout_rmse_before"),
         ("after", "heldout_rmse_after"),

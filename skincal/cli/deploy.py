@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from skincal.deploy import Deployed
     from skincal.hand.driver import HandState
     from skincal.robot import HandDescription
+    from skincal.train import Policy
 
 EPILOG = example(
     "skincal deploy marble marble-tactile-1 --driver reference --seed 3 --out rolled",
@@ -34,9 +35,9 @@ WIDTH_MM = 12.0
 
 
 def deploy(
-    task: Annotated[Task, typer.Argument(help="What is rolled.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
     policy: Annotated[
-        str, typer.Argument(metavar="POLICY", help="A policy file, or the name of one that comes along.")
+        str, typer.Argument(metavar="POLICY", help="A policy file, or the name of a bundled policy.")
     ],
     out: OutOption,
     driver: Annotated[
@@ -50,7 +51,7 @@ def deploy(
         typer.Option(
             "--effect",
             metavar="NAME=STRENGTH",
-            help="An effect that the reference hand's skin has; may be given several times.",
+            help="Effect of the reference hand's skin; may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -60,13 +61,15 @@ def deploy(
     ] = None,
     trajectory: Annotated[
         str,
-        typer.Option("--trajectory", help="Of the marble: `circle`, `still`, or a CSV file with u_m, v_m."),
+        typer.Option(
+            "--trajectory", help="Trajectory of the marble: `circle`, `still`, or a CSV file with u_m, v_m."
+        ),
     ] = "circle",
     write: Annotated[
         str | None, typer.Option("--write", help="Letters that the marble draws, such as DLR.")
     ] = None,
     frequency_hz: Annotated[
-        float, typer.Option("--frequency-hz", min=0.05, max=1.0, help="Of the bolt's sine.")
+        float, typer.Option("--frequency-hz", min=0.05, max=1.0, help="Frequency of the bolt's sine.")
     ] = 0.25,
     duration_s: Annotated[
         float | None,
@@ -84,10 +87,10 @@ def deploy(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Run a policy on a hand: take the object, act at 10 Hz, let go.
+    """Run a policy on a hand: grasp the object, act at 10 Hz, let go.
 
-    Put the object between the open fingers; they close until both feel it. All limits of the guard hold; whatever is
-    odd stops the hand. OUT keeps the run as a session, which `--driver replay` plays, with a picture.
+    Put the object between the open fingers; they close until both feel it. All limits of the guard apply; any
+    irregularity stops the hand. OUT holds the run as a session, which `--driver replay` plays, with a picture.
     """
     from skincal.deploy import deploy as run
     from skincal.deploy import write_record
@@ -106,7 +109,7 @@ def deploy(
     targets = _targets(task, trajectory, write, frequency_hz, duration_s)
     made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
     hand, width = read_pinch(pinch), 1e-3 * width_mm
-    speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
+    speed = _speed(chosen, task, float(hand.description.limits.velocity_rad_per_s.min()))
     guard = GuardOptions(beyond_limits=beyond_limits)
     with _progress(hand.description) as watch, moving():
         found = run(
@@ -116,7 +119,7 @@ def deploy(
     with whole_folder(out, force=force, marker=MARKER) as folder:
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"
         write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
-        _write_beside(found, hand.description, content, folder)
+        _write_records(found, hand.description, content, folder)
     if as_json:
         print_json(content)
         return
@@ -125,6 +128,17 @@ def deploy(
 
 _SPEEDS = {"marble": 0.3, "bolt": 0.6}
 """Joint velocity that an action of 1 commands in the tasks [rad/s]."""
+
+
+def _speed(policy: Policy, task: Task, most: float) -> float:
+    """Joint velocity that an action of 1 commands [rad/s]: the policy's own, if the hand has it."""
+    from skincal.errors import InputError, Problem
+
+    speed = policy.description.environment.get("speed_rad_per_s", _SPEEDS[task])
+    if isinstance(speed, str) or not 0 < speed <= most:
+        expected = f"a policy of joints from 0 to {most:g} rad/s, as the hand has"
+        raise InputError([Problem(policy.file, expected, f"one of {speed} rad/s")])
+    return float(speed)
 
 
 def _check_task(made_for: str, task: Task, policy: str) -> None:
@@ -163,7 +177,7 @@ def _driver_options(
     task: Task,
     pinch: Path | None,
 ) -> dict[str, Any]:
-    """Options of the driver; those of the verb's own go to drivers that have them."""
+    """Return the driver's options; this command's own options go only to drivers that have them."""
     from skincal.cli.collect import _effects
     from skincal.errors import InputError, Problem
     from skincal.hand.registry import driver_options, parse_options
@@ -178,7 +192,7 @@ def _driver_options(
 
 @contextmanager
 def _progress(hand: HandDescription) -> Generator[Callable[[HandState, str], None]]:
-    """What the hand does, its time and its tactile image, on a terminal; else a line for each stage."""
+    """Yield a callback that shows the stage, time and tactile image on a terminal, else one line per stage."""
     import time
 
     from rich.console import Console, Group
@@ -216,7 +230,7 @@ def _nothing() -> Generator[None]:
     yield None
 
 
-def _write_beside(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
+def _write_records(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
     import json
 
     from skincal.cli.common import plain

@@ -1,4 +1,4 @@
-"""``skincal diagnose``: where simulation and data disagree, what is missing, and a calibration that has it."""
+"""``skincal diagnose``: find where simulation and data disagree, and add the missing effects to the model."""
 
 from __future__ import annotations
 
@@ -44,20 +44,22 @@ def diagnose(
     thorough: Annotated[bool, typer.Option("--thorough", help="Five times as many null sessions.")] = False,
     seed: SeedOption = 0,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=1, hidden=True, help="Of no effect: one process is enough.")
+        int | None, typer.Option("--workers", min=1, hidden=True, help="Ignored: one process is enough.")
     ] = None,
-    cache: Annotated[bool, typer.Option(hidden=True, help="Of no effect: nothing takes long enough.")] = True,
+    cache: Annotated[
+        bool, typer.Option(hidden=True, help="Ignored: no stage takes long enough to cache.")
+    ] = True,
     report: Annotated[bool, typer.Option(help="Write the report: HTML page and pictures.")] = True,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Tell where simulation and data disagree, name what is missing, and add it to the model.
+    """Find where simulation and data disagree, name what is missing, and add it to the model.
 
     The verdict is "none" (nothing missing can be shown), "effects" (named, with their parameters) or "unknown"
-    (something is missing that none of the known effects explains). NEWCAL is a calibration like any other; CAL stays as
-    it is.
+    (something is missing that none of the known effects explains). NEWCAL is a calibration like any other; CAL is not
+    changed.
     """
-    del workers, cache  # commands that were written for earlier versions still work
+    del workers, cache  # accepted so that commands written for earlier versions still work
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
     from skincal.dataset import read_dataset
@@ -80,25 +82,27 @@ def diagnose(
         provenance = replace(found.calibration.provenance, command=command, seed=seed, time=now)
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         plan = None if found.next_plan is None else str(out / PLAN_FILE)
-        told = plain({**summary(found), "next_presses_plan": plan, "calibration": str(out), "warnings": said})
+        content = plain(
+            {**summary(found), "next_presses_plan": plan, "calibration": str(out), "warnings": said}
+        )
 
-        def beside(folder: Path) -> None:
+        def write_extras(folder: Path) -> None:
             from skincal.report.diagnosis import write_diagnosis_report
 
-            write_diagnosis_report(found, data, folder, told, pages=report)
+            write_diagnosis_report(found, data, folder, content, pages=report)
             if found.next_plan is not None:
                 write_plan(found.next_plan, folder / PLAN_FILE)
 
-        write_calibration(found.calibration, out, force=force, beside=beside)
+        write_calibration(found.calibration, out, force=force, beside=write_extras)
     if as_json:
-        print_json(told)
+        print_json(content)
         return
     _tell(found, out, report)
 
 
 @contextmanager
 def _stages() -> Generator[Callable[[str], None]]:
-    """Which stage is at work and for how long it all has been, on standard error; a line each without a terminal."""
+    """Yield a callback that shows the stage and the elapsed time on standard error, line by line without a terminal."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.table import Column
@@ -107,7 +111,7 @@ def _stages() -> Generator[Callable[[str], None]]:
     if not console.is_terminal:
         yield say
         return
-    # A long stage is cut, not the time.
+    # Truncate a long stage name, not the time.
     stage = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
     columns = SpinnerColumn(), TimeElapsedColumn(table_column=Column(min_width=7)), stage
     with Progress(*columns, console=console, transient=True, expand=True) as shown:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Task(StrEnum):
-    """The tasks, named here so that help need not import them."""
+    """The tasks, listed here so that help need not import them."""
 
     marble = "marble"
     bolt = "bolt"
@@ -34,16 +34,16 @@ EPILOG = example(
 
 
 def evaluate(
-    task: Annotated[Task, typer.Argument(help="What is rolled.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
     policies: Annotated[
         list[str],
         typer.Argument(
-            metavar="POLICY…", help="Policy files, or names of those that come along.", show_default=False
+            metavar="POLICY…", help="Policy files, or names of bundled policies.", show_default=False
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Folder for figures and numbers; made whole or not at all."),
+        typer.Option("--out", help="Folder for figures and numbers; it appears complete or not at all."),
     ] = None,
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Runs of each policy.")] = 100,
     seed: SeedOption = 0,
@@ -59,7 +59,7 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--randomize",
-            help="What is drawn from the ranges: names of parameters or tables, `all` or `none`; may be repeated.",
+            help="What to draw from the ranges: names of parameters or tables, `all` or `none`; may be repeated.",
             show_default="finger.joint_offset_rad",
         ),
     ] = None,
@@ -80,19 +80,20 @@ def evaluate(
     trajectory: Annotated[
         str,
         typer.Option(
-            "--trajectory", help="Of the marble: `circle`, `random`, or a CSV file with u_m, v_m at 10 Hz."
+            "--trajectory",
+            help="Trajectory of the marble: `circle`, `random`, or a CSV file with u_m, v_m at 10 Hz.",
         ),
     ] = "circle",
     gif: Annotated[
-        bool, typer.Option("--gif", help="With --out: also a film of a run of each policy.")
+        bool, typer.Option("--gif", help="With --out: also write an animation of one run of each policy.")
     ] = False,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
     """Evaluate policies as published: joint offsets are drawn, everything else is nominal.
 
-    The marble is rolled from the centre to the side in 2 s, then round a circle of 5 mm in 6 s. The bolt is rolled for
-    24 s, in four orientations by turns. All policies have the same runs.
+    The marble rolls from the centre to the side in 2 s, then round a circle of 5 mm in 6 s. The bolt rolls for 24 s, in
+    four orientations in turn. All policies get the same runs.
     """
     from skincal.files import refuse_existing
     from skincal.train import policy_path, read_policy
@@ -159,19 +160,28 @@ def _assignment(option: str, text: str) -> tuple[str, float]:
 
 
 def _whole(value: float) -> float:
-    """Options that are counts are whole numbers."""
+    """Return a whole number as an int, for options that are counts."""
     return int(value) if value.is_integer() else value
 
 
+MOST_M = 0.5
+"""A target lies no further from the middle of a skin [m]."""
+
+
 def _targets(path: Path) -> list[list[float]]:
-    """A trajectory from a file."""
+    """Return the trajectory of a file."""
     from skincal.bounded import parse_csv, read_text
     from skincal.files import reason
 
     try:
         header, *rows = parse_csv(read_text(path)) or [[]]
         u, v = (header.index(name) for name in ("u_m", "v_m"))
-        return [[float(row[u]), float(row[v])] for row in rows if row]
+        targets = [[float(row[u]), float(row[v])] for row in rows if row]
+        if beyond := [x for target in targets for x in target if not abs(x) <= MOST_M]:
+            raise ValueError(f"a target at {beyond[0]:g} m; no skin is larger than {MOST_M:g} m")
+        if not targets:
+            raise ValueError("no rows")
+        return targets
     except (OSError, ValueError, IndexError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
@@ -232,7 +242,7 @@ def _write(
 
 
 def _as_json(found: list[Evaluated], trial: Trial) -> dict[str, Any]:
-    """The contract's content, and what else is known."""
+    """Return the contract's content, with further figures."""
     return {"task": str(trial.task), "policies": [_entry(one, trial) for one in found]}
 
 

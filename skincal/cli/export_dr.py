@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Preset(StrEnum):
-    """The presets, named here so that help need not import them."""
+    """The presets, listed here so that help need not import them."""
 
     iros24 = "iros24"
     icra26 = "icra26"
@@ -41,17 +41,19 @@ def export_dr(
     ] = Preset.iros24,
     joint: Annotated[
         bool,
-        typer.Option("--joint", help="Also keep the valley's cloud: its parameters are then drawn together."),
+        typer.Option(
+            "--joint", help="Also write the joint posterior draws: these parameters are drawn together."
+        ),
     ] = False,
     draws: Annotated[
-        int, typer.Option("--draws", min=1, help="With --joint: keep at most so many draws of the cloud.")
+        int, typer.Option("--draws", min=1, help="With --joint: write at most this many draws.")
     ] = 500,
     assume_scale: Annotated[
         tuple[float, float] | None,
         typer.Option(
             "--assume-scale",
             metavar="LOW HIGH",
-            help="S [counts per N] to assume where the calibration does not tell it; else that is refused.",
+            help="S [counts per N] to assume where the calibration leaves it open; required there.",
             show_default=False,
         ),
     ] = None,
@@ -87,7 +89,7 @@ def export_dr(
 
 
 def _say_findings(calibration: Calibration) -> None:
-    """What the fit found wrong holds for the ranges too."""
+    """Print the findings of the fit, which hold for the ranges too."""
     for finding in calibration.findings:
         if finding.severity != "info":
             advice = f" {finding.advice}" if finding.advice else ""
@@ -131,7 +133,7 @@ def _table(preset: str, rows: tuple[Narrowing, ...]) -> Table:
 
 
 def _figures(parameter: Any) -> str:
-    """The figures of a parameter, short: its bounds, or its value."""
+    """Return the short text of a parameter: its bounds, or its value."""
     if parameter.distribution == "constant":
         value = parameter.value
         return f"{len(value)} values" if isinstance(value, tuple) else f"{value:g}"

@@ -40,7 +40,9 @@ EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out
 
 
 def _range(name: str, what: str) -> typer.models.OptionInfo:
-    return typer.Option(name, help=f"Low and high of {what}, instead of [mount].", show_default=False)
+    return typer.Option(
+        name, help=f"Low and high of {what}, instead of those of [mount].", show_default=False
+    )
 
 
 def _step(name: str, least: float, what: str, defaults: str) -> typer.models.OptionInfo:
@@ -65,9 +67,9 @@ def fit(
         str,
         typer.Option(
             "--method",
-            help="`fast`: tables, where the surface looks the same everywhere; `general`: tables of the skin model, "
-            "press by press, on any geometry; `nlopt`: those after a grid of the skin model itself, slow; `auto`: "
-            "the fast one where it can be used, else `general`.",
+            help="`fast`: tables, for surfaces that look the same everywhere; `general`: tables of the skin model, "
+            "press by press, for any geometry; `nlopt`: general, after a grid of the skin model itself, slow; `auto`: "
+            "`fast` where possible, else `general`.",
         ),
     ] = "auto",
     y_step_mm: Annotated[
@@ -99,23 +101,21 @@ def fit(
         str,
         typer.Option(
             "--bound",
-            help="What bounds the valley: `noise`, the noise of the data; `paper`, 25 counts² of the "
-            "loss on the grid; or a number of them.",
+            help="Bound of the valley: `noise`, by the noise of the data; `paper`, 25 counts² of "
+            "loss on the grid; or a number of counts².",
         ),
     ] = "noise",
     level: Annotated[
-        float, typer.Option("--level", min=0.5, max=0.999, help="Probability content of the intervals.")
+        float, typer.Option("--level", min=0.5, max=0.999, help="Posterior probability inside each interval.")
     ] = 0.98,
-    draws: Annotated[int, typer.Option("--draws", min=10, help="Draws from the valley to keep.")] = 2000,
-    per_taxel: Annotated[
-        bool, typer.Option("--per-taxel", help="Also find a scale for every taxel.")
-    ] = False,
+    draws: Annotated[int, typer.Option("--draws", min=10, help="Number of posterior draws to write.")] = 2000,
+    per_taxel: Annotated[bool, typer.Option("--per-taxel", help="Also fit a scale for every taxel.")] = False,
     effects: Annotated[
         Path | None,
         typer.Option(
             "--effects",
-            help="A calibration of this sensor whose effects are fitted again, beside pose, E and S; not under uniform "
-            "pressure, where a fit finds scales only.",
+            help="A calibration of this sensor whose effects are refitted, along with pose, E and S; not under uniform "
+            "pressure, where a fit finds only scales.",
             show_default=False,
         ),
     ] = None,
@@ -128,8 +128,8 @@ def fit(
 ) -> None:
     """Fit pose, elasticity and scale of the skin model to the presses of a dataset.
 
-    Writes a calibration: best parameters, intervals, the evaluated grid, draws from the valley, the slack of every
-    press, and a report. An interrupted fit goes on where it was when the same command is given again.
+    Writes a calibration: best parameters, intervals, the evaluated grid, posterior draws, the slack of every press, and
+    a report. An interrupted fit continues when the same command is given again.
     """
     from skincal.calibrate import calibrate, choose_way
     from skincal.calibrate.run import why_dropped
@@ -146,19 +146,21 @@ def fit(
     if uniform_pressure(data):
         if effects is not None:
             raise _no_effects_here(effects, dataset)
-        say("skincal: uniform pressure: the scale of each taxel is found, pose and elasticity cannot be")
+        say(
+            "skincal: uniform pressure: fitting the scale of each taxel; the data do not determine pose and elasticity"
+        )
         _fit_uniform(data, out, options, seed, report=report, as_json=as_json, force=force)
         return
     known = None if effects is None else _with_effects(effects, data)
     way = choose_way(data, cast("Method", method))
     if way.method != "fast":
         say(
-            f"skincal: fitting by the skin model itself, press by press, which takes a minute or more: {way.why}"
+            f"skincal: fitting with the skin model itself, press by press; this takes a minute or more: {way.why}"
         )
     options = replace(options, steps=_steps(way, y_step_mm, arc_step_mm, alpha_step_deg, e_count))
     box = searched(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, elasticity_range)
     checkpoint = out.parent / f".{out.name}.fit"
-    with _resumable(checkpoint), stage_bars() as told:
+    with _resumable(checkpoint), stage_bars() as reporter:
         outcome = calibrate(
             data,
             options=options,
@@ -169,25 +171,25 @@ def fit(
             checkpoint=checkpoint,
             command=shlex.join(["skincal", *sys.argv[1:]]),
             method=way.method,
-            progress=told,
+            progress=reporter,
         )
         if known is not None:
             from skincal.diagnosis.workflow import refitted_effects
 
-            told("effects", 0, 1)
+            reporter("effects", 0, 1)
             both = refitted_effects(data, outcome.calibration, known, seed)
             outcome = replace(outcome, calibration=both)
-            told("effects", 1, 1)
-        told("report", 0, 1)
+            reporter("effects", 1, 1)
+        reporter("report", 0, 1)
 
-        def beside(folder: Path) -> None:
+        def write_extras(folder: Path) -> None:
             if report:
                 from skincal.report.fit import write_fit_report
 
                 write_fit_report(outcome.result, outcome.calibration, data, folder)
 
-        write_calibration(outcome.calibration, out, force=force, beside=beside)
-        told("report", 1, 1)
+        write_calibration(outcome.calibration, out, force=force, beside=write_extras)
+        reporter("report", 1, 1)
     if as_json:
         print_json(_as_json(outcome.calibration, out))
         return
@@ -206,14 +208,14 @@ def _no_effects_here(effects: Path, dataset: Path) -> InputError:
     expected = (
         f"a dataset of presses; under uniform pressure, as in {dataset}, a fit finds scales and nothing else"
     )
-    fix = "leave --effects out; `skincal diagnose` finds the effects of such a session anew"
+    fix = "leave --effects out; `skincal diagnose` searches for the effects of such a session"
     return InputError([Problem("--effects", expected, str(effects), fix)])
 
 
 def _fit_uniform(
     data: Dataset, out: Path, options: FitOptions, seed: int, *, report: bool, as_json: bool, force: bool
 ) -> None:
-    """The fit of a pressure chamber."""
+    """Fit the session of a pressure chamber."""
     from skincal.calibrate import calibrate_uniform
     from skincal.calibration import write_calibration
 
@@ -225,13 +227,13 @@ def _fit_uniform(
         command=" ".join(["skincal", *sys.argv[1:]]),
     )
 
-    def beside(folder: Path) -> None:
+    def write_extras(folder: Path) -> None:
         if report:
             from skincal.report.fit_uniform import write_uniform_report
 
             write_uniform_report(outcome, data, folder)
 
-    write_calibration(outcome.calibration, out, force=force, beside=beside)
+    write_calibration(outcome.calibration, out, force=force, beside=write_extras)
     if as_json:
         print_json(_as_json(outcome.calibration, out))
         return
@@ -240,7 +242,7 @@ def _fit_uniform(
 
 
 def _with_effects(folder: Path, data: Dataset) -> Calibration:
-    """The calibration that has the effects; one without, or of another sensor, is refused before the fit begins."""
+    """Return a calibration with effects; refuse one without effects, or of another sensor, before the fit begins."""
     from skincal.calibration import read_calibration
     from skincal.calibration.matching import check_same_sensor
     from skincal.errors import InputError, Problem
@@ -256,7 +258,7 @@ def _with_effects(folder: Path, data: Dataset) -> Calibration:
 def _steps(
     way: Way, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
 ) -> GridSteps:
-    """The steps that are given, else those of the way."""
+    """Return the given grid steps, else those of the method."""
     from skincal.fitting.options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
     from skincal.units import rad
 
@@ -308,10 +310,10 @@ def _bound(text: str) -> float | None:
 
 @contextmanager
 def _resumable(checkpoint: Path) -> Generator[None]:
-    """Whatever ends a fit early, it says what is kept and how to go on.
+    """Say, when a fit ends early, where its grid is saved and how to continue.
 
-    What would only fail again is not kept: neither a grid whose fit cannot be done, or ends in a fault of ours, nor a
-    folder without a grid.
+    A checkpoint that would only fail again is removed: that of a fit that cannot be done or ends in an internal error,
+    and a folder without a grid.
     """
     from skincal.calibrate.checkpoint import Checkpoint
     from skincal.errors import WorkError
@@ -327,7 +329,7 @@ def _resumable(checkpoint: Path) -> Generator[None]:
             kept.remove()
             raise
         what = "interrupted. The" if isinstance(error, KeyboardInterrupt) else "the fit ended early; its"
-        say(f"skincal: {what} grid so far is kept in {checkpoint}; the same command goes on from there.")
+        say(f"skincal: {what} grid so far is saved in {checkpoint}; give the same command again to continue.")
         if isinstance(error, KeyboardInterrupt):
             raise SystemExit(130) from None
         raise
@@ -351,7 +353,7 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
 
 
 def _draws(calibration: Calibration) -> dict[str, int] | None:
-    """How many draws of the posterior are kept, and how many independent ones they are worth."""
+    """Return the number of posterior draws that are written, and their effective number."""
     effective = calibration.loss.extra.get("effective_draws")
     if calibration.draws is None or effective is None:
         return None
@@ -371,7 +373,7 @@ def _tell(calibration: Calibration, presses: str, about: str, out: Path, report:
     if calibration.model.rest_counts is not None:
         best["rest_counts"] = calibration.model.rest_counts
     for name, (low, high) in calibration.intervals.items():
-        ends = (f"{low:.5g}", f"{high:.5g}") if isfinite(high - low) else ("not", "told")
+        ends = (f"{low:.5g}", f"{high:.5g}") if isfinite(high - low) else ("unknown", "unknown")
         table.add_row(name, f"{best[name]:.5g}", *ends)
     for effect in calibration.effects:
         for name, (low, high) in effect.intervals.items():

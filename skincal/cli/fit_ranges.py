@@ -1,4 +1,4 @@
-"""The ranges of ``skincal fit``, as they stand on the command line."""
+"""The search ranges of ``skincal fit`` from its options."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST_E_MPA_PER_M = 1e6
 """Far stiffer than any skin: 0.1 mm of a hard plastic has 3e7 Pa / 1e-4 m = 3e5 MPa/m."""
 
 NARROW = 0.01
-"""A range in millimetres that is this part of the mount's, and in metres would lie in it, is meant in metres."""
+"""A range below this part of the mount's, which overlaps it only when read in metres, is taken to be in metres."""
 
 
 def searched(
@@ -25,7 +25,7 @@ def searched(
     alpha_deg: Pair | None,
     elasticity_mpa_per_m: Pair | None,
 ) -> SearchBox:
-    """What is searched: the ranges that are given, else those of the dataset's ``[mount]``.
+    """Return the search box: the given ranges, else those of the dataset's ``[mount]``.
 
     Raises:
         InputError: a range that the surface does not have, in another unit, or from high to low.
@@ -44,7 +44,7 @@ def searched(
 
 
 def _metres(option: str, range_mm: Pair | None, mount_m: Pair | None) -> Pair | None:
-    """A range that is given in millimetres [m]."""
+    """Return a range given in millimetres, in metres."""
     from skincal.errors import InputError, Problem
 
     if range_mm is None:
@@ -58,13 +58,13 @@ def _metres(option: str, range_mm: Pair | None, mount_m: Pair | None) -> Pair | 
 
 
 def _in_metres(given: Pair, mount_m: Pair) -> bool:
-    """Whether a range that should be in millimetres makes sense in metres only."""
+    """Return whether a range that should be in millimetres makes sense only in metres."""
     overlaps = given[0] <= mount_m[1] and given[1] >= mount_m[0]
     return overlaps and abs(given[1] - given[0]) < NARROW * 1e3 * (mount_m[1] - mount_m[0])
 
 
 def _across(kind: str, x_m: Pair | None, beta_deg: Pair | None) -> Pair | None:
-    """The range across the finger: of x [m] on a plane, else of beta [°]."""
+    """Return the range across the finger: of x [m] on a plane, else of beta [°]."""
     from skincal.errors import InputError, Problem
 
     wrong, right = (
@@ -76,7 +76,7 @@ def _across(kind: str, x_m: Pair | None, beta_deg: Pair | None) -> Pair | None:
 
 
 def _elasticity(range_mpa_per_m: Pair | None) -> Pair | None:
-    """The range of E [Pa/m]."""
+    """Return the range of E [Pa/m]."""
     from skincal.errors import InputError, Problem
 
     if range_mpa_per_m is None:

@@ -1,4 +1,4 @@
-"""``skincal hand``: which drivers there are, what a hand is, whether a driver keeps the contract, keys."""
+"""``skincal hand``: list drivers, show a hand, test a driver against the contract, make keys."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ DriverOptionsOption = Annotated[
     typer.Option(
         "--driver-option",
         metavar="KEY=VALUE",
-        help="An option of the driver; may be given several times. `skincal hand list` shows them.",
+        help="An option of the driver; may be repeated. `skincal hand list` shows them.",
         show_default=False,
     ),
 ]
 
 BeyondLimitsOption = Annotated[
     bool,
-    typer.Option("--beyond-limits", help="Take limits of hand.toml that are beyond those of any finger."),
+    typer.Option("--beyond-limits", help="Accept limits in hand.toml that are beyond those of any finger."),
 ]
 
 
 @app.command("list", epilog=example("skincal hand list", "skincal hand list --json"))
 def list_drivers(as_json: JsonOption = False) -> None:
-    """List the drivers that are installed, with their options."""
+    """List the installed drivers with their options."""
     from skincal.errors import SkincalError
     from skincal.hand.convert import is_text
     from skincal.hand.registry import driver_class, driver_names, driver_options
@@ -75,7 +75,7 @@ def show(
     beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a hand's description says: joints, limits, fingers, sensor."""
+    """Show a hand's description: joints, limits, fingers, sensor."""
     from skincal.hand.hands import hand_named
     from skincal.robot import check_limits
 
@@ -93,7 +93,7 @@ def show(
 
 
 @app.command(
-    short_help="Run the contract against a driver.",
+    short_help="Check a driver against the contract.",
     epilog=example(
         "skincal hand test sim --driver-option seed=3",
         "skincal hand test my_package.my_hand:MyHand --driver-option port=/dev/ttyUSB0 --no-move",
@@ -105,16 +105,16 @@ def test(
     ],
     driver_option: DriverOptionsOption = None,
     step_deg: Annotated[
-        float, typer.Option("--step-deg", min=0.1, max=5.0, help="Largest motion of a joint.")
+        float, typer.Option("--step-deg", min=0.1, max=5.0, help="Largest motion of a joint [°].")
     ] = 1.0,
-    move: Annotated[bool, typer.Option("--move/--no-move", help="Whether the hand is moved at all.")] = True,
+    move: Annotated[bool, typer.Option("--move/--no-move", help="Move the hand, or only observe it.")] = True,
     beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the contract against a driver: is it what skincal takes a hand to be?
+    """Check a driver against the contract that skincal expects of a hand.
 
-    The hand is connected some fifteen times and, with --move, each joint moves by --step-deg and back at the end.
-    Nothing may be in its way. Exit status 0: every check passed; 1: one did not.
+    Connects the hand about fifteen times; with --move, moves each joint by --step-deg and back at the end. Keep the
+    hand's way clear. Exit status 0: every check passed; 1: one did not.
     """
     import math
 
@@ -126,10 +126,10 @@ def test(
 
     find_modules_here(driver)
     options = parse_options(driver_option or [])
-    # A wrong name or option is no failure of a check.
+    # A wrong name or option is not a failed check.
     first = create_rig(driver, **options)
-    # A terminal sees it coming, and so does who takes JSON; else the table says all at the end.
-    told = _told if as_json or sys.stderr.isatty() else _untold
+    # A terminal and JSON show the checks as they come; otherwise the table shows all at the end.
+    report_check = _report_check if as_json or sys.stderr.isatty() else _ignore_check
     if isinstance(first, StageDriver):
 
         def another() -> StageDriver:
@@ -138,12 +138,12 @@ def test(
             return made
 
         with moving():
-            report = run_stage_checks(driver, another, move=move, told=told)
+            report = run_stage_checks(driver, another, move=move, told=report_check)
     else:
         check_limits(first.description, beyond=beyond_limits)
         tried = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
         with moving():
-            report = run_contract(driver, lambda: create_driver(driver, **options), tried, told)
+            report = run_contract(driver, lambda: create_driver(driver, **options), tried, report_check)
     if as_json:
         print_json(_report_json(report))
     else:
@@ -156,7 +156,7 @@ def test(
 
 
 @app.command(
-    short_help="Make the key pairs of a hand that is served.", epilog=example("skincal hand keys --out keys")
+    short_help="Make the key pairs of a remote hand.", epilog=example("skincal hand keys --out keys")
 )
 def keys(
     out: Annotated[Path, typer.Option("--out", help="Folder for the keys.", show_default=False)],
@@ -172,23 +172,23 @@ def keys(
         return
     typer.echo(f"{out}/hand    stays on the hand's computer: skincal serve-hand --keys {out}/hand")
     typer.echo(
-        f"{out}/client  goes to who moves the hand:   --driver remote --driver-option keys={out}/client"
+        f"{out}/client  goes to the client's computer: --driver remote --driver-option keys={out}/client"
     )
-    say("Whoever has client/ can move the hand: copy it by a way that nobody else can read.")
+    say("Whoever has client/ can move the hand: copy it over a private channel.")
 
 
 def find_modules_here(driver: str) -> None:
-    """Lets ``module:Class`` name a module of the working folder; it comes last, so that it hides nothing installed."""
+    """Let ``module:Class`` name a module of the working folder, which comes last so that it hides nothing installed."""
     here = str(Path.cwd())
     if ":" in driver and here not in sys.path:
         sys.path.append(here)
 
 
-def _told(result: CheckResult) -> None:
+def _report_check(result: CheckResult) -> None:
     say(f"{result.status:8s}{result.name}")
 
 
-def _untold(result: CheckResult) -> None:
+def _ignore_check(result: CheckResult) -> None:
     return
 
 
@@ -207,7 +207,7 @@ def _option(option: DriverOption) -> dict[str, Any]:
 
 
 def _driver_lines(driver: dict[str, Any]) -> list[str]:
-    """A driver and its options as a person reads them."""
+    """Return a driver and its options as lines of text."""
     if driver["error"]:
         return [driver["name"], f"  {driver['error']}"]
     lines = [driver["name"]]
@@ -225,7 +225,7 @@ def _report_table(report: ContractReport) -> Table:
 
     colours = {"passed": "green", "failed": "red", "skipped": "yellow"}
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("check", "", "what was found"):
+    for name in ("check", "", "result"):
         table.add_column(name)
     for result in report.results:
         colour, got = colours[result.status], result.got

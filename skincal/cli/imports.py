@@ -1,4 +1,4 @@
-"""``skincal import``: recordings of others become datasets, by a mapping file."""
+"""``skincal import``: turn recordings of other programs into datasets, by a mapping file."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Make a dataset of recordings that lie in other files.",
+    help="Make a dataset from recordings in other formats.",
     epilog=example("skincal import csv --template > mapping.toml"),
 )
 
 
 def _printer(kind: str) -> Callable[[bool], None]:
-    """Prints a commented mapping file and ends, whatever else stands on the command line."""
+    """Return a callback that prints a commented mapping file and exits, whatever else the command line says."""
 
     def show(wanted: bool) -> None:
         if wanted:
@@ -45,7 +45,7 @@ def _printer(kind: str) -> Callable[[bool], None]:
 
 
 def _topics(bag: Path | None) -> None:
-    """Prints what a bag holds and ends."""
+    """Print the topics of a bag and exit."""
     if bag is not None:
         from skincal.imports import bag_topics
 
@@ -55,17 +55,18 @@ def _topics(bag: Path | None) -> None:
 
 
 def _files(metavar: str, what: str) -> typer.models.ArgumentInfo:
-    help_ = f"{what}, in the order of the session; none: those that the mapping lists."
+    help_ = f"{what}, in the order of the session [default: those that the mapping lists]."
     return typer.Argument(metavar=metavar, help=help_, show_default=False)
 
 
 def _template(kind: str) -> typer.models.OptionInfo:
-    help_ = "Print a mapping to begin with, and end."
+    help_ = "Print a mapping to start from, and exit."
     return typer.Option("--template", is_eager=True, callback=_printer(kind), help=help_)
 
 
 MappingArgument = Annotated[
-    Path, typer.Argument(metavar="MAPPING", help="What the source's columns mean (TOML).", show_default=False)
+    Path,
+    typer.Argument(metavar="MAPPING", help="Meaning of the source's columns (TOML).", show_default=False),
 ]
 TopicsOption = Annotated[
     Path | None,
@@ -74,7 +75,7 @@ TopicsOption = Annotated[
         is_eager=True,
         callback=_topics,
         metavar="BAG",
-        help="Print the topics of a bag and their types, and end.",
+        help="Print the topics of a bag with their types, and exit.",
         show_default=False,
     ),
 ]
@@ -82,7 +83,7 @@ TopicsOption = Annotated[
 
 @app.command(
     "csv",
-    short_help="Of text files: presses row by row, or a time series.",
+    short_help="From text files: presses row by row, or a time series.",
     epilog=example(
         "skincal import csv --template > mapping.toml",
         "skincal import csv mapping.toml presses.csv --out dataset",
@@ -96,15 +97,15 @@ def import_csv(
     as_json: JsonOption = False,
     template: Annotated[bool, _template("csv")] = False,
 ) -> None:
-    """Make a dataset of text files: presses row by row, or a time series that is cut into presses."""
+    """Make a dataset from text files: presses row by row, or a time series that is cut into presses."""
     from skincal import imports
 
-    _told(imports.import_csv(mapping, out, files or (), force=force), as_json)
+    _report_import(imports.import_csv(mapping, out, files or (), force=force), as_json)
 
 
 @app.command(
     "template",
-    short_help="Print a mapping to begin with: for csv, rosbag, or a public data set.",
+    short_help="Print a mapping to start from: for csv, rosbag, or a public data set.",
     epilog=example("skincal import template eflesh > mapping.toml"),
 )
 def import_template(
@@ -118,7 +119,7 @@ def import_template(
 
 @app.command(
     "rosbag",
-    short_help="Of ROS 1 or ROS 2 bags: their streams on one clock.",
+    short_help="From ROS 1 or ROS 2 bags: their streams on one clock.",
     epilog=example(
         "skincal import rosbag --template > mapping.toml",
         "skincal import rosbag --topics session.bag",
@@ -134,14 +135,14 @@ def import_rosbag(
     template: Annotated[bool, _template("rosbag")] = False,
     topics: TopicsOption = None,
 ) -> None:
-    """Make a dataset of ROS 1 or ROS 2 bags: their streams on one clock, cut into presses."""
+    """Make a dataset from ROS 1 or ROS 2 bags: their streams on one clock, cut into presses."""
     from skincal import imports
 
-    _told(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
+    _report_import(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
 
 
 def _draw_clocks(done: Imported) -> Path | None:
-    """Draws how clocks were put on each other, into the dataset's folder; None where nothing was compared."""
+    """Draw the alignment of the clocks into the dataset's folder; return None where no clocks were aligned."""
     compared = [clock for clock in done.clocks if len(clock.time_s)]
     if not compared:
         return None
@@ -158,7 +159,7 @@ def _draw_clocks(done: Imported) -> Path | None:
 def _offset(clock: JoinedClock) -> str:
     if not clock.estimated:
         return f"{clock.offset_s:+.6g} s, as given"
-    rate = f", which runs off by {1e6 * clock.rate:+.0f} parts per million" if clock.rate else ""
+    rate = f", drifting by {1e6 * clock.rate:+.0f} parts per million" if clock.rate else ""
     return (
         f"{clock.offset_s:+.6f} ± {clock.sigma_s:.2g} s{rate}, by the correlation of {clock.by} with the taxels "
         f"({clock.correlation:.3f})"
@@ -172,8 +173,8 @@ def _clock_json(clock: JoinedClock) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _told(done: Imported, as_json: bool) -> None:
-    """Says what was read, left out and written."""
+def _report_import(done: Imported, as_json: bool) -> None:
+    """Report what was read, left out and written."""
     for file in done.read:
         say(f"read {file.rows} rows of {file.file}")
     for clock in done.clocks:

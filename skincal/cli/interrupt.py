@@ -1,4 +1,4 @@
-"""What ends a command early: Ctrl-C, a request to end (``kill``, a scheduler), a terminal that goes away."""
+"""Interrupts: end a command early on Ctrl-C, on a signal (``kill``, a scheduler), or when its terminal goes away."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from types import FrameType
 from skincal.cli.common import say
 
 AGAIN_S = 0.02
-"""How soon it is looked again whether the modules are loaded [s]."""
+"""Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
 
 REQUESTS = (signal.SIGTERM, signal.SIGHUP)
-"""What else asks a command to end. Left to themselves they end the process where it stands, a finger on the skin."""
+"""Signals besides Ctrl-C that ask a command to end. Unhandled, they kill the process with a finger on the skin."""
 
 
 @contextmanager
 def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
-    """Lets no signal end or suspend a verb that moves a hand before the hand has been stopped.
+    """Keep signals from ending or suspending a verb that moves a hand before the hand has been stopped.
 
-    Whatever can be caught interrupts: Ctrl-Z too, as a hand that nobody watches must not go on pressing.
+    Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing.
 
     Args:
-        kept: what is left of the work, to be said at the end of an interrupted verb.
+        kept: returns what is saved of the work, for the message of an interrupted verb.
     """
     from skincal.hand.errors import HandError
     from skincal.hand.halt import ENDING
 
-    # The alarm is what `interruptible` looks again with.
+    # `interruptible` uses the alarm to check again.
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:
             yield
         except (KeyboardInterrupt, HandError) as error:
-            danger, notes = _said(error)
+            danger, notes = _danger_and_notes(error)
             if isinstance(error, HandError) and not danger:
                 raise
-            # The command ends now; whoever asks again must not keep it from saying this.
+            # The command ends now; further signals must not suppress this message.
             for number in ENDING:
                 if signal.getsignal(number) is _interrupt:
                     signal.signal(number, signal.SIG_IGN)
@@ -48,8 +48,8 @@ def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
             raise SystemExit(130) from None
 
 
-def _said(error: BaseException | None) -> tuple[str, list[str]]:
-    """What is said of a hand that was not stopped, if any, and the notes of what ended a verb and what came before."""
+def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
+    """Return the warning that a hand was not stopped, or '', and the notes of an exception and its causes."""
     danger, notes = "", list[str]()
     while error is not None:
         if getattr(error, "stopped", None) is False:
@@ -61,14 +61,14 @@ def _said(error: BaseException | None) -> tuple[str, list[str]]:
 
 @contextmanager
 def interruptible(*more: int) -> Generator[None]:
-    """Turns every request to end into a ``KeyboardInterrupt``, and holds it back while an import is going on.
+    """Turn every request to end into a ``KeyboardInterrupt``, held back while an import is running.
 
-    So a verb stops its hand, says what is kept and removes what is half-written, whoever asks. An extension module that
-    is interrupted in the middle of its import may swallow the interrupt, so that the work goes on, or fail with an
-    error of its own. A signal that is ignored (``nohup``) or handled by somebody else stays so.
+    So a verb stops its hand, says what is saved and removes half-written files, whoever asks. An extension module that
+    is interrupted during its import may swallow the interrupt, so that the work goes on, or fail with an error of its
+    own. A signal that is ignored (``nohup``) or handled elsewhere is left alone.
 
     Args:
-        more: other signals that interrupt.
+        more: further signals that interrupt.
     """
     ours = {signal.SIGINT: signal.default_int_handler} | dict.fromkeys((*REQUESTS, *more), signal.SIG_DFL)
     before = {number: own for number, own in ours.items() if signal.getsignal(number) is own}

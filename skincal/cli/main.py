@@ -1,4 +1,4 @@
-"""Collects the verbs, and turns errors into a few lines and an exit status."""
+"""The entry point: collect the verbs, and turn errors into a few lines and an exit status."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import typer
 
 from skincal import compiling
 from skincal.cli import verbs
-from skincal.cli.common import example, say
+from skincal.cli.common import example, json_alone, say
 from skincal.cli.interrupt import interruptible
 from skincal.errors import SkincalError
 from skincal.version import __version__
@@ -23,7 +23,6 @@ app = typer.Typer(
     name="skincal",
     help="Calibrate the simulation of a tactile skin against the real one, and know how far to trust it.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     # Plain help: boxes and colours take as long to import as all the rest of it.
     rich_markup_mode=None,
@@ -38,7 +37,7 @@ def _version(value: bool) -> None:
 
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
-"""A wrong command line. Newer versions of typer carry their own copy of click, so click's class is not it."""
+"""The class of a usage error. Newer versions of typer carry their own copy of click, so click's class is not it."""
 
 
 @app.callback()
@@ -48,31 +47,31 @@ def _root(
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
-    """Options that stand before the verb."""
+    """Accept the options that stand before the verb."""
 
 
 verbs.register(app)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the command line and exits: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
+    """Run the command line and exit: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if "OMP_NUM_THREADS" not in os.environ:
-        # Several threads of linear algebra round otherwise than the one that worker processes have: results would
-        # depend on which process they came from. It counts as long as nothing has imported numpy.
+        # Multi-threaded linear algebra rounds differently from the single thread of worker processes, so that results
+        # would depend on the process. These variables take effect only before numpy is imported.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Worker processes look for modules where they are installed, not first in the folder that somebody works in.
+    # Worker processes import the installed modules first, not those of the working folder.
     os.environ.setdefault("PYTHONSAFEPATH", "1")
     debug = "--debug" in arguments
-    # `--debug` is taken wherever it stands, so that it can be added at the end of a command that failed.
+    # `--debug` is accepted anywhere, so that it can be appended to a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
     logging.getLogger("skincal").handlers[:] = [_Said()]
     compiling.on_compile = lambda: say("skincal: compiling the skin model, once on this machine (about 15 s)")
     try:
-        with interruptible():
+        with json_alone("--json" in arguments), interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
-        if status == 130:  # what typer makes of Ctrl-C; a verb that has said more about it raises SystemExit
+        if status == 130:  # typer's status for Ctrl-C; a verb with more to say raises SystemExit
             say("skincal: interrupted")
     except typer.Abort:
         status = 130
@@ -83,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if debug:
             raise
         status = _report(error)
-    except UnicodeEncodeError as error:  # names of files are all that may hold bytes that are no text
+    except UnicodeEncodeError as error:  # only file names can hold bytes that are not text
         if debug:
             raise
         say(
@@ -104,28 +103,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         say(
             f"skincal: internal error: {type(error).__name__}: {error}\n"
-            "This is a fault of skincal, not of yours. Run again with --debug to see where, and report it."
+            "This is a bug in skincal, not your mistake. Run again with --debug to see where, and report it."
         )
         status = 1
     sys.exit(status if isinstance(status, int) else 0)
 
 
 class _Said(logging.Handler):
-    """Says what the library logs."""
+    """Handler that prints the library's log messages on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(f"skincal: {record.getMessage()}")
 
 
 def _write_any_text() -> None:
-    """A letter that the terminal cannot show is written as its number; it is no reason to fail."""
+    """Escape characters that the terminal cannot show, instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 MOST_LINES = 12
-"""Lines of an error that are shown, for a file with a mistake in every line; a verb that checks shows all."""
+"""Most lines of an error that are shown; a file may have a mistake in every line. Checking verbs show all."""
 
 _NO_ROOM = {
     errno.ENOSPC: " Free some space and run again; nothing was left half-written.",
@@ -143,7 +142,7 @@ def _report(error: SkincalError | OSError) -> int:
         say("skincal: error: " + "\n".join(lines))
         return error.exit_status
     if isinstance(error, BrokenPipeError):
-        # The reader (head, less) went away; nothing more can be written, not even at interpreter exit.
+        # The reader (head, less) is gone; nothing more can be written, not even at interpreter exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     place = error.filename or "a file"

@@ -1,4 +1,4 @@
-"""``skincal predict``: what a calibration says of the presses of a dataset."""
+"""``skincal predict``: predict the images of a dataset's presses from a calibration."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def predict(
     slack: Annotated[
         bool,
         typer.Option(
-            "--slack", help="Move every press to the best position within its slack, and say where it is."
+            "--slack", help="Move every press to the best position within its slack, and write that position."
         ),
     ] = False,
     as_json: JsonOption = False,
@@ -45,11 +45,11 @@ def predict(
 ) -> None:
     """Write a dataset as a calibration predicts it, effects included.
 
-    The taxel columns hold the model's values within the converter's range, not rounded and not noisy; an untouched
+    The taxel columns hold the model's values within the converter's range, neither rounded nor noisy. An untouched
     taxel is 0, without the level that clipped noise gives it at rest. Presses and frames have their measured forces
-    and positions, or with --slack the best positions. Effects go through the frames in the order of time, and through
-    a standard press where there are no frames; one that needs what the dataset does not have is left out, with a
-    warning.
+    and positions, or with --slack the best positions. Effects run through the frames in time order, or through a
+    standard press where there are no frames. An effect that needs a covariate which the dataset lacks is left out, with
+    a warning.
     """
     from skincal.calibration import read_calibration
     from skincal.dataset import read_dataset, write_dataset
@@ -59,8 +59,8 @@ def predict(
     refuse_existing(out, dataset, cal, force=force, marker="dataset.toml")
     calibration, data = read_calibration(cal), read_dataset(dataset)
     warn((*calibration.warnings, *data.warnings))
-    with stage_bars() as told:
-        prediction = predict_dataset(calibration, data, slack=slack, progress=told)
+    with stage_bars() as reporter:
+        prediction = predict_dataset(calibration, data, slack=slack, progress=reporter)
     write_dataset(
         prediction.dataset,
         out,
@@ -72,11 +72,11 @@ def predict(
     if as_json:
         print_json(_as_json(out, prediction))
         return
-    say(_told(out, prediction))
+    say(_summary_text(out, prediction))
 
 
 def _format(data: Dataset, stem: str, otherwise: Format) -> Format:
-    """The format that a table of the dataset has; a name for one that it does not have."""
+    """Return the format of a table of the dataset, or ``otherwise`` for a table that it lacks."""
     folder = data.folder
     if folder is None:
         return otherwise
@@ -100,7 +100,7 @@ def _as_json(out: Path, prediction: Prediction) -> dict[str, Any]:
     }
 
 
-def _told(out: Path, prediction: Prediction) -> str:
+def _summary_text(out: Path, prediction: Prediction) -> str:
     data, rmse = prediction.dataset, prediction.presses
     lines = [
         f"{len(data.presses)} presses predicted: measured images differ by {rmse.rmse_with_rest_counts:.2f} counts rms "

@@ -1,4 +1,4 @@
-"""``skincal serve-hand``: the hand's side of a remote hand."""
+"""``skincal serve-hand``: the server side of a remote hand."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def serve_hand(
     ],
     driver_option: DriverOptionsOption = None,
     bind: Annotated[
-        str, typer.Option("--bind", help="Address to listen at; port * takes any that is free.")
+        str, typer.Option("--bind", help="Address to listen at; port * takes any free port.")
     ] = "tcp://127.0.0.1:5555",
     keys: Annotated[
         Path | None,
@@ -40,27 +40,25 @@ def serve_hand(
     watchdog_s: Annotated[
         float,
         typer.Option(
-            "--watchdog-s", min=0.05, max=60.0, help="A client that is silent for so long loses the hand."
+            "--watchdog-s", min=0.05, max=60.0, help="Time after which a silent client loses the hand."
         ),
     ] = 2.0,
     timeout_s: Annotated[
-        float, typer.Option("--timeout-s", min=0.05, max=60.0, help="A call to the driver may take so long.")
+        float, typer.Option("--timeout-s", min=0.05, max=60.0, help="Longest time of a call to the driver.")
     ] = 1.0,
     force_check: Annotated[
         bool,
-        typer.Option(
-            "--force-check/--no-force-check", help="Whether the contact force is limited on this side, too."
-        ),
+        typer.Option("--force-check/--no-force-check", help="Limit the contact force on this side, too."),
     ] = True,
     sessions: Annotated[
-        int | None, typer.Option("--sessions", min=1, help="End after so many clients.", show_default=False)
+        int | None, typer.Option("--sessions", min=1, help="End after this many clients.", show_default=False)
     ] = None,
     beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Serve a hand to another computer, or to another program on this one.
 
-    One client at a time. Limits are kept on this side, too, and the hand is stopped when its client falls silent.
+    Serves one client at a time. Limits are enforced on this side, too, and the hand stops when its client falls silent.
     Ctrl-C stops the hand and ends. With --json the object is printed as soon as the hand can be reached.
     """
     from skincal.hand.hands import joint_contact_force
@@ -90,7 +88,7 @@ def serve_hand(
 
 
 def _end_on_signals(server: HandServer) -> None:
-    """Every signal that would end or suspend the process, if it is not ignored, ends the loop, which stops the hand."""
+    """Let every signal that would end or suspend the process, unless ignored, end the loop, which stops the hand."""
     from skincal.hand.halt import ENDING
 
     def end(number: int, frame: FrameType | None) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Task(StrEnum):
-    """The tasks, named here so that help need not import them."""
+    """The tasks, listed here so that help need not import them."""
 
     marble = "marble"
     bolt = "bolt"
@@ -32,7 +32,7 @@ class Kind(StrEnum):
 
 
 class Backend(StrEnum):
-    """Who does the learning."""
+    """The training backends."""
 
     sb3 = "sb3"
     sbx = "sbx"
@@ -47,16 +47,16 @@ STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
 
 
 def train(
-    task: Annotated[Task, typer.Argument(help="What is rolled.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
     out: Annotated[
         Path, typer.Option("--out", help="Folder of the run: curve, checkpoint, policy.", show_default=False)
     ],
     policy: Annotated[
-        Kind | None, typer.Option("--policy", help="What the policy sees.", show_default="tactile")
+        Kind | None, typer.Option("--policy", help="Observation of the policy.", show_default="tactile")
     ] = None,
     ranges: Annotated[
         Path | None,
-        typer.Option("--ranges", help="What is randomised, and how widely.", show_default="preset iros24"),
+        typer.Option("--ranges", help="File of the randomization ranges.", show_default="preset iros24"),
     ] = None,
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="Seed of all randomness.", show_default="0")
@@ -66,48 +66,48 @@ def train(
         typer.Option(
             "--steps",
             min=1,
-            help="Environment steps, of all environments together; rounded up to whole rounds.",
+            help="Total steps of all environments, rounded up to whole rounds.",
             show_default="as planned, or 800000 for marble, 600000 for bolt",
         ),
     ] = None,
     backend: Annotated[
         Backend | None,
-        typer.Option(
-            "--backend", help="Stable-Baselines3 (torch), or its sibling in jax.", show_default="sb3"
-        ),
+        typer.Option("--backend", help="Stable-Baselines3 (torch), or SBX (jax).", show_default="sb3"),
     ] = None,
     envs: Annotated[
-        int | None, typer.Option("--envs", min=1, help="Environments side by side.", show_default="8")
+        int | None, typer.Option("--envs", min=1, help="Number of parallel environments.", show_default="8")
     ] = None,
     processes: Annotated[
         bool,
-        typer.Option("--processes", help="Each environment in a process of its own; for many cores."),
+        typer.Option("--processes", help="Run each environment in its own process; for many cores."),
     ] = False,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Go on from the last checkpoint, exactly as if nothing had happened."),
+        typer.Option(
+            "--resume", help="Continue from the last checkpoint, exactly as if the run had not stopped."
+        ),
     ] = False,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
     """Learn a policy with the published soft actor-critic.
 
-    The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`, in the end
-    `curve.png`), the last checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation
-    and a description, and no code.
+    The run's folder holds its description (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`, in the end
+    `curve.png`), the last checkpoint, and the policy at that checkpoint: an ONNX file with its normalisation and a
+    description, and no code.
     """
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
-    told = {f"--{name}": value for name, value in given.items() if value is not None}
+    stated = {f"--{name}": value for name, value in given.items() if value is not None}
     from skincal.train import Settings, begin, read_run
     from skincal.train.run import CHECKPOINT
 
     if resume:
         work, used = read_run(out)
-        _same(out, task, told, work, used)
+        _same(out, task, stated, work, used)
         if not (out / CHECKPOINT).is_dir():
-            say(f"{out}: there is no checkpoint; the run begins anew, at step 0")
+            say(f"{out}: no checkpoint; the run starts over at step 0")
         if not work.environment:
-            say(f"{out}: was begun before runs held the environment's numbers; goes on with today's")
+            say(f"{out}: an older run without the environment's numbers; it continues with today's")
     else:
         settings = Settings(environments=envs or Settings.environments)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
@@ -139,27 +139,27 @@ def _work(
 
 
 def _ranges(task: Task, file: Path | None) -> Ranges:
-    """What is wrong with a file is told with its name."""
+    """Return the ranges of a file, or the task's own; errors name the file."""
     from skincal.envs.needed import ranges_for
 
     return ranges_for(task.value, file)
 
 
-def _same(out: Path, task: Task, told: dict[str, Any], work: Work, used: Ranges) -> None:
-    """What is said again when a run goes on must be what was said when it began."""
+def _same(out: Path, task: Task, stated: dict[str, Any], work: Work, used: Ranges) -> None:
+    """Check that the options of a resumed run agree with those it was started with."""
     from skincal.ranges import read_ranges
 
     was = {"--policy": str(work.policy), "--seed": work.seed, "--backend": str(work.backend)}
     was["--envs"] = work.settings.environments
     found = [
         Problem(f"{out}, {name}", f"{was[name]}, with which the run began", f"{value}", "Leave it out.")
-        for name, value in told.items()
+        for name, value in stated.items()
         if name in was and was[name] != value
     ]
     if str(work.task) != task.value:
         found.append(Problem(str(out), f"a run of {task.value}", f"one of {work.task}"))
-    if "--ranges" in told and read_ranges(told["--ranges"]) != used:
-        fix = "Leave --ranges out, or begin a run of its own."
+    if "--ranges" in stated and read_ranges(stated["--ranges"]) != used:
+        fix = "Leave --ranges out, or start a separate run."
         found.append(Problem(f"{out}, --ranges", "the ranges with which the run began", "others", fix))
     if found:
         raise InputError(found)
@@ -170,18 +170,18 @@ def _train(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool
     from skincal.train import maker, train
 
     try:
-        with Told(steps) as told:
-            return train(out, maker(work, ranges), steps, processes=processes, told=told)
+        with Told(steps) as reporter:
+            return train(out, maker(work, ranges), steps, processes=processes, told=reporter)
     except KeyboardInterrupt:
         say(
-            f"skincal: interrupted; go on from the last checkpoint with\n"
+            f"skincal: interrupted; continue from the last checkpoint with\n"
             f"  skincal train {work.task} --out {out} --steps {steps} --resume"
         )
         raise SystemExit(130) from None
 
 
 def _draw(result: Trained) -> None:
-    """Draws the learning curve beside its figures."""
+    """Draw the learning curve next to its figures."""
     from skincal.files import whole_file
     from skincal.report.style import save
     from skincal.report.train_curve import curves_figure

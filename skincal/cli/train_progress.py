@@ -1,4 +1,4 @@
-"""What a person sees of a training run: steps done, reward, tracking error, time left."""
+"""Progress of a training run: steps done, reward, tracking error, time left."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from skincal.train import Round
 
 LINE_EVERY_S = 60.0
-"""Without a terminal there is a line after this time [s]."""
+"""Without a terminal, one line is printed per this time [s]."""
 
 
 class Told:
-    """Shows where a run is: a bar on a terminal, else a line now and then; on standard error.
+    """Reporter of a run on standard error: a bar on a terminal, else a line now and then.
 
     Args:
-        steps: environment steps in the end.
+        steps: total environment steps.
     """
 
     def __init__(self, steps: int) -> None:
@@ -32,7 +32,7 @@ class Told:
         self._first: int | None = None
 
     def __enter__(self) -> Self:
-        """Begins to show."""
+        """Return the reporter; start the bar on a terminal."""
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -52,12 +52,12 @@ class Told:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Takes the bar away."""
+        """Take the bar away."""
         if self._bars is not None:
             self._bars.stop()
 
     def __call__(self, row: Round) -> None:
-        """Is told the figures of a round."""
+        """Report the figures of a round."""
         if self._first is None:
             self._first = row.steps
         figures = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm"

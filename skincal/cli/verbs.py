@@ -23,20 +23,20 @@ from skincal.cli import eval as evaluation
 
 
 def register(app: typer.Typer) -> None:
-    """Adds every verb to the application. A verb imports what it needs when it runs, so that help is fast."""
+    """Add every verb to the application. A verb imports what it needs when it runs, so that help is fast."""
     app.add_typer(dataset.app, name="dataset")
     app.add_typer(imports.app, name="import")
     app.add_typer(hand.app, name="hand")
-    # A line made of a docstring would be cut in the list of verbs.
+    # Typer would cut a line made of a docstring in the list of verbs.
     for verb, function, epilog, line in (
         ("collect", collect.collect, collect.EPILOG, "Press the skin with the hand's own indenter."),
         ("fit", fit.fit, fit.EPILOG, "Fit pose, elasticity and scale to the presses of a dataset."),
         ("predict", predict.predict, predict.EPILOG, "Write a dataset as a calibration predicts it."),
-        ("audit", audit.audit, audit.EPILOG, "Tell which effects presses can show, and how weak."),
+        ("audit", audit.audit, audit.EPILOG, "Show which effects presses can reveal, and how weak."),
         ("diagnose", diagnose.diagnose, diagnose.EPILOG, "Find what the model lacks, name it and add it."),
         ("export-dr", export_dr.export_dr, export_dr.EPILOG, "Write the ranges to train a policy over."),
         ("train", train.train, train.EPILOG, "Train a policy with soft actor-critic."),
-        ("eval", evaluation.evaluate, evaluation.EPILOG, "Evaluate policies side by side, as published."),
+        ("eval", evaluation.evaluate, evaluation.EPILOG, "Compare policies, evaluated as published."),
         ("deploy", deploy.deploy, deploy.EPILOG, "Run a policy on a hand, through its driver."),
         (
             "serve-hand",

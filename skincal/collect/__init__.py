@@ -1,4 +1,4 @@
-"""Sessions: what to press, and pressing it with a hand, so that a dataset worth fitting comes of it."""
+"""Data collection: plans of presses, and their execution with a hand, which gives a dataset."""
 
 from skincal.collect.journal import journal_folder
 from skincal.collect.options import CollectOptions

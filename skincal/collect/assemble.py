@@ -1,4 +1,4 @@
-"""A session's journal as a dataset."""
+"""From a session's journal to a dataset."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ POSITION = ("x_m", "y_m", "z_m")
 OWN_OF_PRESSES = ("press", *POSITION, "force_n", "counts")
 OWN_OF_FRAMES = (*OWN_OF_PRESSES, "phase", "time_s")
 OPTIONAL = ("temperature_c", "indenter_radius_m")
-"""Columns that are left out where nothing was measured."""
+"""Columns that are left out if nothing was measured."""
 
 LAST = ("missed_target", "slip_m", "status", "kind")
-"""Columns of skincal's own, after those that the format knows."""
+"""Further columns, after those of the format."""
 
 
 def dataset_of(journal: Journal, meta: DatasetMeta, source: str, created: datetime) -> Dataset:
-    """The dataset of all finished presses and the frames around them.
+    """Return the dataset of all finished presses and the frames around them.
 
     Args:
-        journal: of the session.
-        meta: what the hand's description says of sensor, surface, indenter, mount.
+        journal: journal of the session.
+        meta: sensor, surface, indenter and mount of the hand's description.
         source: for ``dataset.toml``.
-        created: when the session began.
+        created: start of the session.
 
     Returns:
-        The dataset; presses in the order of their numbers, frames in that of time.
+        The dataset, with presses in the order of their numbers, and frames in the order of time.
     """
     presses = [arrays for _, arrays in sorted(journal.presses().items())]
     stretches = [_part(arrays, "frames.") for arrays in [*presses, *journal.rests()]]
@@ -77,7 +77,7 @@ def _frames(stretches: Sequence[Arrays]) -> Frames:
 
 
 def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The frames (M,) that are kept: one in which a taxel failed to answer for a moment is no image."""
+    """Return which frames (M,) are kept: a frame in which a taxel failed to respond for a moment is not an image."""
     kept = np.ones(len(counts), dtype=bool)
     while True:
         missing = np.isnan(counts[kept])
@@ -89,17 +89,17 @@ def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _names(rows: Sequence[Arrays]) -> list[str]:
-    """Names of all columns, in the order in which they first come."""
+    """Return the names of all columns, in the order of their first occurrence."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def _column(rows: Sequence[Arrays], name: str) -> NDArray[Any]:
-    """A column of the rows; NaN where a row does not have it."""
+    """Return a column of the rows; NaN for rows that do not have it."""
     return np.array([row.get(name, np.nan) for row in rows])
 
 
 def _given(table: Arrays) -> Arrays:
-    """The columns with text as objects, without those of which nothing was measured."""
+    """Return the columns with text as objects, without columns in which nothing was measured."""
     return {
         name: column.astype(object) if column.dtype.kind == "U" else column
         for name, column in table.items()

@@ -1,4 +1,4 @@
-"""Presses of one connection to the hand: from where it is to the first site, from site to site, and home."""
+"""The presses of one connection to the hand: the way to the first site, between sites, and home."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from skincal.robot import place_indenter
 FloatArray = NDArray[np.float64]
 
 GAP_S = 1.0
-"""Where a session goes on on another clock, the session's clock goes on by this much [s]."""
+"""Gap in the session's clock when a session continues on another clock [s]."""
 
 APART_M = 1e-3
-"""An indenter that is nearer to the skin than this is lifted before anything else [m]."""
+"""An indenter nearer to the skin than this is lifted before anything else [m]."""
 
 
 FEWEST_FOUND = 3
-"""After this many presses in a pose it is known where the skin begins."""
+"""Number of presses in a pose after which the start of the skin is known."""
 
 
 class Owner(Protocol):
-    """What a connection needs of its session."""
+    """Session that a connection needs."""
 
     plan: Plan
     journal: Journal
@@ -43,22 +43,22 @@ class Owner(Protocol):
     last_frame_s: float
 
     def connected(self, first: int, shift_s: float) -> None:
-        """Keeps that the hand has been connected."""
+        """Record that the hand has been connected."""
 
     def keep(self, number: int, arrays: Arrays) -> None:
-        """Keeps a finished press."""
+        """Store a finished press."""
 
     def keep_rest(self, arrays: Arrays) -> None:
-        """Keeps frames of no press."""
+        """Store frames outside of presses."""
 
 
 class Connection:
-    """Makes some presses of a session with a hand that is connected.
+    """Executor of some presses of a session with a connected hand.
 
     Args:
-        session: whose presses.
-        loop: the hand.
-        radius_m: of the indenter [m].
+        session: session of the presses.
+        loop: loop with the hand.
+        radius_m: radius of the indenter [m].
         numbers: the presses.
     """
 
@@ -71,14 +71,14 @@ class Connection:
         self._found: dict[str, list[float]] = {}
 
     def run(self) -> None:
-        """Makes the presses, and brings the hand home."""
+        """Make the presses, and bring the hand home."""
         self._begin()
         for number in self._numbers:
             self._make(number)
         self._end()
 
     def _begin(self) -> None:
-        """Starts the clock, frees the indenter if it touches, and records the skin at rest."""
+        """Start the clock, lift the indenter if it touches, and record the skin at rest."""
         session, loop = self._session, self._loop
         loop.doing = "idle"
         state = loop.look().state
@@ -97,7 +97,7 @@ class Connection:
         session.keep_rest(rest_arrays(loop.take(), session.last_frame_s, self._options, first))
 
     def _clock_now(self, hand_s: float) -> float:
-        """Where the session's clock stands: on the hand's clock if that went on, else a moment after the last frame."""
+        """Return the session's clock: on the hand's clock if that ran on, else a moment after the last frame."""
         last = self._session.last_frame_s
         if not np.isfinite(last):
             return 0.0
@@ -106,7 +106,7 @@ class Connection:
         return max(went_on, last + GAP_S)
 
     def _lifted(self, links: FloatArray) -> FloatArray:
-        """Lifts an indenter that touches straight off the skin; returns the angles of the links there."""
+        """Lift an indenter that touches straight off the skin; return the link angles there."""
         loop, sample = self._loop, self._loop.now
         normal = self._fingers.mount.surface.normal_at(sample.point_m[None])[0]
         away = sample.point_m + (self._radius_m + self._options.clearance_m) * normal
@@ -143,7 +143,7 @@ class Connection:
         )
 
     def _near(self, pose: str) -> float:
-        """Height below which the skin may begin [m]: the joints' errors differ from pose to pose, less within one."""
+        """Return the height below which the skin may begin [m]: joint errors differ between poses, less within one."""
         found = self._found.get(pose, [])
         if len(found) < FEWEST_FOUND:
             return self._options.near_m
@@ -155,7 +155,7 @@ class Connection:
         return self._fingers.posture(planned.site, skin, self._radius_m, heights(self._options), start)
 
     def _go(self, planned: PlannedPress, posture: Posture) -> None:
-        """Brings the indenter over a site, at travelling height."""
+        """Move the indenter over a site, at travelling height."""
         top, end = float(posture.heights_m[-1]), posture.links_rad[-1]
         skin = np.array(self._session.plan.poses[planned.pose])
         length = 0.0
@@ -166,7 +166,7 @@ class Connection:
                 way = way_over_skin(self._fingers, self._place, planned.site, skin, self._radius_m + top)
                 length = float(np.hypot(*np.subtract(planned.site, self._place.site)))
             except WorkError:
-                # Between two sites that are in reach there may be one that is not.
+                # Between two sites within reach there may be one that is not.
                 way = self._through(self._place.links_rad, end)
         follow(self._loop, np.concatenate([way, end[None]]), self._offset, self._options, length)
         self._place, self._links = Place(planned.site, skin, end), end
@@ -177,7 +177,7 @@ class Connection:
         return way_through_joints(self._fingers, start, end, self._radius_m, least)
 
     def _end(self) -> None:
-        """Brings the hand home, and records the skin at rest once more."""
+        """Bring the hand home, and record the skin at rest once more."""
         loop, session = self._loop, self._session
         home = self._fingers.kinematics.description.home_rad
         loop.doing = "travel"

@@ -1,4 +1,4 @@
-"""How long a plan will take, before anything moves."""
+"""Estimate of a plan's duration, before anything moves."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from skincal.collect.press import FAST
 from skincal.collect.travel import PEAK
 
 POSE_S = 1.0
-"""What a change of the pose adds, roughly [s]."""
+"""Approximate time of a change of the pose [s]."""
 
 
 def duration_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> float:
-    """An estimate of a session's length on the hand's clock [s]; it comes within a tenth or so.
+    """Return an estimate of a session's length on the hand's clock [s], accurate to about a tenth.
 
     Args:
-        plan: with angles for its poses.
+        plan: plan with angles for its poses.
         fingers: the hand.
-        options: how presses are made.
+        options: options of the presses.
     """
     stiffness = {
         name: fingers.posture(

@@ -1,7 +1,7 @@
-"""What a session has done, kept beside its output until it is whole: every finished press, on disk before the next.
+"""The journal of a session: every finished press, on disk before the next begins, until the output is complete.
 
-A file is written under another name, brought to the disk, and put in place; so after a loss of power a press is there
-as a whole, or not at all.
+A file is written under another name, synced to the disk, and moved into place; after a loss of power a press is
+complete or absent.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ FORMAT = "skincal-session/1"
 
 
 class Journal:
-    """The folder of one session.
+    """The journal of one session, in a folder.
 
     Args:
-        folder: where.
-        head: what the session is: whatever must be the same when it goes on. JSON values only.
+        folder: folder of the journal.
+        head: description of the session: all that must be equal to resume it. JSON values only.
     """
 
     def __init__(self, folder: Path, head: Mapping[str, Any]) -> None:
@@ -41,13 +41,13 @@ class Journal:
 
     @classmethod
     def open(cls, folder: Path, key: Mapping[str, Any], notes: Mapping[str, Any], *, restart: bool) -> Self:
-        """Begins a session, or opens one that was interrupted.
+        """Start a session, or open an interrupted one.
 
         Args:
-            folder: where.
-            key: what must be the same for a session to go on, by names that a person understands.
-            notes: what is kept from the beginning and need not be the same.
-            restart: whether an earlier session is thrown away.
+            folder: folder of the journal.
+            key: all that must be equal to resume a session, by readable names.
+            notes: further information that is stored at the start and may differ.
+            restart: whether to discard an earlier session.
 
         Raises:
             InputError: the folder holds another session, or something else.
@@ -65,15 +65,15 @@ class Journal:
         if not changed and found.head.get("format") == FORMAT:
             return found
         if not any(folder.glob("*.npz")):
-            return cls.open(folder, key, notes, restart=True)  # the hand was never reached, say
+            return cls.open(folder, key, notes, restart=True)  # for instance, the hand was never reached
         raise InputError([_another(folder, was, now, changed, len(found.presses()))])
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
-        """The session in a folder; None where there is none.
+        """Return the session in a folder; None if there is none.
 
         Raises:
-            InputError: the folder is there, and is no session's.
+            InputError: the folder exists, but holds no session.
         """
         if not folder.exists():
             return None
@@ -87,18 +87,18 @@ class Journal:
                 return None  # interrupted before it began
         except (OSError, LookupError, TypeError, ValueError):
             pass
-        raise _damaged(folder / HEAD, "what an interrupted session is")
+        raise _damaged(folder / HEAD, "the description of an interrupted session")
 
     def presses(self) -> dict[int, dict[str, NDArray[Any]]]:
-        """Every finished press, by its number."""
+        """Return every finished press by its number."""
         return {int(path.stem.removeprefix("press-")): arrays for path, arrays in self._read("press")}
 
     def rests(self) -> list[dict[str, NDArray[Any]]]:
-        """What was recorded between presses: before the first, after the last, and where the session went on."""
+        """Return the recordings between presses: before the first, after the last, and after interruptions."""
         return [arrays for _, arrays in self._read("rest")]
 
     def connections(self) -> list[dict[str, Any]]:
-        """When the session was begun or went on, in order: see :meth:`connected`.
+        """Return the starts and resumptions of the session in order: see :meth:`connected`.
 
         Raises:
             InputError: a file is damaged.
@@ -106,24 +106,24 @@ class Journal:
         return [_connection(path) for path in sorted(self.folder.glob("connection-*.json"))]
 
     def connected(self, what: Mapping[str, Any]) -> None:
-        """Keeps that the hand was connected, and what is to be known of it."""
+        """Record a connection of the hand, with information about it."""
         number = len(self.connections())
         _durably(self.folder / f"connection-{number:04d}.json", json.dumps(dict(what)).encode())
 
     def keep_press(self, number: int, arrays: Arrays) -> None:
-        """Keeps a finished press; when this returns, it is on the disk."""
+        """Store a finished press; on return it is on the disk."""
         self._keep(f"press-{number:05d}.npz", arrays)
 
     def keep_rest(self, arrays: Arrays) -> None:
-        """Keeps frames of no press."""
+        """Store frames outside of presses."""
         self._keep(f"rest-{len(list(self.folder.glob('rest-*.npz'))):05d}.npz", arrays)
 
     def keep_text(self, name: str, text: str) -> None:
-        """Keeps a text file."""
+        """Store a text file."""
         _durably(self.folder / name, text.encode())
 
     def remove(self) -> None:
-        """Removes the folder; the session is whole."""
+        """Remove the folder of a completed session."""
         _remove(self.folder)
 
     def _keep(self, name: str, arrays: Arrays) -> None:
@@ -134,7 +134,7 @@ class Journal:
         _durably(self.folder / name, buffer.getvalue())
 
     def _read(self, kind: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
-        """The files that are whole, in the order of their names."""
+        """Return the complete files in the order of their names."""
         found: list[tuple[Path, dict[str, NDArray[Any]]]] = []
         for path in sorted(self.folder.glob(f"{kind}-*.npz")):
             if not path.stem.removeprefix(f"{kind}-").isdecimal():
@@ -154,34 +154,34 @@ def _connection(path: Path) -> dict[str, Any]:
             raise ValueError("shift_s")
         return {**found, "first": first, "shift_s": shift_s, "resumed": resumed}
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError):
-        raise _damaged(path, "when an interrupted session went on") from None
+        raise _damaged(path, "the resumption of an interrupted session") from None
 
 
 def _damaged(path: Path, expected: str) -> InputError:
     got = "a damaged file" if path.exists() else "no such file"
     return InputError(
-        [Problem(str(path), expected, got, "Add --restart to begin anew; it removes the folder.")]
+        [Problem(str(path), expected, got, "Add --restart to start over; it removes the folder.")]
     )
 
 
 def journal_folder(out: Path) -> Path:
-    """Where the journal of a session with output ``out`` lies."""
+    """Return the journal's folder of a session with output ``out``."""
     return out.parent / f".{out.name}.collect"
 
 
 def digest_of(text: str) -> str:
-    """A short hash of a text."""
+    """Return a short hash of a text."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _durably(path: Path, content: bytes) -> None:
-    """Writes a file that is whole or not there, whatever happens, and on the disk when this returns."""
+    """Write a file atomically; on return it is on the disk."""
     with whole_file(path, force=True) as temporary:
         temporary.write_bytes(content)
 
 
 def _plain(key: Mapping[str, Any]) -> dict[str, Any]:
-    """The key as it comes back from JSON."""
+    """Return the key as JSON gives it back."""
     return json.loads(json.dumps(dict(key)))
 
 
@@ -194,13 +194,13 @@ def _another(
     return Problem(
         str(folder),
         f"the interrupted session to be this one: {shown(now)}",
-        f"one of {shown(was)}, with {done} finished presses",
-        "Give the same options to go on with it, --restart to throw it away, or another --out.",
+        f"another one: {shown(was)}, with {done} finished presses",
+        "Give the same options to resume it, --restart to discard it, or another --out.",
     )
 
 
 def _remove(folder: Path) -> None:
-    """Moves the folder away as a whole first: none is left that could go on with presses missing."""
+    """Rename the folder first, so that no session with missing presses remains that could be resumed."""
     away = folder.with_name(f"{folder.name}.old")
     shutil.rmtree(away, ignore_errors=True)
     if folder.is_dir():

@@ -1,4 +1,4 @@
-"""The loop with the hand: a command each period, and a sample of what came of it."""
+"""The control loop with the hand: one command and one sample per period."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skincal.hand.guard import GuardedHand
 FloatArray = NDArray[np.float64]
 
 Watcher = Callable[[Sample, str], None]
-"""Is told every sample and what the hand is doing."""
+"""Callback with every sample and the present action of the hand."""
 
 
 class Loop:
-    """Commands the hand through its guard, and keeps what is seen.
+    """Control loop that commands the hand through its guard and stores the samples.
 
     Args:
-        hand: connected.
-        senses: turns states into samples.
-        watch: is told every sample.
+        hand: connected hand.
+        senses: converts states into samples.
+        watch: callback with every sample.
     """
 
     def __init__(self, hand: GuardedHand, senses: Senses, watch: Watcher | None = None) -> None:
@@ -38,7 +38,7 @@ class Loop:
         return self.samples[-1]
 
     def look(self) -> Sample:
-        """The next sample, without a command."""
+        """Return the next sample, without sending a command."""
         sample = self.senses.sample(self.hand.observe())
         self.samples.append(sample)
         if self._watch is not None:
@@ -46,19 +46,19 @@ class Loop:
         return sample
 
     def step(self, command_rad: FloatArray) -> Sample:
-        """Sends commanded angles (n,) [rad], cut to what the joints may do, and returns the next sample."""
+        """Send commanded angles (n,) [rad], limited to what the joints may do; return the next sample."""
         self.hand.act(self.hand.nearest(command_rad))
         return self.look()
 
     def hold(self, command_rad: FloatArray, time_s: float) -> list[Sample]:
-        """Holds commanded angles for a time; returns its samples."""
+        """Hold commanded angles for a time; return the samples."""
         return [self.step(command_rad) for _ in range(self.steps(time_s))]
 
     def steps(self, time_s: float) -> int:
-        """How many periods a time has, at least one."""
+        """Return the number of periods in a time, at least one."""
         return max(1, round(time_s / self.period_s))
 
     def take(self) -> list[Sample]:
-        """The samples since the last time, which are not kept any longer."""
+        """Return the samples since the last call, and clear them."""
         taken, self.samples = self.samples, []
         return taken

@@ -1,4 +1,4 @@
-"""How a press is made: speeds, thresholds and bounds of the press controller."""
+"""Options of a press: speeds, thresholds and bounds of the press controller."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from skincal.errors import InputError, Problem
 
 @dataclass(frozen=True)
 class CollectOptions:
-    """Numbers of the press controller; times on the hand's clock.
+    """Options of the press controller; times are on the hand's clock.
 
     Attributes:
-        frame_rate_hz: frames are kept at this rate at most [Hz].
+        frame_rate_hz: largest rate of stored frames [Hz].
         clearance_m: height of the indenter above the skin while it travels [m].
-        travel_m_per_s: greatest speed of travel [m/s].
-        travel_rad_per_s: greatest speed of a joint while travelling [rad/s].
-        still_s: pause above the site, in which the torques at rest are taken [s].
-        trim_per_s: how fast the commanded angles are corrected until the measured ones are right, while nothing
+        travel_m_per_s: largest speed of travel [m/s].
+        travel_rad_per_s: largest speed of a joint during travel [rad/s].
+        still_s: pause above the site, in which the torques at rest are measured [s].
+        trim_per_s: rate at which the commanded angles are corrected until the measured ones are right, while nothing
             touches [1/s].
         approach_m_per_s: speed of the approach [m/s].
-        touch_n_per_s: how fast the force may grow when the skin is found; stiff fingers approach more slowly [N/s].
-        search_m: how far below the skin's nominal surface the approach goes before it is given up [m].
+        touch_n_per_s: largest growth of the force when the skin is found; stiff fingers approach more slowly [N/s].
+        search_m: depth below the skin's nominal surface at which the approach is given up [m].
         filter_s: time constant of the low-pass on the measured force [s].
         contact_n: force that counts as contact [N].
-        contact_s: how long the force must be above `contact_n` [s].
-        near_m: height within which the skin is looked for slowly, while nothing is known of where it begins [m].
-        before_contact_m: the same above the height at which earlier presses of a pose found it [m].
-        regulate_share: how much of an error of the force is added to the command at once.
-        regulate_per_s: how fast an error of the force is taken out of the command [1/s].
-        ease_s: time constant with which a ramp of the force comes to its end [s].
-        reach_s: how long after the ramp the force may take to come within the tolerance before the hold begins [s].
-        settle_s: first part of the hold that is left out of a press's means [s].
+        contact_s: time for which the force must be above `contact_n` [s].
+        near_m: height below which the approach is slow while the start of the skin is unknown [m].
+        before_contact_m: the same, above the height at which earlier presses of a pose found the skin [m].
+        regulate_share: proportional gain of the force error.
+        regulate_per_s: integral gain of the force error [1/s].
+        ease_s: time constant at the end of a force ramp [s].
+        reach_s: longest time after the ramp for the force to come within the tolerance, before the hold begins [s].
+        settle_s: first part of the hold, which is left out of a press's means [s].
         tolerance_n: a press whose mean force is off by more has missed its target, if it is also off by more than
             `tolerance_share` [N].
-        tolerance_share: the same, as a share of the target.
+        tolerance_share: the same, relative to the target.
         slip_m: a contact point that moves more than this along the skin from the start of the hold has slipped [m].
-        lost_share: contact is lost when the force in the hold falls below this share of the target.
-        before_s: frames this long before the contact was noticed belong to the loading [s].
+        lost_share: contact is lost if the force in the hold falls below this part of the target.
+        before_s: frames this long before the contact was detected belong to the loading [s].
         idle_s: pause after each press, at travelling height [s].
         rest_s: pause before the first press and after the last [s].
-        reserve: torques of a press may take up to this share of the joints' limits.
+        reserve: largest torque of a press, relative to the joints' limits.
     """
 
     frame_rate_hz: float = 25.0

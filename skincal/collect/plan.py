@@ -1,4 +1,4 @@
-"""What a session shall do: presses in their order, each with its site, force, pace and hand pose."""
+"""The plan of a session: presses in their order, each with its site, force, pace and hand pose."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from numpy.typing import NDArray
 Kind = Literal["regular", "anchor", "repeat", "revisit"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""What a press is for: one of its own; the press that comes back all session long; an exact copy of an earlier one;
-an earlier site pressed in another way."""
+"""Purpose of a press: a site of its own; the anchor, which recurs throughout the session; an exact repeat of an earlier
+press; a revisit of an earlier site in another way."""
 
 Site = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class PlannedPress:
-    """One press.
+    """A planned press.
 
     Attributes:
-        u_m: where, in patch coordinates of the nominal mount [m].
-        v_m: the same [m].
+        u_m: site along u, in patch coordinates of the nominal mount [m].
+        v_m: site along v [m].
         force_n: normal force of the hold [N].
         speed_m_per_s: speed of the commanded indenter along the normal while loading and unloading [m/s].
-        hold_s: how long the force is held [s].
+        hold_s: length of the hold [s].
         pose: name of the hand pose.
-        kind: what the press is for.
-        indenter_radius_m: radius of the sphere that presses [m]; None: the hand's own.
+        kind: purpose of the press.
+        indenter_radius_m: radius of the indenter's sphere [m]; None: the hand's own.
     """
 
     u_m: float
@@ -44,11 +44,11 @@ class PlannedPress:
 
     @property
     def site(self) -> Site:
-        """Where (u, v) [m]; two presses of one site have the very same numbers."""
+        """Site (u, v) [m]; presses of one site have exactly equal numbers."""
         return self.u_m, self.v_m
 
     def same_press(self, other: PlannedPress) -> bool:
-        """Whether the other press is this one over again: everything alike but what it is for."""
+        """Return whether another press equals this one in everything but its purpose."""
         return _content(self) == _content(other)
 
 
@@ -62,10 +62,10 @@ class Plan:
     """The presses of a session.
 
     Attributes:
-        name: of the protocol, or of the file.
-        presses: in their order; a press goes by its index.
-        poses: angles [rad] of the joints of the finger with the skin, by the pose's name. A pose without angles is
-            found for the hand when the session begins.
+        name: name of the protocol, or of the file.
+        presses: presses in their order; the index is the number of the press.
+        poses: joint angles [rad] of the finger with the skin, by the pose's name. A pose without angles is
+            searched for the hand when the session begins.
     """
 
     name: str
@@ -82,11 +82,11 @@ class Plan:
 
     @property
     def largest_force_n(self) -> float:
-        """The hardest press [N]."""
+        """Force of the hardest press [N]."""
         return max(press.force_n for press in self.presses)
 
     def cycles(self) -> tuple[int, ...]:
-        """How often the site of each press has been touched before it."""
+        """Return the number of earlier touches of each press's site."""
         touched: dict[Site, int] = {}
         cycles: list[int] = []
         for press in self.presses:
@@ -95,9 +95,9 @@ class Plan:
         return tuple(cycles)
 
     def sites_m(self) -> NDArray[np.float64]:
-        """Patch coordinates of the presses, shape (K, 2) [m]."""
+        """Return the patch coordinates of the presses, shape (K, 2) [m]."""
         return np.array([press.site for press in self.presses], dtype=np.float64).reshape(-1, 2)
 
     def count(self, kind: Kind) -> int:
-        """How many presses are of a kind."""
+        """Return the number of presses of a kind."""
         return sum(press.kind == kind for press in self.presses)

@@ -1,4 +1,4 @@
-"""Plans as files: TOML or CSV, read strictly, with everything that is wrong said at once."""
+"""Plan files: TOML or CSV, read strictly, with all faults reported at once."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ OTHER_SITES = ("beta_deg", "x_m", "y_m")
 LARGEST_FORCE_N = 100.0
 
 MOST_PRESSES, MOST_COLUMNS = 20_000, 100
-"""Of a plan: a session of a week; and of a table that lists one."""
+"""Largest number of presses of a plan (a session of a week); and largest size of a table that lists them."""
 
 
 def read_plan(path: Path, mount: Mount) -> Plan:
-    """Reads a plan.
+    """Read a plan.
 
-    A TOML file has ``format = "skincal-plan/1"``, a ``[[press]]`` each and optionally ``[poses]``; a CSV file a row a
-    press. A press has its site (``u_m`` and ``v_m``, or ``beta_deg`` and ``y_m``, on a plane ``x_m`` and ``y_m``) and
-    ``force_n``; pace, pose and kind are those of the full protocol where they are not given.
+    A TOML file has ``format = "skincal-plan/1"``, one ``[[press]]`` per press, optionally ``[poses]``; a CSV file has
+    one row per press. A press has its site (``u_m``, ``v_m``, or ``beta_deg``, ``y_m``, on a plane ``x_m``, ``y_m``)
+    and ``force_n``; pace, pose and kind default to those of the full protocol.
 
     Args:
         path: the file, ``.toml`` or ``.csv``.
-        mount: the surface, and where the patch nominally lies on it.
+        mount: the surface with the patch at its nominal pose.
 
     Returns:
-        The plan, by the file's name.
+        The plan, named after the file.
 
     Raises:
-        InputError: whatever is wrong, all of it.
+        InputError: the file has faults; all are reported.
     """
     findings = Findings()
     read = {".toml": _read_toml, ".csv": _read_csv}.get(path.suffix.lower())
@@ -63,22 +63,22 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     if not rows:
         findings.error(path.name, "at least one press", "none")
     _check_poses(findings, path.name, poses, presses)
-    # A plan moves a hand: a key that is not understood is no detail.
+    # A plan moves a hand: an unknown key must not be ignored.
     findings.errors.extend(replace(one, fix=one.fix.replace(KEPT, "Remove it.")) for one in findings.warnings)
     findings.raise_errors()
     return Plan(name, tuple(presses), {key: tuple(map(float, angles)) for key, angles in poses.items()})
 
 
 def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
-    """Writes a plan, TOML or CSV after the suffix; numbers come back exactly.
+    """Write a plan, TOML or CSV by the suffix; numbers are read back exactly.
 
     Args:
         plan: the plan.
         path: the file, ``.toml`` or ``.csv``. A CSV file holds no angles of poses.
-        force: whether an existing file is replaced.
+        force: whether to replace an existing file.
 
     Raises:
-        InputError: another suffix, or a file that exists and is not to be replaced.
+        InputError: the suffix is not supported, or the file exists and ``force`` is not given.
     """
     text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
     if text is None:
@@ -89,7 +89,7 @@ def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
 
 
 def plan_as_toml(plan: Plan) -> str:
-    """The content of a plan's TOML file."""
+    """Return the content of a plan's TOML file."""
     import tomli_w
 
     content: dict[str, Any] = {"format": FORMAT, "name": plan.name}
@@ -157,7 +157,7 @@ def _poses(top: TomlTable) -> Poses:
             poses[name] = cast("list[float]", angles)
         else:
             got = str(cast("object", angles))
-            top.error(f"poses.{name}", "a list of angles [rad], one a joint of the finger", got)
+            top.error(f"poses.{name}", "a list of angles [rad], one per joint of the finger", got)
     return poses
 
 
@@ -168,10 +168,10 @@ def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
     while (
         header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])
     ):
-        # Spreadsheets end every line with a comma where a column was cleared.
+        # Spreadsheets end every line with a comma if a column was cleared.
         header, lines = header[:-1], [cells[:-1] for cells in lines]
     _check_header(path.name, header, findings)
-    # What is wrong with a column is said once, not once a line.
+    # Report a malformed column once, not once per line.
     findings.raise_errors()
     rows: Rows = []
     for i, cells in enumerate(lines[1:], start=2):
@@ -184,10 +184,10 @@ def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
 
 
 def _check_header(file: str, header: Sequence[str], findings: Findings) -> None:
-    """Every column is known and there once, and force and site are there, in one of the ways to say where it is."""
+    """Check that every column is known and unique, and that force and site are given, the site in one of its forms."""
     if any(TAXEL.fullmatch(name) for name in header):
-        got = "presses that were made, with what the taxels read"
-        fix = "A plan lists presses to make; what a dataset can show, `skincal audit` says of its folder."
+        got = "presses that were made, with values of the taxels"
+        fix = "A plan lists presses to make. For a dataset, use `skincal audit FOLDER`."
         findings.error(file, "a plan of presses", got, fix)
         return
     if len(header) == 1 and ";" in header[0]:
@@ -219,7 +219,7 @@ def _cell(name: str, cell: str) -> Any:
 
 
 def _known(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """The keys that a press may have: those of one way to say where it is."""
+    """Return the keys that a press may have, with one form of its site."""
     other = tuple(key for key in OTHER_SITES if key in row)
     return COLUMNS if not other else (*other, *(name for name in COLUMNS if name not in SITE))
 
@@ -251,7 +251,7 @@ def _press(table: TomlTable, mount: Mount) -> PlannedPress:
 
 
 def _site(table: TomlTable, mount: Mount) -> tuple[float, float]:
-    """The site in patch coordinates, whichever way it is given."""
+    """Return the site in patch coordinates, from any of its forms."""
     if not any(table.has(key) for key in OTHER_SITES):
         reach = mount.reach_m
         expected = f"a length [m] within ±{reach:g} of the patch's centre"
@@ -263,8 +263,8 @@ def _site(table: TomlTable, mount: Mount) -> tuple[float, float]:
     table.absent(
         "beta_deg" if mount.pose_is_plane else "x_m", f"on this surface the site is {across} and y_m"
     )
-    first = table.number(across, "where the press is")
-    y = table.number("y_m", "where the press is along the finger [m]")
+    first = table.number(across, "the position of the press")
+    y = table.number("y_m", "the position of the press along the finger [m]")
     site = mount.site_at(first if mount.pose_is_plane else rad(first), y)
     if np.isfinite([first, y]).all() and not np.max(np.abs(site)) <= mount.reach_m:
         table.error("y_m", f"a site within {mount.reach_m:g} m of the patch's centre", f"{first:g}, {y:g}")
@@ -272,7 +272,7 @@ def _site(table: TomlTable, mount: Mount) -> tuple[float, float]:
 
 
 def _check_poses(findings: Findings, file: str, poses: Poses, presses: Sequence[PlannedPress]) -> None:
-    """Angles are for poses that occur; all poses have them, or none."""
+    """Check that angles belong to poses that occur, and that all poses or none have them."""
     used = {press.pose for press in presses}
     for name in sorted(set(poses) - used):
         findings.error(f"{file}, poses.{name}", "a pose of some press", f"none of {', '.join(sorted(used))}")

@@ -1,4 +1,4 @@
-"""Hand poses: angles of the finger with the skin at which the indenter reaches every site with force to spare."""
+"""Search for hand poses: angles of the finger with the skin at which the indenter reaches every site with a reserve."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from skincal.errors import InputError, Problem, WorkError
 FloatArray = NDArray[np.float64]
 
 TRIED = 120
-"""So many poses are tried, spread evenly over the joints' ranges."""
+"""Number of poses that are tried, spread evenly over the joints' ranges."""
 
 MARGIN_RAD = 0.12
-"""What commanded angles of a press must keep from the joint limits, for what the hand is off [rad]."""
+"""Distance that commanded angles of a press keep from the joint limits, for errors of the hand [rad]."""
 
 ENOUGH_RAD = 0.2
-"""Margin beyond which one pose is as good as another; then the one counts that is most unlike the others."""
+"""Margin beyond which poses are equally good; among these the most different one is chosen."""
 
 PLAN_MARGIN_RAD = 0.02
-"""The same for the presses of a plan, when its poses are given [rad]."""
+"""The same margin for plans that give their poses [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """How well presses can be made in a pose.
+    """Quality of a pose: how much reserve its presses leave.
 
     Attributes:
-        margin_rad: least distance of a commanded angle from its limits [rad].
-        torque_share: largest torque, over the joint's limit.
+        margin_rad: smallest distance of a commanded angle from its limits [rad].
+        torque_share: largest torque relative to the joint's limit.
     """
 
     margin_rad: float
@@ -44,19 +44,19 @@ class Reach:
 
 
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
-    """The plan with angles for all its poses.
+    """Return the plan with angles for all its poses.
 
     Args:
         plan: the plan.
         fingers: the hand.
-        options: how presses are made.
+        options: options of the presses.
 
     Returns:
-        The plan; one that has angles, unchanged.
+        The plan; unchanged if it has angles.
 
     Raises:
         InputError: angles of the plan do not fit the hand, or a press is out of reach.
-        WorkError: the hand has not enough poses in which all sites can be pressed.
+        WorkError: the hand has too few poses in which all sites can be pressed.
     """
     if not plan.poses:
         found = find_poses(plan, fingers, options)
@@ -66,13 +66,13 @@ def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
 
 
 def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tuple[float, ...]]:
-    """As many poses as the plan has, for the sites at the border of its own and its greatest force.
+    """Return as many poses as the plan has, for the sites at the border of its field and its largest force.
 
-    The first is the one with the most room; each further one, of those with enough room, the one most unlike those
-    before it.
+    The first is the pose with the largest reserve. Each further one is the most different from those before it, among
+    poses with enough reserve.
 
     Raises:
-        WorkError: there are not enough.
+        WorkError: there are too few poses.
     """
     hand = fingers.kinematics.description
     columns = fingers.kinematics.skin.columns
@@ -89,7 +89,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
         raise WorkError(
             f"hand poses: expected {wanted} in which every site of the plan can be pressed with "
             f"{plan.largest_force_n:g} N; found {len(tried)}. Give a plan with fewer poses, less force or a smaller "
-            "field, or poses of your own in a plan file ([poses])."
+            "field, or give your own poses in a plan file ([poses])."
         )
     chosen = [max(tried, key=lambda item: item[0])[1]]
     while len(chosen) < wanted:
@@ -102,10 +102,10 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
 
 
 def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
-    """Looks whether every press of a plan can be made, before anything moves.
+    """Check that every press of a plan can be made, before anything moves.
 
     Raises:
-        InputError: for every press that cannot be made.
+        InputError: some presses cannot be made; all are reported.
     """
     problems = _pose_problems(plan.poses, len(fingers.kinematics.skin.columns))
     for number, press in enumerate(plan.presses) if not problems else ():
@@ -118,7 +118,7 @@ def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
 def _press_problems(
     where: str, press: PlannedPress, plan: Plan, fingers: Fingers, options: CollectOptions
 ) -> list[Problem]:
-    """Why a press cannot be made; nothing if it can."""
+    """Return the reasons why a press cannot be made."""
     points, _ = fingers.mount.place([press.site])
     if not np.isfinite(points).all():
         return [Problem(where, "a site on the surface", "one beyond its edge")]
@@ -143,19 +143,19 @@ def _press_problems(
 
 
 def heights(options: CollectOptions) -> tuple[float, float]:
-    """Lowest and highest height of the indenter above the nominal skin in a press [m]."""
+    """Return the lowest and highest height of the indenter above the nominal skin in a press [m]."""
     return -options.search_m, options.clearance_m
 
 
 def radius_of(fingers: Fingers) -> float:
-    """Radius of the hand's own indenter [m]."""
+    """Return the radius of the hand's own indenter [m]."""
     radius = fingers.kinematics.description.meta.indenter.radius_m
     assert radius is not None
     return radius
 
 
 def reach_of(fingers: Fingers, posture: Posture, force_n: float) -> Reach:
-    """Room of a posture for a force."""
+    """Return the reserve of a posture for a force."""
     limits = fingers.kinematics.description.limits
     pressed = posture.links_rad[:-1] + force_n * posture.give_rad[:, 0]
     commands = np.concatenate([posture.links_rad, pressed])
@@ -170,7 +170,7 @@ def _reach(
     plan: Plan,
     options: CollectOptions,
 ) -> Reach | None:
-    """The worst of some sites; None where one is out of reach or has too little room."""
+    """Return the smallest reserve over some sites; None if one is out of reach or has too little reserve."""
     margin, share = np.inf, 0.0
     for site in sites:
         try:
@@ -185,7 +185,7 @@ def _reach(
 
 
 def _corners(sites_m: FloatArray) -> list[tuple[float, float]]:
-    """The corners of the field of the sites, the middles of its sides and its middle."""
+    """Return the corners of the sites' field, the middles of its sides, and its middle."""
     low, high = sites_m.min(axis=0), sites_m.max(axis=0)
     shares = [(0.5, 0.5), *itertools.product((0.0, 1.0), repeat=2), (0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)]
     points = [low + np.array(share) * (high - low) for share in shares]

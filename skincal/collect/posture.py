@@ -1,4 +1,4 @@
-"""How the hand reaches a site: angles of both fingers over the height above the skin, and torques that press."""
+"""Postures of the hand over a site: angles of both fingers by height above the skin, and torques per force."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from skincal.robot import Kinematics, place_indenter
 FloatArray = NDArray[np.float64]
 
 HEIGHTS = 7
-"""Heights for which the angles are solved; between them they are interpolated."""
+"""Number of heights at which the angles are solved; they are interpolated in between."""
 
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """The hand over one site, the finger with the skin at rest.
+    """Posture of the hand over one site, with the finger with the skin at rest.
 
     Attributes:
-        heights_m: growing heights of the indenter above the skin's nominal surface (H,) [m].
+        heights_m: ascending heights of the indenter above the skin's nominal surface (H,) [m].
         links_rad: angles of the links at these heights (H, n) [rad].
         torque_m: torques of the joints per newton of normal force (n,) [N m/N].
-        give_rad: what the commanded angles must lead the links by, per newton of normal force, of shear along u and
+        give_rad: lead of the commanded angles over the links, per newton of normal force, of shear along u and
             of shear along v (n, 3) [rad/N].
-        stiffness_n_per_m: of both fingers together along the normal, from commanded angles to the skin [N/m].
+        stiffness_n_per_m: stiffness of both fingers together along the normal, from commanded angles to the skin [N/m].
         point_m: the site, fingertip frame (3,) [m].
         normal: outward normal there (3,).
     """
@@ -40,7 +40,7 @@ class Posture:
     normal: FloatArray
 
     def links_at(self, height_m: float) -> FloatArray:
-        """Angles of the links at a height, (n,) [rad]."""
+        """Return the angles of the links at a height, (n,) [rad]."""
         heights = self.heights_m
         step = heights[1] - heights[0]
         place = min(max((height_m - heights[0]) / step, 0.0), len(heights) - 1.0)
@@ -49,10 +49,10 @@ class Posture:
         return (1 - share) * self.links_rad[i] + share * self.links_rad[i + 1]
 
     def command(self, height_m: float, force_n: FloatArray) -> FloatArray:
-        """Commanded angles at which a hand without friction stands at a height and presses.
+        """Return the commanded angles at which a hand without friction stands at a height and presses with a force.
 
         Args:
-            height_m: of the indenter above the skin [m].
+            height_m: height of the indenter above the skin [m].
             force_n: normal force and shears along u and v (3,) [N].
 
         Returns:
@@ -63,7 +63,7 @@ class Posture:
 
 @dataclass(frozen=True, eq=False)
 class Fingers:
-    """What postures are computed from.
+    """Model of the fingers from which postures are computed.
 
     Attributes:
         kinematics: the hand.
@@ -81,14 +81,14 @@ class Fingers:
         range_m: tuple[float, float],
         start_rad: FloatArray | None = None,
     ) -> Posture:
-        """The posture over a site.
+        """Return the posture over a site.
 
         Args:
             site: patch coordinates [m].
             skin_rad: angles of the finger with the skin [rad].
             indenter_radius_m: radius of the sphere [m].
             range_m: lowest and highest height of the indenter above the skin [m].
-            start_rad: angles of all links from which the solution is looked for (n,) [rad]; None: home.
+            start_rad: angles of all links from which the solution starts (n,) [rad]; None: home.
 
         Returns:
             The posture.
@@ -115,11 +115,11 @@ class Fingers:
         return Posture(heights, links, torques[:, 0], give, stiffness, points[0], normals[0])
 
     def unit_torques(self, links_rad: FloatArray, point_m: FloatArray, normal: FloatArray) -> FloatArray:
-        """Torques of all joints at rest, for a force on the skin of 1 N at a point.
+        """Return the torques of all joints at rest for a force of 1 N on the skin at a point.
 
         Args:
             links_rad: angles of the links (n,) [rad].
-            point_m: where the force acts, fingertip frame (3,) [m].
+            point_m: point of the force, fingertip frame (3,) [m].
             normal: outward normal there (3,).
 
         Returns:

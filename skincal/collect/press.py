@@ -20,24 +20,24 @@ FloatArray = NDArray[np.float64]
 Status = Literal["ok", "missed_target", "slipped", "lost_contact", "no_contact"]
 
 FAST = 5.0
-"""How many times as fast the approach is far from the skin, and the lift after it is left."""
+"""Factors by which the approach is faster far from the skin, and the lift faster after it has left the skin."""
 
 TRIM_BOUND_RAD = 0.08
-"""Largest correction of a commanded angle for what a joint is off in free motion [rad]."""
+"""Largest correction of a commanded angle for a joint's error in free motion [rad]."""
 
 STILL_RAD = 2e-3
-"""Joints rest when their mean angles are within this of where they should be [rad]."""
+"""Joints rest when their mean angles are within this of their targets [rad]."""
 
 NEARLY_N = 0.02
-"""A ramp ends so near to its end [N]."""
+"""A ramp ends this close to its target [N]."""
 
 SPARE_N = 4.0
-"""How far the commanded force may pass that of the press: what sticking joints may take [N]."""
+"""Largest excess of the commanded force over that of the press, for sticking joints [N]."""
 
 
 @dataclass
 class Moments:
-    """When the parts of a press began, session clock [s]; NaN: they did not come."""
+    """Start of each part of a press, session clock [s]; NaN: it did not happen."""
 
     start_s: float = float("nan")
     hold_s: float = float("nan")
@@ -46,13 +46,13 @@ class Moments:
 
 
 class Press:
-    """Makes one press; the hand stands above the site at the posture's greatest height.
+    """Executor of one press; the hand stands above the site at the posture's largest height.
 
     Args:
-        loop: the hand.
-        posture: over the site.
-        planned: what is to be done.
-        options: how.
+        loop: loop with the hand.
+        posture: posture over the site.
+        planned: the planned press.
+        options: options of the press.
         near_m: below this height the approach is slow, as the skin may begin there [m].
     """
 
@@ -80,14 +80,14 @@ class Press:
 
     @property
     def offset_rad(self) -> FloatArray:
-        """What the commanded angles now are off from those of the posture at its present height (n,) [rad]."""
+        """Offset of the commanded angles from those of the posture at its present height (n,) [rad]."""
         return self._command() - self._posture.links_at(self._height_m)
 
     def run(self) -> Moments:
-        """Makes the press.
+        """Make the press.
 
         Returns:
-            When its parts began. The samples are in the loop.
+            The starts of its parts. The samples are in the loop.
         """
         self._still()
         if self._approach():
@@ -106,7 +106,7 @@ class Press:
         return self._posture.command(self._height_m, self._regulator.command_n) + self._trim
 
     def _still(self) -> None:
-        """Waits above the site until the fingers rest there, and takes the torques at rest."""
+        """Wait above the site until the fingers rest there, and measure the torques at rest."""
         self._loop.doing = "idle"
         steps = self._loop.steps(self._options.still_s)
         seen: list[Sample] = []
@@ -120,9 +120,9 @@ class Press:
         self._regulator.measured_n = np.zeros(3)
 
     def _correct(self, sample: Sample) -> None:
-        """Moves the commanded angles on until the measured ones are right; nothing touches yet.
+        """Adjust the commanded angles until the measured ones are right, before anything touches.
 
-        Right is where a hand without friction would be by now, which follows its commands with a lag.
+        They are right where a hand without friction, which lags behind its commands, would be by now.
         """
         share = self._loop.period_s / (self._lag_s + self._loop.period_s)
         self._reached_m += share * (self._height_m - self._reached_m)
@@ -131,7 +131,7 @@ class Press:
         self._trim = np.clip(self._trim + step * off, -TRIM_BOUND_RAD, TRIM_BOUND_RAD)
 
     def _approach(self) -> bool:
-        """Goes down until the skin is felt; False: it was not found."""
+        """Lower the indenter until it feels the skin; return False if it was not found."""
         options, period = self._options, self._loop.period_s
         felt = 0
         self._loop.doing = "approach"
@@ -150,7 +150,7 @@ class Press:
         return False
 
     def _load(self) -> None:
-        """Raises the force to the target at the planned speed of the commanded indenter."""
+        """Raise the force to the target at the planned speed of the commanded indenter."""
         self._loop.doing = "load"
         target, regulator = self._planned.force_n, self._regulator
         regulator.begin()
@@ -162,7 +162,7 @@ class Press:
             self._regulated(target)
 
     def _ramp(self, begin_n: float, end_n: float) -> None:
-        """Leads the force from one value to another, up gently at the end: joints that stick keep what overshoots."""
+        """Ramp the force from one value to another, gently at the end of a rise: sticking joints keep any overshoot."""
         rate = self._posture.stiffness_n_per_m * self._planned.speed_m_per_s
         period, force = self._loop.period_s, begin_n
         while abs(end_n - force) > NEARLY_N:
@@ -187,12 +187,12 @@ class Press:
         self.moments.release_s = self._loop.now.time_s
 
     def _unload(self) -> None:
-        """Takes the force away at the planned speed."""
+        """Reduce the force to zero at the planned speed."""
         self._loop.doing = "unload"
         self._ramp(self._regulator.normal_n, 0.0)
 
     def _lift(self) -> None:
-        """Raises the indenter to the height at which it travels, and waits there."""
+        """Raise the indenter to travelling height, and wait there."""
         options = self._options
         top = float(self._posture.heights_m[-1])
         fast = FAST * options.approach_m_per_s * self._loop.period_s

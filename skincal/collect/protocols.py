@@ -1,4 +1,4 @@
-"""The protocols that come with skincal: ``paper``, static presses, and ``full``, presses that hide no effect."""
+"""The bundled protocols: ``paper``, static presses, and ``full``, presses that can show every effect."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
 Floats = NDArray[np.float64]
 
 GRID_M = 1e-3
-"""Distance of the places that sites are drawn from [m] (paper, section III)."""
+"""Spacing of the grid from which sites are drawn [m] (paper, section III)."""
 
 ANCHOR_EVERY = 10
-"""The anchor is the first press, every tenth from there, and the last."""
+"""Interval of the anchor, which is also the first and the last press."""
 
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class PaperProtocol:
-    """The paper's presses (section III): places of a grid, each once, static.
+    """Protocol of the paper (section III): each site of a grid once, with static presses.
 
     Attributes:
-        presses: how many.
-        forces_n: least and greatest force [N], drawn evenly between them.
-        speed_m_per_s: of loading and unloading [m/s].
+        presses: number of presses.
+        forces_n: smallest and largest force [N], drawn evenly between them.
+        speed_m_per_s: speed of loading and unloading [m/s].
         hold_s: length of the hold [s].
     """
 
@@ -45,20 +45,20 @@ class PaperProtocol:
 
 @dataclass(frozen=True)
 class FullProtocol:
-    """Presses that let every effect show but that of tangential force, which is led to nothing.
+    """Protocol that can show every effect except that of tangential force, which is regulated to zero.
 
-    See ``docs/collect.md`` for what each part is in for.
+    See ``docs/collect.md`` for the purpose of each part.
 
     Attributes:
-        regular: presses at sites of their own.
+        regular: presses at new sites.
         repeats: exact copies of regular ones, later in the session.
-        revisits: presses at sites of regular ones in another way.
-        forces_n: least and greatest force [N].
+        revisits: presses at the sites of regular ones, in another way.
+        forces_n: smallest and largest force [N].
         speeds_m_per_s: slow and fast loading [m/s].
         holds_s: short and long hold [s].
         poses: names of the hand poses.
         anchor_force_n: force of the anchor [N].
-        second_indenter: regular presses with the second indenter, at the end, where there is one.
+        second_indenter: regular presses with the second indenter, if there is one, at the end.
     """
 
     regular: int = 50
@@ -73,23 +73,23 @@ class FullProtocol:
 
 
 def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
-    """Draws the paper's session.
+    """Draw a session of the paper's protocol.
 
     Args:
-        rng: the only source of chance.
-        layout: the taxels, which say how far the grid goes.
-        options: numbers of the protocol.
+        rng: generator of all randomness.
+        layout: the taxels, which set the extent of the grid.
+        options: options of the protocol.
 
     Returns:
         The plan.
 
     Raises:
-        InputError: the patch is too small for so many places.
+        InputError: the patch is too small for this number of sites.
     """
     options = options or PaperProtocol()
     places = patch_grid(layout)
     if options.presses > len(places):
-        expected = f"at most {len(places)} presses, the places of the {1e3 * GRID_M:g} mm grid over the patch"
+        expected = f"at most {len(places)} presses, the sites of the {1e3 * GRID_M:g} mm grid over the patch"
         raise InputError([Problem("--protocol paper", expected, str(options.presses))])
     chosen = rng.choice(len(places), options.presses, replace=False)
     forces = rng.uniform(*options.forces_n, options.presses)
@@ -108,12 +108,12 @@ def full_plan(
     options: FullProtocol | None = None,
     second_indenter_m: float | None = None,
 ) -> Plan:
-    """Draws a session in which no effect hides behind another.
+    """Draw a session in which no effect is confounded with another.
 
     Args:
-        rng: the only source of chance.
-        layout: the taxels, which say how far the sites go.
-        options: numbers of the protocol.
+        rng: generator of all randomness.
+        layout: the taxels, which set the extent of the sites.
+        options: options of the protocol.
         second_indenter_m: radius of a second sphere [m], for presses at the end; None: no change of the cap.
 
     Returns:
@@ -122,7 +122,7 @@ def full_plan(
     options = options or FullProtocol()
     anchor = _anchor(layout, options)
     regular = _regular(rng, spread_sites(rng, layout, options.regular, without=anchor.site), options)
-    # Blocks of one pose each: the hand changes its pose once a block, and still often over the session.
+    # Blocks of one pose each: the hand changes its pose once per block, and still often over the session.
     pool = regular + _repeats(rng, regular, options.repeats) + _revisits(rng, regular, options)
     order = _in_blocks(rng, pool, options)
     presses = _with_anchors(named_by_order(order), anchor)
@@ -134,7 +134,7 @@ def full_plan(
 
 
 def patch_grid(layout: TaxelLayout) -> Floats:
-    """Places of a 1 mm grid over the taxels, shape (N, 2) [m], symmetric about the patch's centre."""
+    """Return a 1 mm grid over the taxels, shape (N, 2) [m], symmetric about the patch's centre."""
     axes: list[Floats] = []
     for k in range(2):
         low, high = layout.bounds_m[:, k]
@@ -146,13 +146,13 @@ def patch_grid(layout: TaxelLayout) -> Floats:
 def spread_sites(
     rng: np.random.Generator, layout: TaxelLayout, count: int, *, without: Site | None = None
 ) -> list[Site]:
-    """Sites on the grid that cover the patch evenly: each next one of some random ones is the farthest from the rest.
+    """Return sites on the grid that cover the patch evenly: the farthest of some random candidates from earlier sites.
 
     Args:
-        rng: the only source of chance.
+        rng: generator of all randomness.
         layout: the taxels.
-        count: how many; beyond the places of the grid they repeat.
-        without: a place that is not drawn [m].
+        count: number of sites; beyond the size of the grid they repeat.
+        without: a site that is not drawn [m].
 
     Returns:
         Sites [m], in random order.
@@ -163,7 +163,7 @@ def spread_sites(
     chosen: list[int] = []
     while len(chosen) < count:
         some = rng.choice(len(places), min(8, len(places)), replace=False)
-        # Within one cover of the grid only; a second cover starts anew.
+        # Distances count only within one cover of the grid; a second cover starts over.
         cover = chosen[len(places) * (len(chosen) // len(places)) :]
         away = _nearest_m(places[some], places[cover])
         if away.max() > 0:
@@ -178,7 +178,7 @@ def _nearest_m(points: Floats, others: Floats) -> Floats:
 
 
 def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol) -> list[PlannedPress]:
-    """One press a site: forces even over their range, and every pace and pose equally often, independent of them."""
+    """Return one press per site, with forces, paces and poses evenly distributed and independent of each other."""
     count = len(sites)
     forces = _even_forces(rng, count, options.forces_n)
     speed = _balanced(rng, count, len(options.speeds_m_per_s))
@@ -197,14 +197,14 @@ def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol)
 
 
 def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, float]) -> Floats:
-    """One force of each of ``count`` equal parts of the range, even in the root: low forces are the more frequent."""
+    """Return one force from each of ``count`` parts of the range, equal in the root: low forces are more frequent."""
     low, high = np.sqrt(range_n)
     share = (rng.permutation(count) + rng.uniform(0, 1, count)) / max(count, 1)
     return (low + (high - low) * share) ** 2
 
 
 def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
-    """Choices (count,), each as often as the others, in random order."""
+    """Return choices (count,) in random order, each equally often."""
     return _ints(rng.permutation(np.arange(count) % choices))
 
 
@@ -220,7 +220,7 @@ def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) 
 def _revisits(
     rng: np.random.Generator, regular: list[PlannedPress], options: FullProtocol
 ) -> list[PlannedPress]:
-    """Sites of regular presses with another force, pace and pose."""
+    """Return the sites of regular presses with another force, pace and pose."""
     count = min(options.revisits, len(regular))
     chosen = rng.choice(len(regular), count, replace=False)
     others = _regular(rng, [regular[i].site for i in _ints(chosen)], options)
@@ -230,7 +230,7 @@ def _revisits(
 def _in_blocks(
     rng: np.random.Generator, pool: list[PlannedPress], options: FullProtocol
 ) -> list[PlannedPress]:
-    """The presses in random order, in blocks of one pose that lie between two anchors each, poses in turn."""
+    """Return the presses in random order, in blocks of one pose between two anchors, with alternating poses."""
     length = ANCHOR_EVERY - 1
     blocks: list[list[list[PlannedPress]]] = []
     for pose in options.poses:
@@ -242,9 +242,9 @@ def _in_blocks(
 
 
 def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
-    """The presses with their kinds as the order makes them.
+    """Return the presses with their kinds by the order.
 
-    The first press of a site is regular; a later one that is just like an earlier one a repeat, else a revisit.
+    The first press of a site is regular; a later one is a repeat if it equals an earlier one, else a revisit.
     """
     named: list[PlannedPress] = []
     for press in order:
@@ -259,14 +259,14 @@ def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
 
 
 def _anchor(layout: TaxelLayout, options: FullProtocol) -> PlannedPress:
-    """The press that comes back: at the middle of the patch, at a middle force, slowly."""
+    """Return the anchor: a slow press at the middle of the patch, with a medium force."""
     middle = cast("Floats", layout.bounds_m.mean(axis=0)).round(9)
     pace = (options.speeds_m_per_s[-1], options.holds_s[0])
     return PlannedPress(*_site(middle), options.anchor_force_n, *pace, options.poses[0], "anchor")
 
 
 def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[PlannedPress]:
-    """An anchor first, after every nine presses, and last; presses at its own site keep their kind."""
+    """Return the order with anchors first, after every nine presses, and last; others at its site keep their kind."""
     presses: list[PlannedPress] = []
     for press in order:
         if len(presses) % ANCHOR_EVERY == 0:
@@ -280,5 +280,5 @@ def _site(place: Floats) -> Site:
 
 
 def _force(force_n: float) -> float:
-    """Whole thousandths of a newton: what a person reads in a plan is what is pressed."""
+    """Return the force rounded to millinewtons, so that plans read as they are executed."""
     return round(float(force_n), 3)

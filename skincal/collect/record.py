@@ -1,4 +1,4 @@
-"""What is kept of a press: its frames at the sensor's rate, and one row of means over the steady part of the hold."""
+"""The record of a press: its frames at the sensor's rate, and one row of means over the steady part of the hold."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ FloatArray = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 SLIP_PARTS = 5
-"""Into so many parts of even length a hold is divided to see whether the contact moves."""
+"""Number of equal parts into which a hold is divided to detect motion of the contact."""
 
 SHORTEST_S = 0.05
-"""Where there is no steady part, a press's means are over at least this time before its end [s]."""
+"""Without a steady part, a press's means cover at least this time before its end [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Series:
 
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> Series:
-        """The samples of a stretch of time."""
+        """Return the samples of a stretch of time as arrays."""
         table = np.array(
             [
                 [s.time_s, s.force_n, s.shear_u_n, s.shear_v_n, *s.point_m, s.state.temperature_c,
@@ -53,17 +53,17 @@ class Series:
         return cls(table[:, 0], dict(zip(names, table[:, 1:].T, strict=True)))
 
     def at(self, times_s: FloatArray) -> dict[str, FloatArray]:
-        """The values at other times (M,), straight between the samples."""
+        """Return the values at other times (M,), interpolated linearly."""
         return {name: np.interp(times_s, self.time_s, column) for name, column in self.values.items()}
 
 
 def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Arrays:
-    """Taxels as they came, thinned to a rate, each with the joints' values at the moment it was read.
+    """Return the frames of the taxels, thinned to a rate, each with the joints' values at the time it was read.
 
     Args:
-        samples: of a stretch of time, at least one.
-        last_s: when the last frame before it was read [s].
-        rate_hz: frames are kept at this rate at most [Hz].
+        samples: samples of a stretch of time, at least one.
+        last_s: time of the last frame before it [s].
+        rate_hz: largest rate of frames [Hz].
 
     Returns:
         Columns by name: ``time_s``, ``counts`` (M, J) and those of :class:`Series`.
@@ -93,19 +93,19 @@ def press_arrays(
     tare_nm: FloatArray,
     options: CollectOptions,
 ) -> Arrays:
-    """Everything that is kept of a press.
+    """Return everything that is stored of a press.
 
     Args:
-        number: of the press.
+        number: number of the press.
         cycle: earlier touches of its site.
-        planned: what was to be done.
-        target_m: the contact point that was commanded (3,) [m].
-        moments: when its parts began.
+        planned: the planned press.
+        target_m: commanded contact point (3,) [m].
+        moments: starts of its parts.
         lost: whether the contact was lost in the hold.
-        samples: all of the press, with the way there.
-        last_frame_s: when the last frame before it was read [s].
-        tare_nm: torques at rest that were taken off (n,) [N m].
-        options: how it was made.
+        samples: all samples of the press, with the way there.
+        last_frame_s: time of the last frame before it [s].
+        tare_nm: torques at rest that were subtracted (n,) [N m].
+        options: options of the press.
 
     Returns:
         Arrays by name: ``press.*`` of the row, ``frames.*`` of the frames.
@@ -154,7 +154,7 @@ def press_arrays(
 
 
 def rest_arrays(samples: Sequence[Sample], last_frame_s: float, options: CollectOptions, pose: str) -> Arrays:
-    """What is kept where nothing touches, outside of presses."""
+    """Return the record of the skin without contact, outside of presses."""
     frames = frames_of(samples, last_frame_s, options.frame_rate_hz)
     count = len(frames["time_s"])
     nothing = np.full(count, np.nan)
@@ -169,7 +169,7 @@ def rest_arrays(samples: Sequence[Sample], last_frame_s: float, options: Collect
 
 
 def missed_target(planned: PlannedPress, force_n: float, options: CollectOptions) -> bool:
-    """Whether a force is farther from its target than the tolerance."""
+    """Return whether a force is farther from its target than the tolerance."""
     return abs(force_n - planned.force_n) > max(
         options.tolerance_n, options.tolerance_share * planned.force_n
     )
@@ -193,7 +193,7 @@ def _status(
 
 
 def _phases(time_s: FloatArray, moments: Moments) -> NDArray[np.int8]:
-    """The phase of each frame; all idle where the skin was not found."""
+    """Return the phase of each frame; all idle if the skin was not found."""
     phase = np.full(len(time_s), IDLE, dtype=np.int8)
     for begin, code in (
         (moments.start_s, LOAD),
@@ -207,7 +207,7 @@ def _phases(time_s: FloatArray, moments: Moments) -> NDArray[np.int8]:
 
 
 def _steady(time_s: FloatArray, moments: Moments, settle_s: float) -> NDArray[np.bool_]:
-    """The samples of the hold after it has settled, or of its last moments where it did not last."""
+    """Return the samples of the hold after settling, or its last moments if it was too short."""
     if not np.isfinite(moments.hold_s):
         lowest = time_s[-1] if not np.isfinite(moments.start_s) else moments.start_s
         return (time_s >= lowest - SHORTEST_S) & (time_s <= lowest)
@@ -216,19 +216,19 @@ def _steady(time_s: FloatArray, moments: Moments, settle_s: float) -> NDArray[np
 
 
 def _slip(series: Series, moments: Moments) -> float:
-    """How far the contact point moved from where it was at the start of the hold [m]; NaN without a hold."""
+    """Return how far the contact point moved from its place at the start of the hold [m]; NaN without a hold."""
     held = (series.time_s >= moments.hold_s) & (series.time_s <= moments.release_s)
     if not held.any():
         return float("nan")
     points = np.stack([series.values[name][held] for name in ("x_m", "y_m", "z_m")], axis=1)
-    # Means over a while: the noise of the angles alone is some tenths of a millimetre.
+    # Average over a while: the noise of the angles alone is some tenths of a millimetre.
     count = max(1, len(points) // SLIP_PARTS)
     parts = np.array([part.mean(axis=0) for part in np.array_split(points, max(len(points) // count, 1))])
     return float(np.linalg.norm(parts - parts[0], axis=1).max())
 
 
 def _mean_image(frames: Arrays, times_s: FloatArray) -> FloatArray:
-    """Mean of the images read in a stretch of time (J,) [counts]; of the nearest one where there is none."""
+    """Return the mean of the images read in a stretch of time (J,) [counts]; the nearest image if there is none."""
     time_s, counts = frames["time_s"], frames["counts"]
     inside = (time_s >= times_s[0]) & (time_s <= times_s[-1])
     if not inside.any():

@@ -1,4 +1,4 @@
-"""Regulates the force on the skin: normal force to a reference, shear to nothing."""
+"""Force regulator: normal force to a reference, shear to zero."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ FloatArray = NDArray[np.float64]
 
 
 class Regulator:
-    """A proportional-integral controller of the force, for fingers whose joints stick.
+    """Proportional-integral controller of the force, for fingers with stick friction in their joints.
 
     The command is the force that the fingers would give by their stiffness alone. Stick friction takes some of it, more
-    when the motion turns round, and lets shear grow; both show in the measured torques and are regulated away.
+    when the motion reverses, and lets shear grow; both show in the measured torques and are regulated to zero.
 
     Args:
         period_s: time between two steps [s].
         filter_s: time constant of the low-pass on the measured force [s].
-        lag_s: how far the force follows behind the command, before that low-pass [s].
+        lag_s: lag of the force behind the command, before that low-pass [s].
         share: proportional gain.
         per_s: integral gain [1/s].
     """
@@ -40,26 +40,26 @@ class Regulator:
         return float(self.measured_n[0])
 
     def see(self, sample: Sample) -> None:
-        """Takes a measurement."""
+        """Add a measurement."""
         force = (sample.force_n, sample.shear_u_n, sample.shear_v_n)
         self.measured_n = self.measured_n + self._smooth * (np.array(force) - self.measured_n)
 
     def begin(self) -> None:
-        """Begins at the present force: it is what the present command gives."""
+        """Start at the present force, as that of the present command."""
         self._start = self.measured_n.copy()
         self._start[1:] = 0.0
         self._expected = self._start.copy()
         self._sum = np.zeros(3)
 
     def regulate(self, normal_n: float, bound_n: float) -> None:
-        """Makes the next command.
+        """Compute the next command.
 
-        The measured force is compared with what it would be by now if nothing stuck. Else a ramp would fill the sum,
-        and the force pass its target.
+        The measured force is compared with the force expected by now without friction. Otherwise a ramp would fill the
+        integral, and the force would overshoot its target.
 
         Args:
-            normal_n: the normal force that there shall be [N].
-            bound_n: no part of the command goes beyond this, of either sign [N].
+            normal_n: reference of the normal force [N].
+            bound_n: bound of each part of the command, of either sign [N].
         """
         reference = np.array([normal_n, 0.0, 0.0])
         self._expected = self._expected + self._follow * (reference - self._expected)

@@ -1,4 +1,4 @@
-"""Whether taxels rest at another level after a press than before: a sensor that tares itself while it is touched."""
+"""Shifts of the level at rest after a press: a sensor that tares itself while it is touched."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from skincal.errors import Problem
 FloatArray = NDArray[np.float64]
 
 AROUND = 3
-"""Pauses on each side whose median is compared: what a skin recovers from slowly is gone in the next but one."""
+"""Number of pauses on each side whose median is compared: a slow recovery of the skin is over in the next but one."""
 
 SIGMAS = 8.0
-"""A shift is beyond so many standard errors of the levels, and beyond the counts that make a taxel active: noise alone
+"""A shift exceeds this many standard errors of the levels, and the threshold of an active taxel: noise alone
 does not reach it in a hundred presses on a hundred taxels."""
 
 FIX = (
-    "If the sensor or its driver tares by itself, let it do so only while nothing touches; taxels that are tared under "
-    "load read too little from then on."
+    "If the sensor or its driver tares automatically, allow that only without contact; taxels that are tared under "
+    "load read too low from then on."
 )
 
 
 def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
-    """Presses after which taxels rest at another level than before, and stay there.
+    """Return the presses after which taxels rest at another level than before, permanently.
 
     Args:
-        dataset: with frames in the pauses between presses.
+        dataset: dataset with frames in the pauses between presses.
 
     Returns:
-        One remark a press.
+        One problem per press.
     """
     numbers, levels, errors = _pauses(dataset)
     found: list[Problem] = []
@@ -53,12 +53,12 @@ def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
 
 
 def _median(levels: FloatArray) -> FloatArray:
-    """Median over pauses (J,); NaN for a taxel that is silent in one of them."""
+    """Return the median over pauses (J,); NaN for a taxel that is silent in one of them."""
     return np.median(levels, axis=0)
 
 
 def _pauses(dataset: Dataset) -> tuple[list[int], FloatArray, FloatArray]:
-    """Presses that lie between pauses, and of each pause level at rest and its standard error, each (pauses, J)."""
+    """Return the presses between pauses, and the level at rest of each pause with its standard error, (pauses, J)."""
     frames = dataset.frames
     assert frames is not None
     idle = frames.phase == IDLE
@@ -75,7 +75,7 @@ def _pauses(dataset: Dataset) -> tuple[list[int], FloatArray, FloatArray]:
             if levels:
                 numbers.append(pressed)
             levels.append(np.mean(counts, axis=0))
-            # Whole counts: a level that never changes is known to a part of a step.
+            # Whole counts: a constant level is known to a part of a step.
             errors.append(np.maximum(counts.std(axis=0, ddof=1), 0.3) / np.sqrt(end - begin))
     shape = (len(levels), frames.counts.shape[1])
     return numbers, np.reshape(levels, shape), np.reshape(errors, shape)

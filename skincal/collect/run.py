@@ -1,4 +1,4 @@
-"""From a plan and a hand to a dataset: begins a session or goes on with one, and writes it when it is whole."""
+"""From a plan and a hand to a dataset: start or resume a session, and write the dataset when it is complete."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ PLAN = "plan.toml"
 
 @dataclass(frozen=True, eq=False)
 class Collected:
-    """A session that is whole.
+    """A completed session.
 
     Attributes:
-        dataset: as it was written.
-        resumed: presses that were taken from an interrupted session.
+        dataset: the dataset as written.
+        resumed: number of presses from an interrupted session.
         session_s: length of the session on its clock [s].
-        interruptions: how often the session went on after an interruption.
-        problems: why the dataset cannot be used as it stands; empty: it can.
+        interruptions: number of resumptions.
+        problems: reasons why the dataset cannot be used; empty: it can.
         rest_shifts: presses after which taxels rest at another level.
     """
 
@@ -54,12 +54,12 @@ class Collected:
 
     @property
     def missed_target(self) -> int:
-        """Presses whose force is off its target by more than the tolerance."""
+        """Number of presses whose force is off its target by more than the tolerance."""
         return int(np.sum(self._column("missed_target")))
 
     @property
     def statuses(self) -> dict[str, int]:
-        """How many presses there are of each status."""
+        """Number of presses by status."""
         names, counts = np.unique(self._column("status").astype(str), return_counts=True)
         return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
 
@@ -84,31 +84,31 @@ def collect(
     restart: bool = False,
     watch: Watch | None = None,
 ) -> Collected:
-    """Makes the presses of a plan and writes the dataset.
+    """Make the presses of a plan and write the dataset.
 
-    Every finished press is kept in a folder beside ``out`` (``.NAME.collect``) until the dataset is written; called
-    again after an interruption, of whatever kind, the session goes on with the press that was not finished.
+    Every finished press is stored in a folder next to ``out`` (``.NAME.collect``) until the dataset is written. Called
+    again after an interruption of any kind, the session resumes with the press that was not finished.
 
     Args:
-        plan: what to do.
+        plan: the plan.
         hand: the hand.
-        make_driver: makes a driver of it whenever it is to be connected.
-        out: folder of the dataset; made when the session is whole.
-        key: what else must be the same for a session to go on: driver, seed, options.
-        options: how presses are made.
+        make_driver: creates a driver for every connection.
+        out: folder of the dataset; created when the session is complete.
+        key: further values that must be equal to resume a session: driver, seed, options.
+        options: options of the presses.
         guard: limits of the guard; None: its defaults.
         source: for ``dataset.toml``.
-        force: whether an existing dataset is replaced.
-        inputs: files that were read, and are not to be replaced.
-        restart: whether an interrupted session is thrown away.
-        watch: is told where the session is, in every period.
+        force: whether to replace an existing dataset.
+        inputs: input files, which must not be replaced.
+        restart: whether to discard an interrupted session.
+        watch: progress callback, called in every period.
 
     Returns:
-        The dataset, and how it came to be.
+        The dataset, with information about its collection.
 
     Raises:
-        InputError: the plan cannot be carried out, ``out`` exists, or an interrupted session is another one.
-        HandError: the hand failed; call again to go on.
+        InputError: the plan cannot be carried out, ``out`` exists, or another session was interrupted.
+        HandError: the hand failed; call again to resume.
         WorkError: a press cannot be made.
     """
     options = options or CollectOptions()
@@ -136,17 +136,17 @@ def keep_session(
     force: bool,
     restart: bool,
 ) -> Collected:
-    """Makes what is missing of a session, and writes its dataset when it is whole.
+    """Complete a session, and write its dataset.
 
     Args:
         out: folder of the dataset.
-        same: what must be the same for an interrupted session to go on.
-        meta: what the dataset says of the rig.
+        same: values that must be equal to resume an interrupted session.
+        meta: metadata of the rig.
         source: for ``dataset.toml``.
-        make: makes the presses that are not in the journal.
+        make: makes the presses that are missing in the journal.
         inputs: files and folders that the dataset must not replace.
-        force: whether an existing dataset is replaced.
-        restart: whether an interrupted session is thrown away.
+        force: whether to replace an existing dataset.
+        restart: whether to discard an interrupted session.
     """
     folder = journal_folder(out)
     if not _written(folder, out):
@@ -169,7 +169,7 @@ def keep_session(
 
 
 def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
-    """Makes the presses that are missing; of a session that never reached its rig nothing is left."""
+    """Make the missing presses; remove the journal of a session that never reached its rig."""
     try:
         make(journal)
     except BaseException:
@@ -183,7 +183,7 @@ def _named(plan: Plan) -> str:
 
 
 def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOptions) -> Plan:
-    """The plan with the angles of its poses, which are found once and then stay the same."""
+    """Return the plan with the angles of its poses, which are searched once and stored."""
     path = journal.folder / PLAN
     if path.is_file():
         return read_plan(path, fingers.mount)
@@ -193,7 +193,7 @@ def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOp
 
 
 def _written(folder: Path, out: Path) -> bool:
-    """Whether ``out`` is the dataset of this very session, which was cut off before the journal was removed."""
+    """Return whether ``out`` is the dataset of this session, interrupted before the journal was removed."""
     try:
         journal = Journal.find(folder)
         created = parse_toml(read_text(out / MARKER))["created"]

@@ -1,4 +1,4 @@
-"""What a session sees of the hand, period by period: joints, contact, taxels, on the session's clock."""
+"""Samples of the hand by period: joints, contact and taxels, on the session's clock."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from skincal.robot import Kinematics, contact_from_joints
 FloatArray = NDArray[np.float64]
 
 LARGEST_TARE_N = 3.0
-"""Torques at rest that look like more than this force are no offset: something touches, or a sensor is broken."""
+"""Largest force that torques at rest may correspond to; beyond, something touches, or a sensor is broken."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One state of the hand, and the contact that its joints tell of.
+    """A state of the hand, with the contact inferred from its joints.
 
     Attributes:
         time_s: session clock [s].
-        force_n: normal force, torques at rest taken off [N].
+        force_n: normal force without the torques at rest [N].
         shear_u_n: force on the skin towards growing beta [N].
         shear_v_n: force on the skin along +y [N].
         point_m: point of the surface nearest to the indenter, fingertip frame (3,) [m].
-        height_m: of the indenter above the surface [m].
+        height_m: height of the indenter above the surface [m].
         links_rad: angles of the links (n,) [rad].
-        state: as the hand gave it.
-        frame_s: when the taxels were read, session clock [s]; NaN where none answers.
+        state: state of the hand.
+        frame_s: time of the taxels' reading, session clock [s]; NaN without a reading.
     """
 
     time_s: float
@@ -46,7 +46,7 @@ class Sample:
 
 
 class Senses:
-    """Turns states into samples: contact from joints, the session's clock, torques at rest.
+    """Converter of states to samples: contact from joints, the session's clock, torques at rest.
 
     Args:
         kinematics: the hand.
@@ -61,22 +61,22 @@ class Senses:
         self.tare_nm: FloatArray = np.zeros(len(kinematics.description.joints))
 
     def start_clock(self, state: HandState, session_s: float) -> None:
-        """Lets the session's clock stand at ``session_s`` at a state."""
+        """Set the session's clock to ``session_s`` at a state."""
         self._shift_s = session_s - state.time_s
         self._last = None
 
     @property
     def shift_s(self) -> float:
-        """The session's clock less the hand's [s]."""
+        """Difference of the session's clock from the hand's [s]."""
         return self._shift_s
 
     def contact_force(self, state: HandState) -> float:
-        """The size of the contact force of a state [N], with its shear: for the guard."""
+        """Return the size of the contact force of a state [N], including its shear, for the guard."""
         sample = self.sample(state)
         return math.hypot(sample.force_n, sample.shear_u_n, sample.shear_v_n)
 
     def sample(self, state: HandState) -> Sample:
-        """The sample of a state; computed once."""
+        """Return the sample of a state; a repeated call is cached."""
         if self._last is not None and self._last.state is state:
             return self._last
         torque = state.tau_nm - self.tare_nm
@@ -96,10 +96,10 @@ class Senses:
         return self._last
 
     def take_tare(self, samples: list[Sample]) -> None:
-        """Takes the mean torques of samples in which nothing touches as those at rest.
+        """Use the mean torques of samples without contact as the torques at rest.
 
         Raises:
-            WorkError: they look like a force that no offset explains.
+            WorkError: they correspond to a force that no offset explains.
         """
         if not samples:
             return
@@ -118,7 +118,7 @@ class Senses:
 
 
 def _frame_time(state: HandState) -> float:
-    """The middle of the moments at which the taxels that answer were read [s]."""
+    """Return the mean time at which the responding taxels were read [s]."""
     times = state.taxel_time_s
     mean = float(times.mean())
     if np.isfinite(mean):

@@ -1,4 +1,4 @@
-"""A session: the presses of a plan on a hand, one after the other, each kept before the next begins."""
+"""A session: the presses of a plan on a hand, one after the other, each stored before the next begins."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from skincal.hand import GuardedHand, GuardOptions, HandDriver
 
 @dataclass(frozen=True)
 class Need:
-    """What a driver is made for.
+    """State of a session for which a driver is created.
 
     Attributes:
-        session_s: where the session's clock will go on [s]; 0 at the beginning.
-        indenter_radius_m: the sphere that is to press [m]; None: the hand's own.
-        connections: how often the hand has been connected for this session.
+        session_s: time at which the session's clock continues [s]; 0 at the start.
+        indenter_radius_m: radius of the indenter to mount [m]; None: the hand's own.
+        connections: number of connections for this session.
     """
 
     session_s: float
@@ -38,15 +38,15 @@ class Need:
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """Where a session is.
+    """Progress of a session.
 
     Attributes:
         done: finished presses.
         total: presses of the plan.
-        number: of the present press.
+        number: number of the present press.
         planned: the present press.
         doing: phase of the hand.
-        sample: what the hand says now.
+        sample: present sample of the hand.
     """
 
     done: int
@@ -62,16 +62,16 @@ Watch = Callable[[Progress], None]
 
 
 class Session:
-    """Carries out a plan on a hand.
+    """Executor of a plan on a hand.
 
     Args:
-        plan: with angles for its poses.
-        journal: what has been done, and where what is done goes.
+        plan: plan with angles for its poses.
+        journal: journal of finished presses.
         fingers: the hand.
-        make_driver: makes a driver whenever the hand is to be connected.
-        options: how presses are made.
+        make_driver: creates a driver for every connection.
+        options: options of the presses.
         guard: limits of the guard; None: its defaults.
-        watch: is told where the session is, in every period.
+        watch: progress callback, called in every period.
     """
 
     def __init__(
@@ -89,18 +89,18 @@ class Session:
         self.options = options or CollectOptions()
         done = journal.presses()
         self.todo = [number for number in range(len(plan)) if number not in done]
-        # Whoever was connected before for the press that now comes first may have touched its site.
+        # An earlier connection for the press that now comes first may have touched its site.
         self._resumed = bool(journal.connections())
         self.cycles = _touches(plan, [*_cuts(journal), *(self.todo[:1] if self._resumed else ())])
         stretches = [a["frames.time_s"] for a in (*done.values(), *journal.rests())]
         self.last_frame_s = max((float(times[-1]) for times in stretches if len(times)), default=-np.inf)
 
     def run(self) -> None:
-        """Makes the presses that are missing.
+        """Make the missing presses.
 
         Raises:
-            InputError: the hand is one that follows no commands.
-            HandError: the hand failed; what is finished is in the journal.
+            InputError: the hand follows no commands.
+            HandError: the hand failed; finished presses are in the journal.
             WorkError: a press cannot be made.
         """
         presses = self.plan.presses
@@ -119,18 +119,18 @@ class Session:
                 Connection(self, loop, radius or radius_of(self.fingers), numbers).run()
 
     def connected(self, first: int, shift_s: float) -> None:
-        """Keeps that the hand has been connected, before it moves."""
+        """Record a connection of the hand, before it moves."""
         self.journal.connected({"first": first, "resumed": self._resumed, "shift_s": shift_s})
         self._resumed = False
 
     def keep(self, number: int, arrays: Arrays) -> None:
-        """Keeps a finished press; when this returns, it is on the disk."""
+        """Store a finished press; on return it is on the disk."""
         self.journal.keep_press(number, arrays)
         self.todo.remove(number)
         self._saw(arrays)
 
     def keep_rest(self, arrays: Arrays) -> None:
-        """Keeps frames of no press."""
+        """Store frames outside of presses."""
         self.journal.keep_rest(arrays)
         self._saw(arrays)
 
@@ -147,12 +147,12 @@ class Session:
 
 
 def _cuts(journal: Journal) -> list[int]:
-    """The presses at which the session went on after an interruption."""
+    """Return the presses at which the session resumed after an interruption."""
     return [int(connection["first"]) for connection in journal.connections() if connection["resumed"]]
 
 
 def _touches(plan: Plan, cuts: list[int]) -> list[int]:
-    """Earlier touches of the site of each press, those by presses that were cut off with them."""
+    """Return the earlier touches of each press's site, including those by interrupted presses."""
     cycles = list(plan.cycles())
     for cut in cuts:
         for number in range(cut, len(plan)):

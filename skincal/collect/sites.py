@@ -1,4 +1,4 @@
-"""Sites on the patch as points and normals of the fingertip, for the pose that the sensor nominally has."""
+"""Sites on the patch as points and normals of the fingertip, for the nominal pose of the sensor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from skincal.units import rad
 FloatArray = NDArray[np.float64]
 
 BEYOND_M = 0.02
-"""How far from the taxels a site may lie: farther out it is a slip of the pen."""
+"""Largest distance of a site from the taxels: farther out it is a typing error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """The surface, and the patch where it nominally lies on it.
+    """The surface, with the patch at its nominal pose.
 
     Attributes:
         surface: the fingertip.
@@ -36,7 +36,7 @@ class Mount:
 
     @classmethod
     def of(cls, meta: DatasetMeta) -> Self:
-        """The mount of a hand, of which a dataset would say ``meta``; the layout has to be a grid."""
+        """Return the mount of a hand from its datasets' metadata; the layout must be a grid."""
         mount = meta.mount
         pose = SensorPose(
             mount.y_m, rad(mount.alpha_deg), beta_rad=rad(mount.beta_deg or 0.0), x_m=mount.x_m or 0.0
@@ -45,27 +45,27 @@ class Mount:
 
     @property
     def reach_m(self) -> float:
-        """How far a site may lie from the patch's centre along u and along v [m]."""
+        """Largest distance of a site from the patch's centre along u and along v [m]."""
         return float(np.abs(self.layout.bounds_m).max()) + BEYOND_M
 
     @property
     def pose_is_plane(self) -> bool:
-        """Whether a place is (x, y) instead of (beta, y)."""
+        """True if a position is (x, y) instead of (beta, y)."""
         return isinstance(self.surface, Plane)
 
     def place(self, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Points (K, 3) [m] and outward normals (K, 3) of sites (K, 2) [m]; NaN where the surface has none."""
+        """Return points (K, 3) [m] and outward normals (K, 3) of sites (K, 2) [m]; NaN beyond the surface."""
         return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
 
     def site_at(self, across: float, y_m: float) -> tuple[float, float]:
-        """The site of a place on the surface.
+        """Return the site at a position on the surface.
 
         Args:
             across: beta [rad], on a plane x [m].
             y_m: along the finger [m].
 
         Returns:
-            Patch coordinates (u, v) [m]; NaN where the numbers are.
+            Patch coordinates (u, v) [m]; NaN for NaN.
         """
         if not np.isfinite([across, y_m]).all():
             return float("nan"), float("nan")

@@ -1,8 +1,8 @@
-"""Presses of a plan on a stage: places and forces are measured as they are, there is no hand."""
+"""Presses of a plan on a stage, which measures positions and forces directly, without a hand."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,20 +28,20 @@ FloatArray = NDArray[np.float64]
 StageWatch = Callable[[int, int], None]
 
 GAIN = 0.25
-"""Share of the missing depth that is gone in a period; above 0.6 two periods of lag would make it swing."""
+"""Part of the missing depth that is corrected per period; above 0.6, two periods of lag would make it oscillate."""
 
 SOFTEST_N_PER_M = 2e3
-"""A skin is taken to be no softer where it begins [N/m]."""
+"""Smallest stiffness assumed for a skin at first contact [N/m]."""
 
 GAP_S = 1.0
-"""Between the sessions before and after an interruption [s]."""
+"""Gap between the sessions before and after an interruption [s]."""
 
 
 def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
-    """A plan as a stage can carry it out: it has no poses of a hand, and no more speed than its own.
+    """Return a plan that a stage can carry out: without hand poses, and with speeds within its limit.
 
     Raises:
-        InputError: the surface is no plane, a site lies outside the travel, or a force or an indenter is not to be had.
+        InputError: the surface is not a plane, a site is outside the travel, or a force or indenter is unavailable.
     """
     mount = Mount.of(rig.meta)
     problems: list[Problem] = []
@@ -79,26 +79,28 @@ def collect_stage(
     guard: GuardOptions | None = None,
     source: str = "",
     force: bool = False,
+    inputs: Sequence[Path] = (),
     restart: bool = False,
     watch: StageWatch = lambda _done, _total: None,
 ) -> Collected:
-    """Makes the presses of a plan with a stage and writes the dataset; an interrupted session goes on.
+    """Make the presses of a plan with a stage and write the dataset; resume an interrupted session.
 
     Args:
         plan: from :func:`stage_plan`.
-        make_driver: makes the driver.
+        make_driver: creates the driver.
         out: folder of the dataset.
-        key: what else must be the same for a session to go on.
-        options: how presses are made.
+        key: further values that must be equal to resume a session.
+        options: options of the presses.
         guard: limits of the guard.
         source: for ``dataset.toml``.
         force: whether an existing dataset is replaced.
+        inputs: files that were read, and are not to be replaced.
         restart: whether an interrupted session is thrown away.
         watch: is told how many presses are done, and of how many.
 
     Raises:
-        InputError: ``out`` exists, or an interrupted session is another one.
-        HandError: the stage failed; call again to go on.
+        InputError: ``out`` exists, or another session was interrupted.
+        HandError: the stage failed; call again to resume.
     """
     options = options or CollectOptions()
     driver = make_driver()
@@ -109,7 +111,7 @@ def collect_stage(
     def make(journal: Journal) -> None:
         _Session(plan, journal, rig, options, watch).run(driver, guard)
 
-    return keep_session(out, same, rig.meta, source, make, force=force, restart=restart)
+    return keep_session(out, same, rig.meta, source, make, inputs=inputs, force=force, restart=restart)
 
 
 @dataclass
@@ -121,7 +123,7 @@ class _Times:
 
 
 class _Session:
-    """Makes what is missing of a session."""
+    """Executor of the missing presses of a session."""
 
     def __init__(
         self, plan: Plan, journal: Journal, rig: StageDescription, options: CollectOptions, watch: StageWatch
@@ -141,7 +143,7 @@ class _Session:
             self._stage, self._samples, self._shift_s = stage, list[tuple[StageState, int]](), 0.0
             self._see(IDLE)
             if np.isfinite(self._last_s):
-                # Another connection, another clock: the session's own goes on a moment later.
+                # Another connection, another clock: the session's own continues a moment later.
                 self._shift_s = self._last_s + GAP_S - self._samples[0][0].time_s
             self._journal.connected(
                 {"first": self._todo[0], "resumed": bool(np.isfinite(self._last_s)), "shift_s": self._shift_s}
@@ -164,7 +166,8 @@ class _Session:
         return self._now
 
     def _step(self, tip: FloatArray | list[float], phase: int) -> StageState:
-        self._tip = np.asarray(tip, dtype=np.float64)
+        # A state that came early leaves less time for a step than a period.
+        self._tip = self._stage.nearest(np.asarray(tip, dtype=np.float64))
         self._stage.act(self._tip)
         return self._see(phase)
 
@@ -173,13 +176,12 @@ class _Session:
             self._step(self._tip, phase)
 
     def _go(self, target: FloatArray | list[float]) -> None:
-        """Straight to a place, no faster than is allowed."""
+        """Move straight to a point, no faster than allowed."""
         rig = self._stage.description
         step = 0.9 * min(self._options.travel_m_per_s, rig.max_speed_m_per_s) * self._stage.period_s
-        begin, end = self._tip, np.clip(target, rig.lower_m, rig.upper_m)
-        count = int(np.ceil(np.linalg.norm(end - begin) / step))
-        for n in range(count):
-            self._step(begin + (end - begin) * (n + 1) / count, IDLE)
+        end = np.clip(target, rig.lower_m, rig.upper_m)
+        while (left := float(np.linalg.norm(end - self._tip))) > 0:
+            self._step(self._tip + (end - self._tip) * min(1.0, step / left), IDLE)
 
     def _press(self, number: int, planned: PlannedPress) -> None:
         options, dt = self._options, self._stage.period_s
@@ -215,19 +217,19 @@ class _Session:
         self._keep(number, planned, point, tare, times)
 
     def _ramp_s(self, planned: PlannedPress) -> float:
-        """Time that the way into a soft skin takes at the planned speed, and half a second to come to rest."""
+        """Return the time to enter a soft skin at the planned speed, plus half a second to come to rest."""
         return self._options.search_m / planned.speed_m_per_s + 0.5
 
     def _regulate(
         self, target_n: float, tare: float, found_m: float, planned: PlannedPress, phase: int, seconds: float
     ) -> None:
-        """Moves the tip until the force is right; in the load it ends there, in the hold it stays."""
+        """Move the tip until the force is right; during loading it stops there, during the hold it stays regulated."""
         dt, lowest = self._stage.period_s, self._stage.description.lower_m[2]
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
         right = 0
         for _ in range(max(1, round(seconds / dt))):
             force = self._now.force_n - tare
-            # Of a sphere on a foundation force grows with the square of the depth: dF/dz = 2 F / z.
+            # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
             depth = max(found_m - float(self._tip[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)
             step = np.clip(
@@ -242,7 +244,7 @@ class _Session:
         return state.time_s + self._shift_s
 
     def _frames(self) -> dict[str, NDArray[Any]]:
-        """What was sampled since, thinned to the rate of frames."""
+        """Return the samples since the last call, thinned to the rate of frames."""
         states, phases = zip(*self._samples, strict=True)
         self._samples.clear()
         times = np.array([self._time(state) for state in states])

@@ -1,4 +1,4 @@
-"""Free motion: from site to site at a height above the skin, from one pose to another, and from and to home."""
+"""Free motion: between sites at a height above the skin, between poses, and from and to home."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from skincal.robot import contact_from_joints, place_indenter
 FloatArray = NDArray[np.float64]
 
 WAYPOINT_M = 0.002
-"""Distance of the points of a way that are solved for; between them joints move evenly [m]."""
+"""Spacing of the solved points of a path; between them joints move evenly [m]."""
 
 CHECKED = 60
-"""Points at which a way through the joints is looked at for contact."""
+"""Number of points of a joint-space path that are checked for contact."""
 
 LOWEST_SHARE = 0.5
-"""A way through the joints stays above this share of the travelling height."""
+"""Part of the travelling height below which a joint-space path must not go."""
 
 PEAK = 1.875
-"""Greatest speed of a smooth motion over its mean."""
+"""Ratio of the largest to the mean speed of a smooth motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where the indenter is over the skin, at travelling height.
+    """Position of the indenter over the skin, at travelling height.
 
     Attributes:
         site: patch coordinates [m].
@@ -46,12 +46,12 @@ class Place:
 def way_over_skin(
     fingers: Fingers, start: Place, site: tuple[float, float], skin_rad: FloatArray, centre_height_m: float
 ) -> FloatArray:
-    """Waypoints between two sites, over the skin at one height, both fingers moving: it is never dragged over.
+    """Return waypoints between two sites over the skin at one height; both fingers move, and nothing is dragged.
 
     Args:
         fingers: the hand.
-        start: where the indenter is.
-        site: where it shall go [m].
+        start: position of the indenter.
+        site: site to go to [m].
         skin_rad: angles of the finger with the skin there [rad].
         centre_height_m: height of the sphere's centre above the skin [m].
 
@@ -59,7 +59,7 @@ def way_over_skin(
         Angles of the links (W, n) [rad], the first those of the start.
 
     Raises:
-        WorkError: the way leads out of reach.
+        WorkError: the path leads out of reach.
     """
     length = float(np.hypot(site[0] - start.site[0], site[1] - start.site[1]))
     turn = float(np.abs(skin_rad - start.skin_rad).max())
@@ -81,20 +81,20 @@ def way_over_skin(
 def way_through_joints(
     fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
 ) -> FloatArray:
-    """A straight way in the angles, if the indenter stays off the skin on it; else one that goes up first.
+    """Return a straight path in joint space if the indenter stays off the skin on it; else one that first goes up.
 
     Args:
         fingers: the hand.
         start_rad: angles of the links (n,) [rad].
         end_rad: the same at the end.
-        radius_m: of the indenter [m].
-        least_m: lowest height of the indenter above the skin that is allowed on the way [m].
+        radius_m: radius of the indenter [m].
+        least_m: lowest allowed height of the indenter above the skin on the path [m].
 
     Returns:
         Angles of the links (W, n) [rad].
 
     Raises:
-        WorkError: both ways lead through the finger.
+        WorkError: both paths lead through the finger.
     """
     ways = [np.stack([start_rad, end_rad])]
     indenter = fingers.kinematics.indenter.columns
@@ -109,7 +109,7 @@ def way_through_joints(
         if _least_height(fingers, dense, radius_m) >= least_m:
             return way
     raise WorkError(
-        "free motion: expected a way from the hand's present angles to the first site on which the indenter stays "
+        "free motion: expected a path from the hand's present angles to the first site on which the indenter stays "
         f"{1e3 * least_m:.1f} mm off the skin; found none. Move the fingers apart, to the hand's home angles, and run "
         "again."
     )
@@ -125,14 +125,14 @@ def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> f
 def follow(
     loop: Loop, way_rad: FloatArray, offset_rad: FloatArray, options: CollectOptions, length_m: float = 0.0
 ) -> None:
-    """Moves along a way, slowly at both ends; an offset of the commanded angles fades on it.
+    """Move along a path, slowly at both ends, while an offset of the commanded angles fades out.
 
     Args:
         loop: the hand.
         way_rad: angles of the links (W, n) [rad].
-        offset_rad: what the commanded angles are off at the start (n,) [rad].
+        offset_rad: offset of the commanded angles at the start (n,) [rad].
         options: speeds.
-        length_m: length of the way over the skin [m].
+        length_m: length of the path over the skin [m].
     """
     turn = float(np.abs(np.diff(way_rad, axis=0)).max(axis=1).sum())
     time_s = PEAK * max(turn / options.travel_rad_per_s, length_m / options.travel_m_per_s)
@@ -144,7 +144,7 @@ def follow(
 
 
 def _spaced(way_rad: FloatArray, places: FloatArray) -> FloatArray:
-    """Angles at places along a way, in numbers of waypoints."""
+    """Return the angles at positions along a path, counted in waypoints."""
     low = np.minimum(places.astype(int), len(way_rad) - 2)
     share = (places - low)[:, None]
     return (1 - share) * way_rad[low] + share * way_rad[low + 1]

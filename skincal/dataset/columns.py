@@ -1,4 +1,4 @@
-"""Checked access to one table's columns: types, missing ones, what may be NaN, the taxels' matrix."""
+"""Checked access to the columns of one table: types, missing columns, permitted NaN, the matrix of taxels."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ OPTIONAL = {
     "target_force_n": ANY,
     **dict.fromkeys((*NORMAL, *TARGET), ANY),
 }
-"""Optional columns of presses and frames, and what their cells are."""
+"""Optional columns of presses and frames, with the kind of their cells."""
 
 TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
 """Optional columns of presses only, in the order of time."""
@@ -48,14 +48,14 @@ GIVE_OR_DROP = "Give the number, or leave the row out."
 CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
 
 MOST_HINTS = 100
-"""Columns that are not known of which it is said what they may stand for."""
+"""Most unknown columns for which a known name is suggested."""
 
 LARGEST = 1e15
-"""No measurement is larger in SI units; below it whole numbers are exact, and squares do not overflow."""
+"""Larger than any measurement in SI units; below it whole numbers are exact, and squares do not overflow."""
 
 
 def is_number(values: FloatArray) -> BoolArray:
-    """Which values can be measurements at all: finite, and not beyond all bounds."""
+    """Return which values can be measurements: finite and not beyond all bounds."""
     return np.abs(values) < LARGEST
 
 
@@ -68,9 +68,9 @@ _HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
 
 
 class ColumnReader:
-    """Takes the columns out of a table one by one, and adds what is wrong with them to the findings.
+    """Reader of a table's columns, one by one; it adds their problems to the findings.
 
-    What is missing or wrong reads as NaN, so that the rest can be checked too.
+    Missing or wrong values read as NaN, so that the rest can be checked too.
     """
 
     def __init__(self, table: RawTable) -> None:
@@ -80,11 +80,11 @@ class ColumnReader:
         self._said: dict[str, BoolArray] = {}
 
     def has(self, name: str) -> bool:
-        """Whether the table has the column."""
+        """Return whether the table has the column."""
         return name in self._table.columns
 
     def require(self, names: Sequence[str]) -> None:
-        """Adds one error for the required columns that are missing."""
+        """Add one error for the required columns that are missing."""
         missing = [name for name in names if not self.has(name)]
         if not missing:
             return
@@ -101,11 +101,11 @@ class ColumnReader:
         )
 
     def numbers(self, name: str) -> FloatArray:
-        """A column as numbers, shape (rows,), an empty cell being NaN; an error for cells that are none."""
+        """Return a column as numbers, shape (rows,), with NaN for empty cells; report cells that are not numbers."""
         return self._numbers(name)[0]
 
     def checked(self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True) -> FloatArray:
-        """A column as numbers of a kind; NaN (not measured) only where ``may_be_nan`` holds."""
+        """Return a column as numbers of a kind; NaN (not measured) is permitted only where ``may_be_nan`` holds."""
         values, text = self._numbers(name)
         if self.has(name):
             bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text
@@ -115,7 +115,7 @@ class ColumnReader:
         return values
 
     def whole(self, name: str, expected: str, low: int, fix: str = "") -> NDArray[np.int64]:
-        """A column of whole numbers from ``low`` on, shape (rows,); ``low`` - 1 stands where a cell is none."""
+        """Return a column of whole numbers from ``low`` on, shape (rows,), with ``low`` - 1 for invalid cells."""
         values, text = self._numbers(name)
         if not self.has(name):
             return np.zeros(self.rows, dtype=np.int64)
@@ -124,9 +124,9 @@ class ColumnReader:
         return np.where(good, values, low - 1).astype(np.int64)
 
     def text(self, name: str) -> NDArray[Any]:
-        """A column as text, shape (rows,); '' where a cell is empty or NaN."""
+        """Return a column as text, shape (rows,), with '' for empty cells and NaN."""
         column = self._table.columns[name]
-        known: dict[object, str] = {}  # a column of a million rows has few different words
+        known: dict[object, str] = {}  # a column of a million rows has few distinct words
         cells = np.empty(self.rows, dtype=object)
         for i, cell in enumerate(column.tolist()):
             text = known.get(cell)
@@ -137,24 +137,27 @@ class ColumnReader:
         return cells
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
-        """Several columns side by side, shape (rows, columns); missing ones are NaN."""
+        """Return several columns side by side, shape (rows, columns); missing ones are NaN."""
         matrix = np.empty((self.rows, len(names)), dtype=np.float64)
         for j, name in enumerate(names):
             matrix[:, j] = self.numbers(name)
         return matrix
 
     def said(self, name: str) -> BoolArray:
-        """Which cells of a column were already reported as no numbers at all, shape (rows,)."""
+        """Return which cells of a column were already reported as not numeric, shape (rows,)."""
         return self._said.get(name, np.zeros(self.rows, dtype=bool))
 
     def taxel_columns(self) -> list[str]:
-        """The columns that are named as taxels are, for where the description does not say which there are."""
+        """Return the columns with names of taxels, for a description that does not say which taxels there are."""
         return [name for name in self._table.columns if TAXEL.fullmatch(name)]
 
     def optional(
         self, known: Mapping[str, str], taken: Collection[str]
     ) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Every column that is not ``taken``, in the file's order: known ones checked, others as they are."""
+        """Every column that is not ``taken``, in the file's order: known ones checked, others as they are.
+
+        Those that are not known and hold lists or bytes are left out, unread.
+        """
         hinted = 0
         for name in self._table.columns:
             if name in taken:
@@ -162,10 +165,16 @@ class ColumnReader:
             if self._kind(name, known) is None and hinted < MOST_HINTS:
                 hinted += 1
                 self._hint_unknown(name, known)
+            if self._kind(name, known) is None and name in self._table.others:
+                got = self._table.others[name]
+                self.sheet.findings.note(
+                    self.sheet.column(name), "single numbers or texts", got, "It is left out."
+                )
+                continue
             yield name, self.one_optional(name, known)
 
     def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
-        """One column: checked where it is known, as it is where not."""
+        """Return one column, checked if it is known."""
         kind = self._kind(name, known)
         if kind is None:
             return self._table.columns[name]
@@ -186,11 +195,11 @@ class ColumnReader:
                 "Correct rows and cols in dataset.toml, or take the column out.",
             )
         elif close := did_you_mean(name, [k for k in known if not self.has(k)]):
-            fix = f'It is kept and not used. Did you mean "{close}"?'
+            fix = f'It is kept but not used. Did you mean "{close}"?'
             findings.warn(place, "a known column", "an unknown one", fix)
 
     def _numbers(self, name: str) -> tuple[FloatArray, BoolArray]:
-        """A column as numbers, and which cells are none at all (they are reported here)."""
+        """Return a column as numbers, and which cells are not numeric (reported here)."""
         column = self._table.columns.get(name)
         text = np.zeros(self.rows, dtype=bool)
         if column is None:
@@ -215,7 +224,7 @@ class ColumnReader:
 
 
 def _number(cell: object) -> float | None:
-    """A cell as a number, NaN where it is empty; None where it is something else."""
+    """Return a cell as a number, NaN if it is empty; None if it is something else."""
     if cell is None or cell == "":
         return np.nan
     try:
@@ -235,6 +244,6 @@ def _first(names: Sequence[str], shown: int = 6) -> str:
 
 
 def _as_whole(text: str) -> str:
-    """A cell without the decimals that a program writes where a column of whole numbers has gaps: ``1.0`` is ``1``."""
+    """Return a cell of a column of whole numbers without the ``.0`` that programs write where the column has gaps."""
     whole, point, rest = text.partition(".")
     return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else text

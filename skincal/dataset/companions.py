@@ -1,4 +1,4 @@
-"""The files that a description names: meshes, and the positions of taxels that form no grid."""
+"""Files that a description names: meshes, and the positions of taxels that form no grid."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from skincal.dataset.toml_table import TWICE
 from skincal.files import reason
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
-"""Extents of a mesh beyond which it is not in metres."""
+"""Extents that no mesh in metres has: too small, too large."""
 
 COPY = "Copy it there, and write its name without a path."
-EXPORT = "Export the mesh anew; was the file cut short?"
+EXPORT = "Export the mesh again; was the file cut short?"
 
 
 def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findings) -> TaxelPositions | None:
-    """The taxels' positions that ``[sensor] positions`` names; None for a grid, or with an error."""
+    """Return the taxel positions that ``[sensor] positions`` names; None for a grid, or with an error added."""
     name = sensor.positions
     if not name:
         if (folder / "taxels.csv").is_file():
@@ -43,7 +43,7 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
 def read_meshes(
     folder: Path, file: str, surface: SurfaceSpec, indenter: IndenterSpec, findings: Findings
 ) -> dict[str, bytes]:
-    """Content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
+    """Return the content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
     found: dict[str, bytes] = {}
     for table, spec in (("surface", surface), ("indenter", indenter)):
         content = _mesh(folder, f"{file}, [{table}] file", spec, findings)

@@ -1,4 +1,4 @@
-"""What a table's counts must be: numbers within the converter's range, NaN only where a taxel is dead."""
+"""Checks of a table's counts: numbers within the converter's range, NaN only where a taxel is dead."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at r
 NOT_WHOLE = "[sensor] integer = false"
 
 DEAD_STRETCH = 3
-"""NaN in this many rows on end is a taxel that is dead for a part of the session; fewer are a mistake."""
+"""Rows of NaN in succession that mean a taxel is dead for a part of the session; fewer are an error."""
 
 
 def check_counts(
     reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
 ) -> None:
-    """Adds what is wrong with the counts, one column after the other.
+    """Report problems of the counts, column by column.
 
     Args:
         reader: the table.
         sensor: its taxels and converter.
-        columns: the taxel columns (rows,) that are there, in the order of the flat index, rows in that of the session.
+        columns: the taxel columns (rows,) present, in the order of the flat index; rows in the order of the session.
         whole: whether they must be whole numbers (frames must, means over a hold are not).
     """
     names = [name for name in sensor.taxel_columns() if reader.has(name)]
@@ -49,7 +49,9 @@ def check_counts(
         if whole and sensor.integer and sensor.baseline == "raw":
             broken.add(name, np.isfinite(counts) & (counts != np.rint(counts)), counts)
     sheet = reader.sheet
-    expected = f"a number of counts (a dead taxel is NaN throughout, or {DEAD_STRETCH} rows or more on end)"
+    expected = (
+        f"a number of counts (a dead taxel is NaN throughout, or in {DEAD_STRETCH} or more successive rows)"
+    )
     sheet.bad_cells(stray, expected, GIVE_OR_DROP)
     _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
     _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")
@@ -61,7 +63,7 @@ def check_counts(
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:
-    """Least and greatest counts; where the level at rest was taken off, only their span is known."""
+    """Return the least and greatest counts; with a subtracted level at rest only their span is known."""
     low = -np.inf if sensor.value_min is None else sensor.value_min
     high = np.inf if sensor.value_max is None else sensor.value_max
     return (low, high) if sensor.baseline == "raw" else (low - high, high - low)
@@ -74,13 +76,13 @@ def _warn_dead(sheet: Sheet, names: list[str], dead: BoolArray, what: str, fix: 
 
 
 def named(names: list[str], index: NDArray[np.int64], shown: int = 6) -> str:
-    """The first names at some indices, and how many more there are."""
+    """Return the first names at some indices, and the number of further ones."""
     more = f" and {len(index) - shown} more" if len(index) > shown else ""
     return ", ".join(names[i] for i in index[:shown]) + more
 
 
 def long_stretches(mask: BoolArray, length: int) -> BoolArray:
-    """The cells of ``mask``, shape (rows,), that belong to a run of at least ``length``."""
+    """Return the cells of ``mask``, shape (rows,), that belong to a run of at least ``length``."""
     result = np.zeros_like(mask)
     starts_at = len(mask) - length + 1
     if starts_at < 1:

@@ -1,4 +1,4 @@
-"""A dataset in memory: its tables, and the model's objects that it describes."""
+"""A dataset in memory: its tables, and the model objects that it describes."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A folder of presses, read and checked.
+    """A dataset that has been read and checked.
 
     Attributes:
-        meta: what ``dataset.toml`` says.
-        presses: one row a press.
-        frames: one row a time sample; None where the dataset has none.
-        positions: the taxels of a layout that is no grid; None for a grid.
+        meta: the content of ``dataset.toml``.
+        presses: one row per press.
+        frames: one row per time sample; None where the dataset has none.
+        positions: positions of taxels that form no grid; None for a grid.
         meshes: content of the mesh files that ``meta`` names, by file name.
-        folder: where it was read from; None for one made in memory.
-        sha256: hash of the files that it was read from (see ``dataset_hash``); None for one made in memory.
-        warnings: what a person should know of these data, though they can be used.
+        folder: the folder it was read from; None for a dataset made in memory.
+        sha256: hash of its files (see ``dataset_hash``); None for a dataset made in memory.
+        warnings: warnings; the data can still be used.
     """
 
     meta: DatasetMeta
@@ -45,24 +45,24 @@ class Dataset:
     warnings: tuple[Problem, ...] = ()
 
     def layout(self) -> TaxelLayout:
-        """The taxels' layout: the grid of ``[sensor]``, or the table of positions."""
+        """Return the layout of the taxels: the grid of ``[sensor]``, or the table of positions."""
         return layout_of(self.meta.sensor, self.positions)
 
     def surface(self) -> Surface:
-        """The surface that carries the sensor."""
+        """Return the surface that carries the sensor."""
         return surface_of(self.meta.surface, self.meshes)
 
     def indenter(self, radius_m: float | None = None) -> Indenter:
-        """What presses.
+        """Return the indenter.
 
         Args:
-            radius_m: radius of a press that goes before that of ``[indenter]`` [m] (the optional column
+            radius_m: radius of a press [m], which overrides that of ``[indenter]`` (the optional column
                 ``indenter_radius_m``); None or NaN: that of ``[indenter]``. A mesh has none and ignores it.
         """
         return indenter_of(self.meta.indenter, self.meshes, radius_m)
 
     def indenter_radii_m(self) -> NDArray[np.float64]:
-        """Radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
+        """Return the radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
         own = self.presses.column("indenter_radius_m")
         default = self.meta.indenter.radius_m
         radii = np.full(len(self.presses), np.nan if default is None else default)
@@ -71,7 +71,7 @@ class Dataset:
         return np.where(np.isnan(own), radii, own)
 
     def nominal_pose(self) -> SensorPose:
-        """The pose that ``[mount]`` takes to be the sensor's."""
+        """Return the pose that ``[mount]`` takes as nominal."""
         from skincal.model import SensorPose
 
         mount = self.meta.mount
@@ -83,5 +83,5 @@ class Dataset:
         )
 
     def converter(self) -> Converter:
-        """The converter of ``[sensor]``."""
+        """Return the converter of ``[sensor]``."""
         return converter_of(self.meta.sensor)

@@ -1,6 +1,6 @@
-"""Collects what is wrong with a dataset, so that everything is said at once.
+"""Findings: collected problems of a dataset, so that all are reported at once.
 
-An error makes the dataset unusable (exit status 2); a warning is something a person should know.
+An error makes the dataset unusable (exit status 2); a warning is something that the user should know.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.errors import InputError, Problem
 
 SHOWN = 3
-"""How many rows of one kind are named before the rest is only counted."""
+"""Number of rows of one kind that a message names; further rows are counted."""
 
 
 MOST_PROBLEMS = 1000
-"""Of a kind that are kept: a file may have a mistake in every line."""
+"""Most problems of one kind that are stored: a file may have a mistake in every line."""
 
 LONGEST_NAME = 64
-"""A longer word is no known name with a slip in it."""
+"""Longest word that is compared with known names."""
 
 
 class Findings:
-    """The errors and warnings found so far, in the order of the files.
+    """Errors and warnings found so far, in the order of the files.
 
     Args:
-        folder: that holds the files; a place that begins with the name of one is told with its folder.
+        folder: folder of the files; a place that begins with the name of one of them is shown with the folder.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -42,23 +42,23 @@ class Findings:
     def error(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds an error."""
+        """Add an error."""
         self._add(self.errors, Problem(self._whole(place), expected, str(got), fix, code, details=details))
 
     def warn(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds a warning."""
+        """Add a warning."""
         self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, details=details))
 
     def note(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds a warning of the mildest kind: it may well be meant so."""
+        """Add a warning of the mildest kind: the values may be intended."""
         self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details))
 
     def _add(self, problems: list[Problem], problem: Problem) -> None:
-        """Adds one to the others, as long as somebody may read them."""
+        """Add a problem to others of its kind, up to a limit."""
         if len(problems) < MOST_PROBLEMS:
             problems.append(problem)
 
@@ -69,22 +69,22 @@ class Findings:
         return str(Path(folder) / place)
 
     def raise_errors(self) -> None:
-        """Raises all errors as one.
+        """Raise all errors as one.
 
         Raises:
-            InputError: there are any.
+            InputError: there are errors.
         """
         if self.errors:
             raise InputError(self.errors)
 
 
 class Sheet:
-    """Names places in one table and adds what is wrong there to the findings.
+    """Names of places in one table, for problems that are added to the findings.
 
     Args:
-        findings: where errors and warnings go.
+        findings: collects errors and warnings.
         file: the table's file name.
-        header_lines: lines before the first row, for the line numbers of a text file; None for a binary file.
+        header_lines: lines before the first row of a text file; None for a binary file.
     """
 
     def __init__(self, findings: Findings, file: str, header_lines: int | None) -> None:
@@ -93,11 +93,11 @@ class Sheet:
         self._header_lines = header_lines
 
     def column(self, name: str) -> str:
-        """The place of a column."""
+        """Return the place of a column."""
         return f"{self.file}, column {name}"
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
-        """The place of some rows (counted from 0) of a column, the first of ``total``; people count from 1."""
+        """Return the place of some rows (counted from 0) of a column, the first of ``total``; messages count from 1."""
         index = np.asarray(rows)
         count = index.size if total is None else total
         if count == 1:
@@ -118,7 +118,7 @@ class Sheet:
         *,
         warning: bool = False,
     ) -> None:
-        """Adds one problem for all rows of a column where ``bad`` holds, shape (rows,)."""
+        """Add one problem for all rows of a column where ``bad`` holds, shape (rows,)."""
         index = np.flatnonzero(np.asarray(bad))
         if index.size:
             add = self.findings.warn if warning else self.findings.error
@@ -127,7 +127,7 @@ class Sheet:
     def bad_cells(
         self, cells: BadCells, expected: str, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Adds one problem for all cells of some columns that are wrong in the same way."""
+        """Add one problem for all cells of some columns that have the same fault."""
         if not cells.counts:
             return
         total, first = sum(cells.counts.values()), sorted(cells.first)[:SHOWN]
@@ -144,14 +144,14 @@ class Sheet:
 
 
 class BadCells:
-    """Cells that are wrong in the same way, found column by column: how many, and the first of each column."""
+    """Cells with the same fault, collected column by column: their number, and the first of each column."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.first: list[tuple[int, int, str, Any]] = []
 
     def add(self, name: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> None:
-        """Adds the rows of a column where ``bad`` holds, shape (rows,)."""
+        """Add the rows of a column where ``bad`` holds, shape (rows,)."""
         if bad.any():
             index = np.flatnonzero(bad)
             self.first += [(int(row), len(self.counts), name, values[row]) for row in index[:SHOWN]]
@@ -159,7 +159,7 @@ class BadCells:
 
 
 def listed(values: Iterable[Any], count: int) -> str:
-    """The first values of a kind, with dots where there are more."""
+    """Return the first values as text, with dots if there are more."""
     shown = [
         repr(v) if isinstance(v, str) else f"{v:.6g}" if isinstance(v, float) else str(v) for v in values
     ]
@@ -167,7 +167,7 @@ def listed(values: Iterable[Any], count: int) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
-    """The known name that a mistyped one comes closest to; None where none is close."""
+    """Return the known name closest to a mistyped one; None if none is close."""
     if len(name) > LONGEST_NAME:
         return None
     # One wrong letter weighs more in a short word.

@@ -1,4 +1,4 @@
-"""``frames.parquet`` or ``.csv``: columns into :class:`Frames`, with every violation reported."""
+"""``frames.parquet`` or ``.csv``: its columns as :class:`Frames`, with every violation reported."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ REQUIRED = ("press", "phase", "time_s", "force_n", *POSITION)
 
 
 def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> Frames:
-    """Takes the frames out of a table as read; what is wrong is added to the table's findings.
+    """Return the frames of a table; add problems to the table's findings.
 
     Args:
         table: the table as read.
-        meta: what ``dataset.toml`` says.
-        presses: the presses that the frames belong to; None where they could not be read.
+        meta: the content of ``dataset.toml``.
+        presses: the presses of the frames; None if they could not be read.
     """
     reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
@@ -44,7 +44,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
     }
     present = [j for j, name in enumerate(taxels) if reader.has(name)]
     if table.is_large:
-        # One column at a time is read and checked; what is asked for later is read again.
+        # One column at a time is read and checked; later uses read it again.
         check_counts(reader, meta.sensor, (reader.numbers(taxels[j]) for j in present), whole=True)
         names = tuple(name for name, _ in optional)
         frames = Frames.stored(StoredColumns(table, taxels, names), **own)
@@ -59,7 +59,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
 
 
 def _phase(reader: ColumnReader) -> np.ndarray:
-    """Index into PHASES, shape (rows,); idle stands where it is none of them."""
+    """Return the index into PHASES, shape (rows,); an unknown word reads as idle."""
     if not reader.has("phase"):
         return np.zeros(reader.rows, dtype=np.int8)
     codes, words = {word: i for i, word in enumerate(PHASES)}, reader.text("phase")
@@ -77,12 +77,12 @@ def _position(reader: ColumnReader, unmeasured: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class StoredColumns(FrameColumns):
-    """The columns of a table that is too large to be held; they have been checked, and are read again.
+    """The columns of a table that is too large for memory; they have been checked, and are read again on use.
 
     Attributes:
-        table: the file's.
-        taxels: names of the taxels' columns.
-        names: of the others.
+        table: the table of the file.
+        taxels: names of the taxel columns.
+        names: names of the other columns.
     """
 
     table: RawTable
@@ -90,7 +90,7 @@ class StoredColumns(FrameColumns):
     names: tuple[str, ...]
 
     def taxel(self, j: int) -> np.ndarray:
-        """Counts of the taxel of flat index ``j``, shape (M,)."""
+        """Return the counts of the taxel of flat index ``j``, shape (M,)."""
         return ColumnReader(self.table).numbers(self.taxels[j])
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -108,7 +108,7 @@ class StoredColumns(FrameColumns):
 def _check_order(reader: ColumnReader, frames: Frames) -> None:
     back = np.zeros(len(frames), dtype=bool)
     back[1:] = np.diff(frames.time_s) < 0
-    fix = "Sort them; time goes on from press to press and does not begin anew."
+    fix = "Sort them; time runs on from press to press and does not restart."
     reader.sheet.bad_rows("time_s", back, frames.time_s, "frames ordered in time over the whole session", fix)
 
 
@@ -119,7 +119,7 @@ def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None
         names = np.array(PHASES)[frames.phase[bad][:3]]
         values = np.full(len(frames), "", dtype=object)
         values[np.flatnonzero(bad)[:3]] = names
-        fix = "Name the press, or call the phase idle."
+        fix = "Give the press, or set the phase to idle."
         reader.sheet.bad_rows("phase", bad, values, '"idle" where press is -1', fix)
     if presses is not None:
         strangers = (frames.press >= 0) & ~np.isin(frames.press, presses.press)

@@ -1,4 +1,4 @@
-"""A dataset's fingerprint, so that a calibration can say which data it comes from."""
+"""The hash of a dataset, by which a calibration identifies its data."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from skincal.files import open_input
 
 
 def dataset_hash(path: str | Path) -> str:
-    """SHA-256 over names and contents of the files that belong to a dataset.
+    """Return the SHA-256 over names and contents of the files that belong to a dataset.
 
-    Those are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. A README beside them
-    does not count.
+    These are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. Other files in the folder, such
+    as a README, do not count.
 
     Args:
         path: the dataset's folder.

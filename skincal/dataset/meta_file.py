@@ -1,4 +1,4 @@
-"""``dataset.toml``: strict reading, and writing."""
+"""``dataset.toml``: a strict reader, and a writer."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ TOP_KEYS = ("format", "created", "source", "assumed", *TABLES)
 
 
 def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
-    """Reads ``dataset.toml``.
+    """Read ``dataset.toml``.
 
-    Where something in it is wrong, an error is added and a placeholder stands in its place, so that the
-    tables can still be checked against the rest.
+    A wrong value adds an error and reads as a placeholder, so that the tables can still be checked against the
+    rest.
 
     Args:
         folder: the dataset.
-        findings: where errors and warnings go.
+        findings: collects errors and warnings.
 
     Returns:
-        The content; None where the file is missing or no TOML at all.
+        The content; None if the file is missing or not TOML.
     """
     values = load_toml(folder / FILE, findings, what="dataset", within=folder)
     return None if values is None else _meta(values, findings)
 
 
 def write_meta(meta: DatasetMeta, path: Path) -> None:
-    """Writes ``dataset.toml``; what is None is left out."""
+    """Write ``dataset.toml``, without keys whose value is None."""
     import tomli_w
 
     top: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The tables that ``dataset.toml`` and ``calibration.toml`` share: each from its TOML table, and back."""
+"""The tables shared by ``dataset.toml`` and ``calibration.toml``: from TOML to objects, and back."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ KNOWN = {
 def load_toml(
     path: Path, findings: Findings, what: str, within: Path | None = None
 ) -> Mapping[str, Any] | None:
-    """The content of a TOML file that describes ``what``; None, and an error, where there is none."""
+    """Return the content of a TOML file that describes ``what``; None, with an error added, if it cannot be read."""
     try:
         return parse_toml(read_text(path, within=within))
     except FileNotFoundError:
@@ -54,7 +54,7 @@ def load_toml(
         findings.error(str(path), f"the description of the {what}", "no such file", fix)
     except UnreadableError as error:
         # The message holds the line and the column.
-        fix = "Correct that line: texts stand in quotes, lists in brackets, every key and table once."
+        fix = "Correct that line: quote texts, put lists in brackets, give every key and table once."
         findings.error(str(path), error.expected, error.got, fix if error.expected == "TOML" else "")
     except OSError as error:
         findings.error(str(path), f"the description of the {what}", reason(error))
@@ -62,12 +62,12 @@ def load_toml(
 
 
 def tables_of(top: TomlTable, findings: Findings, file: str) -> dict[str, TomlTable]:
-    """All shared tables of a file; an error for each that is missing and must be there."""
+    """Return all shared tables of a file; add an error for each required one that is missing."""
     return {name: table_of(top, findings, file, name, optional=name in OPTIONAL_TABLES) for name in TABLES}
 
 
 def meta_from(top: TomlTable, tables: Mapping[str, TomlTable]) -> DatasetMeta:
-    """What the shared tables say; who took the data, and when, is left to the caller."""
+    """Return the metadata of the shared tables; the caller adds the source and the date."""
     surface = surface_from(tables["surface"])
     return DatasetMeta(
         sensor=sensor_from(tables["sensor"]),
@@ -83,20 +83,20 @@ def meta_from(top: TomlTable, tables: Mapping[str, TomlTable]) -> DatasetMeta:
 def table_of(
     top: TomlTable, findings: Findings, file: str, name: str, *, optional: bool = False
 ) -> TomlTable:
-    """One of the shared tables of a file; an empty one, and an error, where it is missing or no table."""
+    """Return one of the shared tables of a file; an empty one, with an error added, if it is missing or not a table."""
     values = top.raw(name)
     if values is None and not optional:
         top.error(f"[{name}]", f"a table [{name}]", "nothing", "Add it, as in data/paper-like.")
     elif values is not None and not isinstance(values, dict):
-        top.error(name, f"a table [{name}]", values, f"Write [{name}] on a line of its own.")
+        top.error(name, f"a table [{name}]", values, f"Write [{name}] on its own line.")
     if isinstance(values, dict):
         return TomlTable(findings, file, name, values, KNOWN[name])
-    # One error for the missing table is enough: what it should hold is not asked for again.
+    # One error for the missing table is enough: its keys are not reported as missing.
     return TomlTable(Findings(), file, name, {}, KNOWN[name])
 
 
 def check_format(top: TomlTable, expected: str) -> None:
-    """Adds an error unless the key ``format`` is the expected one."""
+    """Add an error unless the key ``format`` has the expected value."""
     value = top.text("format", f'"{expected}"')
     if value and value != expected:
         top.error(
@@ -108,7 +108,7 @@ def check_format(top: TomlTable, expected: str) -> None:
 
 
 def plain_table(spec: Any) -> dict[str, Any]:
-    """A table as TOML writes it; a square size is one number."""
+    """Return a table as TOML writes it; a square size is one number."""
     values = asdict(spec)
     extra = values.pop("extra")
     for key in ("taxel_size_m", "pitch_m"):
@@ -120,7 +120,7 @@ def plain_table(spec: Any) -> dict[str, Any]:
 
 
 def sensor_from(table: TomlTable) -> SensorSpec:
-    """``[sensor]``; as below, a placeholder stands where something is wrong and an error says so."""
+    """Return ``[sensor]``; here and below, a wrong value adds an error and reads as a placeholder."""
     listed = table.has("positions")
     size = (
         None
@@ -172,7 +172,7 @@ def _check_sensor(table: TomlTable, sensor: SensorSpec) -> None:
 
 
 def surface_from(table: TomlTable) -> SurfaceSpec:
-    """``[surface]``."""
+    """Return ``[surface]``."""
     kind = table.choice("kind", ("cylinder", "plane", "mesh"))
     radius = (
         table.length_m("radius_m", "the cylinder's radius [m]", low=1e-4, high=1.0)
@@ -185,7 +185,7 @@ def surface_from(table: TomlTable) -> SurfaceSpec:
 
 
 def indenter_from(table: TomlTable) -> IndenterSpec:
-    """``[indenter]``."""
+    """Return ``[indenter]``."""
     kind = table.choice("kind", ("sphere", "flat", "mesh"))
     what = "the sphere's radius [m]" if kind == "sphere" else "the punch's radius [m]"
     radius = table.length_m("radius_m", what, low=5e-5, high=1.0) if kind in ("sphere", "flat") else None
@@ -201,7 +201,7 @@ def _mesh_file(table: TomlTable, kind: str) -> str | None:
 
 
 def mount_from(table: TomlTable, surface: str) -> MountSpec:
-    """``[mount]``; ``surface`` is the surface's kind, '' where that is not known."""
+    """Return ``[mount]``; ``surface`` is the kind of the surface, '' if unknown."""
     plane = surface == "plane"
     for key in ("beta_deg", "beta_range_deg") if plane else ("x_m", "x_range_m"):
         table.absent(
@@ -242,14 +242,14 @@ def _angle(table: TomlTable, name: str) -> tuple[float, Pair]:
 
 
 def _check_inside(table: TomlTable, key: str, value: float, range_key: str, bounds: Pair) -> None:
-    # Comparisons with the NaN of a placeholder are false: nothing is said twice.
+    # Comparisons with the NaN of a placeholder are false, so that nothing is reported twice.
     if value < bounds[0] or value > bounds[1]:
         expected = f"a value within {range_key} = [{bounds[0]:g}, {bounds[1]:g}]"
         table.error(key, expected, f"{value:g}", f"Widen {range_key}, or correct {key}.")
 
 
 def position_from(table: TomlTable) -> PositionSpec:
-    """``[position]``."""
+    """Return ``[position]``."""
     sigma = table.length_m("sigma_m", "a standard deviation [m], 0 or more, or inf", low=0.0, high=0.1,
                            positive=False, inf=True)  # fmt: skip
     slack = table.length_m("slack_m", "a bound [m], 0 or more", low=0.0, high=0.1, positive=False,
@@ -261,7 +261,7 @@ def position_from(table: TomlTable) -> PositionSpec:
 
 
 def force_from(table: TomlTable) -> ForceSpec:
-    """``[force]``."""
+    """Return ``[force]``."""
     return ForceSpec(
         table.number(
             "scale_sigma", "a relative standard deviation, 0 to 0.5", default=0.0, low=0.0, high=0.5
@@ -271,7 +271,7 @@ def force_from(table: TomlTable) -> ForceSpec:
 
 
 def clock_from(table: TomlTable) -> ClockSpec:
-    """``[clock]``."""
+    """Return ``[clock]``."""
     return ClockSpec(
         table.number("sigma_s", "a standard deviation [s], 0 or more", default=0.0, low=0.0), table.extra
     )

@@ -1,4 +1,4 @@
-"""The model's objects that a description of a sensor stands for; the model is imported when needed."""
+"""The model objects of a sensor's description; the model is imported when needed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayout:
-    """The taxels' layout: the grid of ``[sensor]``, or the table of positions where there is one."""
+    """Return the layout of the taxels: the grid of ``[sensor]``, or the table of positions if there is one."""
     from skincal.model import TaxelLayout
 
     if positions is not None:
@@ -32,7 +32,7 @@ def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayo
 
 
 def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
-    """The surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
+    """Return the surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
     from skincal.model import Cylinder, MeshSurface, Plane
 
     if spec.kind == "mesh":
@@ -45,12 +45,12 @@ def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
 
 
 def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float | None = None) -> Indenter:
-    """What presses.
+    """Return the indenter.
 
     Args:
         spec: the table ``[indenter]``.
         meshes: content of mesh files by name.
-        radius_m: a radius that goes before that of ``spec`` [m]; None or NaN: that of ``spec``.
+        radius_m: radius [m] that overrides that of ``spec``; None or NaN: that of ``spec``.
     """
     from skincal.model import FlatPunch, MeshIndenter, Sphere
 
@@ -63,10 +63,10 @@ def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float
 
 
 def converter_of(sensor: SensorSpec) -> Converter:
-    """The converter of ``[sensor]``.
+    """Return the converter of ``[sensor]``.
 
-    Where the level at rest has been taken off the counts, it is not known where on their scale the converter
-    clips, nor are they whole numbers any more: then nothing is clipped or rounded.
+    Where the level at rest has been subtracted, the clipping points on the counts' scale are unknown, and the counts
+    are no longer whole numbers: then the converter neither clips nor rounds.
     """
     from skincal.model import Converter
 
@@ -76,18 +76,18 @@ def converter_of(sensor: SensorSpec) -> Converter:
 
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
-"""Formats of meshes: those that hold nothing but triangles, and are not packed."""
+"""Supported mesh formats: those that hold only triangles and are not compressed."""
 
 
 def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices [m], shape (V, 3), and faces, shape (F, 3), of a mesh file.
+    """Return the vertices [m], shape (V, 3), and the faces, shape (F, 3), of a mesh file.
 
     Args:
         content: the file's bytes.
-        name: its name; the suffix tells the format (STL, OBJ, PLY, ...).
+        name: its name; the suffix gives the format (STL, OBJ, PLY, ...).
 
     Raises:
-        ValueError: it is no mesh that trimesh can read, or an empty one.
+        ValueError: trimesh cannot read the mesh, or it is empty.
     """
     import trimesh
 

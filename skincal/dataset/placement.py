@@ -1,4 +1,4 @@
-"""Where contact points lie on the patch: the way back from the fingertip frame to patch coordinates."""
+"""Patch coordinates of contact points: the inverse of the mapping from the patch to the fingertip frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 GRID = 81
-"""Points along each side of the grid on a mesh from which the search begins."""
+"""Grid points along each side of the patch on a mesh from which the search starts."""
 
 STEPS = 3
 DIFFERENCE_M = 1e-5
@@ -22,17 +22,17 @@ DIFFERENCE_M = 1e-5
 def patch_coordinates(
     surface: Surface, pose: SensorPose, points_m: ArrayLike, reach_m: float = 0.02
 ) -> FloatArray:
-    """Patch coordinates of contact points (contract, section 1, solved for u and v).
+    """Return the patch coordinates of contact points (contract, section 1, solved for u and v).
 
     Args:
         surface: the surface.
-        pose: where the patch lies on it.
+        pose: pose of the patch on the surface.
         points_m: contact points, fingertip frame [m], shape (K, 3); those off the surface are projected.
-        reach_m: on a mesh, points are looked for within this distance of the patch's centre [m].
+        reach_m: on a mesh, largest distance of a point from the patch's centre [m].
 
     Returns:
         ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. Exact on a cylinder and a plane; on a mesh
-        as good as its facets.
+        as accurate as its facets.
     """
     from skincal.model import Cylinder, Plane
 
@@ -52,7 +52,7 @@ def _turned_back(pose: SensorPose, across: FloatArray, along: FloatArray) -> Flo
 
 
 def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: float) -> FloatArray:
-    """The nearest of a coarse grid of points of the patch, then Gauss-Newton steps from there."""
+    """Return the coordinates of the nearest points: the best of a coarse grid, refined by Gauss-Newton steps."""
     from scipy.spatial import cKDTree
 
     side = np.linspace(-reach_m, reach_m, GRID)
@@ -71,7 +71,7 @@ def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: fl
 
 
 def _refined(surface: Surface, pose: SensorPose, points: FloatArray, uv: FloatArray) -> FloatArray:
-    """One Gauss-Newton step towards the points, by differences along u and v; none where the patch ends."""
+    """Return one Gauss-Newton step towards the points, by differences along u and v; no step where the patch ends."""
     here = surface.wrap(pose, uv)[0]
     moved = [surface.wrap(pose, uv + step)[0] for step in DIFFERENCE_M * np.eye(2)]
     slopes = np.stack([(there - here) / DIFFERENCE_M for there in moved], axis=2)

@@ -1,6 +1,6 @@
-"""Values that are well formed and yet cannot be meant: above all a unit that is off by a factor of 1000.
+"""Plausibility checks: well-formed values that cannot be intended, above all a unit off by a factor of 1000.
 
-A quantity is only called wrong where its *median* cannot be meant: single presses may be glitches.
+A quantity is wrong only if its *median* is implausible: single presses may be outliers.
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ IntArray = NDArray[np.int64]
 
 HIGHEST_PRESSURE_PA = 3e6
 LOWEST_PRESSURE_PA = 100.0
-"""Mean pressures under the indenter beyond which a median force is not meant in newtons."""
+"""Mean pressures under the indenter outside which a median force is not in newtons."""
 
-WHICH_FRAME = "Is the surface in dataset.toml the right one, and the frame the fingertip's?"
+WHICH_FRAME = "Is the surface in dataset.toml the right one, and are the points in the fingertip frame?"
 
 FAR = 20.0
-"""Positions whose median lies farther from the patch than this many times its reach are not meant."""
+"""Positions are implausible if their median is farther from the patch than this many times its reach."""
 
 DROPPED, MOST_DROPPED = 1 / 3, 0.01
-"""A frame of a hold has lost its force below this part of the hold's mean; so many may."""
+"""A frame of a hold has lost its force below this part of the hold's mean; this part of the frames may."""
 
 MOST_POINTS = 100_000
-"""Contact points of frames that are looked at: medians of a part are enough."""
+"""Number of contact points of frames that are checked: a sample suffices for medians."""
 
 APART_M, APART_SHARE, APART_IMAGE, FEWEST_COMPARED = 1e-3, 0.2, 0.7, 3
-"""Frames are of another press than the table's if they lie so far off [m], or their force does, and their image is off
-by this part of the press's own; told where there are so many presses at least."""
+"""Frames belong to another press than the table's if their place is off by this [m], or their force is, and their
+image by this part of the press's own; reported if at least this many presses are affected."""
 
 LARGEST_RADIUS_M, SMALLEST_RADIUS_M = 1.0, 5e-5
 FASTEST_M_PER_S = 0.5
 
 
 def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Adds what cannot be meant to the findings.
+    """Report implausible values.
 
     Args:
-        dataset: the data, of the right form.
+        dataset: well-formed data.
         files: names of the files of ``presses`` and ``frames``.
-        findings: where errors and warnings go.
+        findings: collects errors and warnings.
     """
     presses, frames = dataset.presses, dataset.frames
     surface = dataset.surface()
@@ -81,7 +81,7 @@ def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings)
 
 
 def check_scale(points: FloatArray, file: str, findings: Findings) -> None:
-    """What can be said of contact points where the description, and so the surface, is not known."""
+    """Check contact points without a description, and so without a surface."""
     size = _median(np.linalg.norm(points, axis=1))
     if size > 1.0:
         fix = MILLIMETRES if size / 1000 < 1.0 else ""
@@ -98,7 +98,7 @@ def _check_positions(
     at: tuple[str, tuple[str, ...]],
     findings: Findings,
 ) -> None:
-    """Positions lie on the surface, near the patch; ``at`` is their file and columns."""
+    """Check that positions lie on the surface, near the patch; ``at`` is their file and columns."""
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return
@@ -140,13 +140,13 @@ def _median_away(points: FloatArray, centre: FloatArray) -> float:
 
 
 def _median_off(surface: Surface, points: FloatArray) -> float:
-    """Median distance from the surface [m]; a sample is enough where there are many points."""
+    """Return the median distance from the surface [m], of a sample if there are many points."""
     points = points[:: max(len(points) // 200, 1)]
     return float(np.median(np.linalg.norm(points - surface.project(points), axis=1)))
 
 
 def patch_reach_m(dataset: Dataset) -> float:
-    """How far from the nominal centre a press that touches the patch may lie [m]."""
+    """Return the largest distance from the nominal centre of a press that touches the patch [m]."""
     mount = dataset.meta.mount
     ranges = [r for r in (mount.y_range_m, mount.x_range_m) if r is not None]
     search = max((high - low for low, high in ranges), default=0.0)
@@ -158,9 +158,9 @@ def patch_reach_m(dataset: Dataset) -> float:
 
 
 def pressed_area_m2(dataset: Dataset) -> float:
-    """The area that the indenter can press on at most [m²]: its own, or the patch if that is less.
+    """Return the largest area that the indenter can press on [m²]: its own, or the patch if that is smaller.
 
-    A flat punch on a plane may stand for a pressure everywhere: its own area counts.
+    A flat punch on a plane may stand for uniform pressure: then its own area counts.
     """
     low, high = dataset.layout().bounds_m
     patch = float(np.prod(high - low))
@@ -177,7 +177,7 @@ def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Fin
     pressure = median / area
     got = f"a median of {median:.3g} N, {pressure:.2g} Pa under the indenter"
     if median <= 0:
-        fix = "Forces on the skin count positive: sign = -1 in the mapping."
+        fix = "Forces on the skin are positive: set sign = -1 in the mapping."
         findings.error(place, "positive normal forces [N]", got, fix, code=CODE, factor=-1.0)
         return
     found = force_unit(median, area)
@@ -193,7 +193,7 @@ def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Fin
         return
     say = findings.warn if pressure > 1 and factor < 1 else findings.note
     fix = f"Is it in {unit}? Then {scaled_by(factor)}."
-    say(place, "forces [N] as a skin is pressed with", got, fix, code=CODE, factor=factor)
+    say(place, "forces [N] that are plausible on a skin", got, fix, code=CODE, factor=factor)
 
 
 def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
@@ -230,14 +230,14 @@ def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
 
 
 def _median(column: FloatArray | None) -> float:
-    """Median of what was measured; NaN, which compares false with everything, where nothing was."""
+    """Return the median of the measured values; NaN, which compares as false, if there are none."""
     if column is None or not np.isfinite(column).any():
         return float("nan")
     return float(np.nanmedian(column))
 
 
 def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
-    """Frames agree with the table of presses in their forces and times."""
+    """Check that frames agree with the table of presses in force and time."""
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     step = _median(np.diff(frames.time_s))
@@ -273,7 +273,7 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
 
 
 def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
-    """Frames of a hold have about the mean force (K,) of the hold of their press, but for a few."""
+    """Check that frames of a hold have about the mean force (K,) of their press's hold, apart from a few."""
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     held = np.flatnonzero(
@@ -291,7 +291,7 @@ def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Fi
 
 
 def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
-    """The frames of a press are those of the press of that number in the table: alike in image, and place or force."""
+    """Check that the frames of a press belong to the press of that number: similar in image, and in place or force."""
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     image, place = hold_means(dataset, frames.taxel_columns()), hold_means(dataset, frames.position_m)
@@ -309,12 +309,12 @@ def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings
     numbers = ", ".join(str(press) for press in presses.press[other][:6].tolist())
     got = f"another image at another place or force for {int(other.sum())} of {looked} (press {numbers})"
     say = findings.error if other.sum() > looked / 2 else findings.warn
-    fix = "Are the presses numbered alike in both files?"
+    fix = "Are the presses numbered equally in both files?"
     say(f"{file}, column press", "frames of the presses of the table", got, fix)
 
 
 def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
-    """Contacts rest while they are held: an image that is a mean over a slide is of no place."""
+    """Check that contacts rest while they are held: the mean image over a slide belongs to no place."""
     frames, presses, sigma = dataset.frames, dataset.presses, dataset.meta.position.sigma_m
     assert frames is not None
     if not np.isfinite(sigma):
@@ -335,21 +335,21 @@ def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
     shown = ", ".join(f"{number} ({1e3 * slides[number]:.2g} mm)" for number in sliding[:6])
     more = f" and {len(sliding) - 6} more" if len(sliding) > 6 else ""
     findings.warn(
-        f"{file}, columns x_m, y_m, z_m", f"contacts that rest in their hold, within sigma_m = {sigma:.2g} m",
+        f"{file}, columns x_m, y_m, z_m", f"contacts that stay in place in their hold, within sigma_m = {sigma:.2g} m",
         f"{len(sliding)} of {len(slides)} that slide: press {shown}{more}",
-        "Cut their holds to where the contact rests; `skincal import` does so.",
+        "Shorten their holds to where the contact rests; `skincal import` does so.",
         code="slides_in_hold", presses=sliding,
     )  # fmt: skip
 
 
 def _rows_of(presses: IntArray, numbers: IntArray) -> IntArray:
-    """Rows of the table of presses, by their numbers."""
+    """Return the rows of the table of presses, by press number."""
     order = np.argsort(presses)
     return order[np.searchsorted(presses[order], numbers)]
 
 
 def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
-    """The median image (J,); NaN-free."""
+    """Return the median image (J,), without NaN."""
     return np.array(
         [
             np.median(column[seen]) if seen.any() else 0.0
@@ -361,7 +361,7 @@ def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
 def _check_session_clock(
     dataset: Dataset, middle: FloatArray, held: NDArray[np.bool_], file: str, findings: Findings
 ) -> None:
-    """The hold of a press lies in its frames where ``t_hold_s`` to ``t_release_s`` says."""
+    """Check that the hold of a press lies in its frames where ``t_hold_s`` to ``t_release_s`` says."""
     start, end = dataset.presses.column("t_hold_s"), dataset.presses.column("t_release_s")
     if start is None or end is None:
         return
@@ -378,11 +378,11 @@ def _check_session_clock(
 
 
 def hold_means(dataset: Dataset, values: FloatArray | Iterable[FloatArray]) -> FloatArray:
-    """Means of columns of the frames over the hold of each press, (K,) or (K, m); NaN where it has no hold.
+    """Return the means of columns of the frames over the hold of each press, (K,) or (K, m); NaN without a hold.
 
     Args:
-        dataset: with frames.
-        values: (n,) or (n, m), frame by frame, or m columns (n,) one after the other.
+        dataset: a dataset with frames.
+        values: (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
     """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None

@@ -1,4 +1,4 @@
-"""``taxels.csv``: where the taxels of a layout that is no grid lie."""
+"""``taxels.csv``: the positions of taxels that form no grid."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ COUNT = "Rows and columns count from 0; or correct rows and cols in dataset.toml
 
 
 def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None:
-    """Takes the taxels' positions out of a table as read, in the order of the flat index.
+    """Return the positions of the taxels in a table, in the order of the flat index.
 
-    Every taxel of ``rows`` x ``cols`` must be there once. What is wrong is added to the table's findings.
+    Every taxel of ``rows`` x ``cols`` must occur once. Problems are added to the table's findings.
     """
-    if not sensor.taxels:  # the description does not say how many there are, and that has been said
+    if not sensor.taxels:  # the description gives no number of taxels, which has been reported
         return None
     reader = ColumnReader(table)
     reader.require(COLUMNS)
@@ -41,13 +41,13 @@ def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None
         )
     reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}", COUNT)
     reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}", COUNT)
-    if (np.minimum(r, c) < 0).any():  # which taxel is meant cannot be known
+    if (np.minimum(r, c) < 0).any():  # the taxel cannot be identified
         return None
     return _in_order(reader, sensor, r * sensor.cols + c, centres, sizes)
 
 
 def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
-    """The table that says where the taxels lie, as columns to write."""
+    """Return the table of taxel positions, as columns to write."""
     r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
     numbers = (*positions.centres_m.T, *positions.sizes_m.T)
     return dict(zip(COLUMNS, (r, c, *numbers), strict=True))
@@ -58,7 +58,7 @@ def _in_order(
 ) -> TaxelPositions | None:
     first = np.zeros(len(flat), dtype=bool)
     first[np.unique(flat, return_index=True)[1]] = True
-    reader.sheet.bad_rows("r, c", ~first, _taxel_names(sensor, flat), "each taxel once", "Take the copy out.")
+    reader.sheet.bad_rows("r, c", ~first, _taxel_names(sensor, flat), "each taxel once", "Remove the copy.")
     missing = np.setdiff1d(np.arange(sensor.taxels), flat)
     if missing.size:
         names = ", ".join(sensor.taxel_columns()[j] for j in missing[:6])
@@ -72,6 +72,6 @@ def _in_order(
 
 
 def _taxel_names(sensor: SensorSpec, flat: np.ndarray) -> list[str]:
-    """Names of taxels by flat index; one that does not exist is named by its number."""
+    """Return the names of taxels by flat index; a taxel that does not exist is named by its number."""
     names = sensor.taxel_columns()
     return [names[j] if j < len(names) else str(j) for j in flat]

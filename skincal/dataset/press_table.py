@@ -1,4 +1,4 @@
-"""``presses.csv`` or ``.parquet``: columns into :class:`Presses`, with every violation reported."""
+"""``presses.csv`` or ``.parquet``: its columns as :class:`Presses`, with every violation reported."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from skincal.dataset.table_file import RawTable
 from skincal.dataset.tables import Presses
 
 REQUIRED = ("press", *POSITION, "force_n")
-TWICE = "Take the copy out; if they are two presses, give each a number of its own."
+TWICE = "Remove the copy; if they are two presses, give each its own number."
 
 
 def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
-    """Takes the presses out of a table as read; what is wrong is added to the table's findings."""
+    """Return the presses of a table; add problems to the table's findings."""
     reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)
@@ -62,12 +62,12 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
 def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
     first = np.zeros(len(press), dtype=bool)
     first[np.unique(press, return_index=True)[1]] = True
-    # What is no number of a press has been said.
+    # Invalid press numbers have been reported.
     reader.sheet.bad_rows("press", ~first & (press >= 0), press, "each number once", TWICE)
 
 
 def _normals(reader: ColumnReader) -> np.ndarray | None:
-    """Measured normals, shape (K, 3); NaN where not measured, None where there are no such columns."""
+    """Return the measured normals, shape (K, 3), NaN where not measured; None without such columns."""
     present = [name for name in NORMAL if reader.has(name)]
     if not present:
         return None
@@ -78,7 +78,7 @@ def _normals(reader: ColumnReader) -> np.ndarray | None:
     given = np.isfinite(normals)
     partial = given.any(axis=1) & ~given.all(axis=1)
     reader.sheet.bad_rows(
-        "nx, ny, nz", partial, normals, "all three, or none", "Give all, or empty the cells."
+        "nx, ny, nz", partial, normals, "all three, or none", "Give all three, or leave the cells empty."
     )
     length = np.linalg.norm(normals, axis=1)
     wrong = given.all(axis=1) & (np.abs(length - 1) > 0.01)
@@ -94,7 +94,7 @@ def _check_branch(reader: ColumnReader, presses: Presses) -> None:
 
 
 def _check_times(reader: ColumnReader, presses: Presses) -> None:
-    """Start, hold, release and end follow each other."""
+    """Check that start, hold, release and end follow each other."""
     names = [name for name in TIMES if presses.column(name) is not None]
     for earlier, later in pairwise(names):
         before, after = presses.columns[earlier], presses.columns[later]

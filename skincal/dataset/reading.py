@@ -1,4 +1,4 @@
-"""Reads and checks a dataset's folder."""
+"""Reading and checking of a dataset's folder."""
 
 from __future__ import annotations
 
@@ -20,20 +20,18 @@ from skincal.dataset.remarks import add_remarks
 from skincal.dataset.table_file import MOST_ROWS_HELD, RawTable, find_table, read_table
 from skincal.errors import InputError, Problem
 
-NO_TABLE = (
-    "Is this the folder of a session? `skincal import` makes one of a table with other names and units."
-)
+NO_TABLE = "Is this a dataset's folder? `skincal import` makes one from a table with other names and units."
 NO_FOLDER = "Give the folder that holds dataset.toml."
 
 
 @dataclass(frozen=True)
 class Check:
-    """What was found in a dataset's folder.
+    """Result of checking a dataset's folder.
 
     Attributes:
-        errors: what makes it unusable, in the order of the files.
-        warnings: what a person should know.
-        dataset: the data; None where there are errors.
+        errors: problems that make it unusable, in the order of the files.
+        warnings: problems that do not forbid its use.
+        dataset: the data; None if there are errors.
     """
 
     errors: tuple[Problem, ...]
@@ -42,16 +40,16 @@ class Check:
 
 
 def read_dataset(path: str | Path) -> Dataset:
-    """Reads a dataset's folder (contract ``skincal-dataset/1``) and checks all of it.
+    """Read and check a dataset's folder (contract ``skincal-dataset/1``).
 
     Args:
         path: the folder.
 
     Returns:
-        The dataset; its ``warnings`` say what does not forbid its use.
+        The dataset; its ``warnings`` do not forbid its use.
 
     Raises:
-        InputError: anything in it is wrong; ``problems`` holds every violation.
+        InputError: the folder has violations; ``problems`` holds all of them.
     """
     findings = Findings(Path(path))
     dataset = _read(Path(path), findings)
@@ -61,7 +59,7 @@ def read_dataset(path: str | Path) -> Dataset:
 
 
 def check_dataset(path: str | Path) -> Check:
-    """Reads a dataset's folder and reports everything that was found instead of raising it."""
+    """Check a dataset's folder; return its problems instead of raising them."""
     findings = Findings(Path(path))
     dataset = None
     try:
@@ -111,7 +109,7 @@ def _table(folder: Path, stem: str, findings: Findings) -> RawTable | None:
 
 
 def _check_model(dataset: Dataset, findings: Findings) -> bool:
-    """Whether the model can be built from the description; what it refuses is an error of the files."""
+    """Return whether the model can be built from the description; report what it refuses."""
     sensor = f"{FILE}, [sensor]" if dataset.positions is None else str(dataset.meta.sensor.positions)
     for place, expected, make in (
         (sensor, "a layout of taxels", dataset.layout),
@@ -128,7 +126,7 @@ def _check_model(dataset: Dataset, findings: Findings) -> bool:
 
 
 def _wrapped(dataset: Dataset) -> None:
-    """Lays the taxels' centres on the surface.
+    """Place the taxel centres on the surface.
 
     Raises:
         ValueError: the surface has no room for them.

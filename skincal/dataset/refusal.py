@@ -1,4 +1,4 @@
-"""Why nothing can be done with a dataset that is well formed: which one, what is wrong, what to do."""
+"""The error of a well-formed dataset that cannot be used: which dataset, what is wrong, what to do."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from skincal.errors import WorkError
 
 
 def refusal(dataset: Dataset, reason: str) -> WorkError:
-    """The error that says which dataset cannot be used, and why.
+    """Return the error that a dataset cannot be used, with the reason.
 
     Args:
-        dataset: is named by its folder, where it has one.
-        reason: what is wrong and what to do; one or a few sentences.
+        dataset: named by its folder if it has one.
+        reason: what is wrong and what to do, in one or a few sentences.
     """
     end = "" if reason.endswith((".", "?")) else "."
     return WorkError(f"{dataset.folder or 'the dataset'}: {reason}{end}")

@@ -1,4 +1,4 @@
-"""What a person should know of a dataset that is well formed: warnings, never errors."""
+"""Warnings about a well-formed dataset."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from skincal.dataset.rest import (
 )
 
 SLACK_SIGMAS = 50.0
-"""A slack of more sigmas than this is never used: one of the two is in another unit."""
+"""Largest plausible slack, in sigmas: beyond it, one of the two is probably in another unit."""
 
 FEWEST_ACTIVE = 1e-3
-"""Where the threshold is one of noise, an answer in fewer readings than this is noise."""
+"""With a threshold set by noise, active taxels in fewer readings than this are noise."""
 
 STUCK_SHARE = 0.9
-"""A taxel that reads value_max in more than this share of the presses is called stuck."""
+"""A taxel that reads value_max in more than this share of the presses is reported as stuck."""
 
 
 def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
-    """Adds warnings to the findings.
+    """Add warnings to the findings.
 
     Args:
-        dataset: the data, of the right form.
+        dataset: well-formed data.
         sheet: the table of presses.
-        findings: where the warnings go.
+        findings: collects the warnings.
     """
     _remark_on_activity(dataset, sheet, findings)
     _remark_on_stuck(dataset, sheet, findings)
@@ -40,13 +40,13 @@ def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
     _remark_on_normals(dataset, sheet)
     _remark_on_slack(dataset, findings)
     force = dataset.presses.force_n
-    sheet.bad_rows("force_n", force <= 0, force, "a positive normal force", "A glitch?", warning=True)
+    sheet.bad_rows("force_n", force <= 0, force, "a positive normal force", "An outlier?", warning=True)
 
 
 def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
     threshold = active_threshold(dataset)
     active = active_taxels(dataset, threshold)
-    # Noise alone lights a taxel now and then.
+    # Noise alone makes a taxel active now and then.
     if threshold < ACTIVE_COUNTS and active.mean() < FEWEST_ACTIVE:
         active[:] = False
     expected = f"taxels more than {threshold:.3g} {dataset.meta.sensor.unit_label} above their level at rest"
@@ -61,7 +61,7 @@ def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> N
 
 
 def _remark_on_slack(dataset: Dataset, findings: Findings) -> None:
-    """No press can be further off than its slack, whatever the sigma, and hardly one by many sigmas."""
+    """Warn where slack_m and sigma_m do not fit together: no press is off by more than its slack, or by many sigmas."""
     position = dataset.meta.position
     if 0 < position.sigma_m < position.slack_m / SLACK_SIGMAS:
         findings.warn(
@@ -92,7 +92,7 @@ def _remark_on_stuck(dataset: Dataset, sheet: Sheet, findings: Findings) -> None
 
 
 def _remark_on_repeats(dataset: Dataset, sheet: Sheet) -> None:
-    """The same measurement under two numbers: noise would have made them differ."""
+    """Warn of one measurement under two numbers: noise would have made two measurements differ."""
     presses = dataset.presses
     values = np.column_stack([presses.position_m, presses.force_n, presses.counts])
     first = np.zeros(len(values), dtype=bool)

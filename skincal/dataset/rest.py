@@ -1,4 +1,4 @@
-"""Which taxels answered a press: the level at rest, and what lies clearly above it."""
+"""The level of each taxel at rest, and the taxels that are active in a press."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.tables import IDLE
 
 ACTIVE_COUNTS = 5.0
-"""How far above its level at rest a taxel must be to count as active [counts]."""
+"""Default threshold above the level at rest from which a taxel is active [counts]."""
 
 ACTIVE_SIGMAS = 6.0
-"""The same in standard deviations of the noise at rest, for values that are no counts."""
+"""The same in standard deviations of the noise at rest, for values that are not counts."""
 
 REST_IN_DOUBT = (
-    "Without frames at rest the level at rest is taken from the presses, and some taxels then rest far above the "
-    "others: if all presses light the same taxels alike, add frames at rest (phase idle), or press at other places"
+    "Without idle frames the level at rest is estimated from the presses, and some taxels then rest far above the "
+    "others: if all presses load the same taxels equally, add frames at rest (phase idle), or press at other places"
 )
-"""What to do where :func:`rest_in_doubt` says so."""
+"""Reason and advice where :func:`rest_in_doubt` holds."""
 
 FEWEST_IDLE = 20
-"""Idle frames that are needed to take the level at rest from them."""
+"""Idle frames that an estimate of the level at rest needs."""
 
 
 def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
-    """The level of each taxel at rest.
+    """Return the level of each taxel at rest.
 
-    It is the median over the idle frames; where there are none, the mean of the dark readings over the presses,
-    most of which do not reach a given taxel. Counts whose level at rest has been taken off rest at 0.
+    It is the median over the idle frames; without idle frames, the mean of the low readings over the presses, most of
+    which do not reach a given taxel. Counts with a subtracted level rest at 0.
 
     Args:
         dataset: the data.
@@ -49,10 +49,10 @@ def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
 
 
 def rest_in_doubt(dataset: Dataset) -> bool:
-    """Whether the level at rest may be that of taxels which every press lights alike.
+    """Return whether the level at rest may belong to taxels that every press loads equally.
 
-    It is taken from the presses where there are too few idle frames; that of a taxel then should not stand clearly
-    above that of most others. Presses that all lie at one place, with one force, make it do so.
+    With too few idle frames the level is estimated from the presses. Then the level of one taxel should not lie clearly
+    above that of most others; it does if all presses have one place and one force.
     """
     if dataset.meta.sensor.baseline == "subtracted" or _idle(dataset) is not None:
         return False
@@ -62,7 +62,7 @@ def rest_in_doubt(dataset: Dataset) -> bool:
 
 
 def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
-    """Mean counts of untouched taxels, which clipping lifts above their level at rest where there is noise.
+    """Return the mean counts of untouched taxels, which clipped noise lifts above their level at rest.
 
     Args:
         dataset: the data.
@@ -74,9 +74,9 @@ def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
 
 
 def noise_at_rest(dataset: Dataset) -> float:
-    """Standard deviation of an untouched taxel about its level [counts], the median over the taxels; 0 if clipped.
+    """Return the noise of an untouched taxel [counts]: the median standard deviation over the taxels; 0 if clipped.
 
-    It is that of single frames where there are idle ones, else that of the lower readings of the presses.
+    It comes from single idle frames if there are any, else from the lower readings of the presses.
     """
     spreads = _of_idle_frames(dataset, _low_spread)
     if spreads is None:
@@ -87,15 +87,15 @@ def noise_at_rest(dataset: Dataset) -> float:
 
 
 def _low_spread(counts: NDArray[np.float64]) -> np.floating:
-    """Standard deviation of the lower half of readings, by two quantiles that lie 1.03 sigmas apart if normal."""
+    """Return the standard deviation of the lower half of readings, by two quantiles 1.03 sigmas apart if normal."""
     middle, low = np.nanquantile(counts, (0.4, 0.1))
     return (middle - low) / 1.028
 
 
 def active_threshold(dataset: Dataset) -> float:
-    """How far above its level at rest a taxel counts as active: five counts, less where all values are small.
+    """Return the threshold above the level at rest from which a taxel is active: five counts, less for small values.
 
-    Values in volts, or in shares of full scale, never reach five: there it is six sigmas of the noise at rest.
+    Values in volts, or in shares of full scale, never reach five: for them it is six sigmas of the noise at rest.
     """
     apart = dataset.presses.counts - rest_levels(dataset)
     top = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
@@ -105,7 +105,7 @@ def active_threshold(dataset: Dataset) -> float:
 
 
 def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:
-    """Which frames are idle (M,); None where there are too few."""
+    """Return which frames are idle (M,); None if there are too few."""
     frames = dataset.frames
     if frames is None or np.sum(idle := frames.phase == IDLE) < FEWEST_IDLE:
         return None
@@ -115,7 +115,7 @@ def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:
 def _of_idle_frames(
     dataset: Dataset, statistic: Callable[[NDArray[np.float64]], np.floating]
 ) -> NDArray[np.float64] | None:
-    """A statistic of each taxel's counts over the idle frames (J,), NaN for a dead one; None where they are too few."""
+    """Return a statistic of each taxel's counts over the idle frames (J,), NaN for a dead one; None if too few."""
     idle = _idle(dataset)
     if idle is None or dataset.frames is None:
         return None
@@ -124,13 +124,13 @@ def _of_idle_frames(
 
 
 def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> NDArray[np.bool_]:
-    """Which taxels answered which press: those above their level at rest by more than a threshold.
+    """Return which taxels are active in which press: more than a threshold above their level at rest.
 
     Args:
         dataset: the data.
         threshold_counts: the threshold [counts].
 
     Returns:
-        Shape (K, J); a dead taxel (NaN) never answers.
+        Shape (K, J); a dead taxel (NaN) is never active.
     """
     return dataset.presses.counts - rest_levels(dataset) > threshold_counts

@@ -1,4 +1,4 @@
-"""How far a contact moves while it is held. Pure numerics."""
+"""Motion of a contact while it is held. Pure numerics."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ SMALLEST_M: Final = 1e-4
 """A contact that moves less than this rests, however well its position is known [m]."""
 
 FEWEST_SAMPLES: Final = 4
-"""A hold of fewer samples says nothing of their noise."""
+"""Fewest samples of a hold that determine their noise."""
 
 PARTS: Final = 8
-"""Positions are smoothed over this part of a hold."""
+"""Smoothing window of positions: the length of a hold divided by this."""
 
 NOISE_SIGMAS: Final = 6.0
-"""What noise alone makes of the extent of a smoothed path, in its standard deviations (simulated: 1 in 1000 above)."""
+"""Extent of a smoothed path of pure noise, in standard deviations (simulated: 1 in 1000 is above)."""
 
 
 def sample_noise_m(holds: Sequence[FloatArray]) -> float:
-    """Standard deviation of a single position, of its vector, the median over the holds of a session [m].
+    """Return the standard deviation of a single position (as a vector), the median over the holds of a session [m].
 
     Args:
-        holds: positions sample by sample, each (n, 3).
+        holds: positions by sample, each (n, 3).
     """
     found: list[float] = []
     for position in holds:
         if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
-            # Differences of neighbours are of the noise alone: a slide is slow.
+            # Differences of neighbours contain the noise alone: a slide is slow.
             apart = np.diff(position, axis=0)
             spread = np.median(np.abs(apart - np.median(apart, axis=0)), axis=0)
             found.append(float(np.linalg.norm(1.4826 * spread)) / np.sqrt(2))
@@ -40,11 +40,11 @@ def sample_noise_m(holds: Sequence[FloatArray]) -> float:
 
 
 def slide_m(position_m: FloatArray, noise_m: float) -> float:
-    """How far a contact moves in its hold [m], noise of the positions left out; NaN where they are not known.
+    """Return how far a contact moves in its hold [m], corrected for position noise; NaN for unknown positions.
 
     Args:
-        position_m: sample by sample, shape (n, 3).
-        noise_m: standard deviation of a single one (:func:`sample_noise_m`).
+        position_m: positions by sample, shape (n, 3).
+        noise_m: standard deviation of a single position (:func:`sample_noise_m`).
     """
     path, width = _path(position_m)
     if len(path) < 2:
@@ -54,11 +54,11 @@ def slide_m(position_m: FloatArray, noise_m: float) -> float:
 
 
 def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
-    """The longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
+    """Return the longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
 
     Args:
-        position_m: sample by sample, shape (n, 3).
-        still_m: how far a contact that rests moves [m].
+        position_m: positions by sample, shape (n, 3).
+        still_m: largest motion of a contact that rests [m].
         noise_m: standard deviation of a single position.
     """
     path, width = _path(position_m)
@@ -73,7 +73,7 @@ def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, 
 
 
 def _path(position_m: FloatArray) -> tuple[FloatArray, int]:
-    """Positions smoothed over some samples (m, 3), and over how many; none where they are not known."""
+    """Return the smoothed positions (m, 3) and the width of the window; no positions if they are unknown."""
     if len(position_m) < 2 or not np.isfinite(position_m).all():
         return np.zeros((0, 3)), 1
     width = max(1, len(position_m) // PARTS)

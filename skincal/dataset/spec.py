@@ -1,4 +1,4 @@
-"""What ``dataset.toml`` says, as frozen objects: sensor, surface, indenter, mount, position, force, clock."""
+"""The content of ``dataset.toml`` as frozen objects: sensor, surface, indenter, mount, position, force, clock."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class SensorSpec:
         cols: number of columns; ``c`` grows with ``u``.
         taxel_size_m: extent of a taxel along ``(u, v)`` [m]; None where ``positions`` gives it.
         pitch_m: distance of neighbouring centres along ``(u, v)`` [m]; None where ``positions`` gives it.
-        value_min: where the converter clips below [counts]; None: not known.
-        value_max: where the converter clips above [counts]; None: not known.
+        value_min: lower clipping point of the converter [counts]; None: unknown.
+        value_max: upper clipping point of the converter [counts]; None: unknown.
         integer: whether the converter gives whole numbers.
-        unit: what a taxel value is, for labels (``V``, ``kPa``, ``uT``); None: counts.
-        baseline: whether the level at rest has been taken off the counts.
-        positions: file with the taxels' positions, for a layout that is no grid.
-        extra: keys that skincal does not know.
+        unit: unit of a taxel value, for labels (``V``, ``kPa``, ``uT``); None: counts.
+        baseline: whether the level at rest has been subtracted from the counts.
+        positions: file with the taxels' positions, for a layout without a grid.
+        extra: unknown keys.
     """
 
     rows: int
@@ -47,7 +47,7 @@ class SensorSpec:
 
     @property
     def unit_label(self) -> str:
-        """What a taxel value is, for labels."""
+        """Unit of a taxel value, for labels."""
         return self.unit or "counts"
 
     @property
@@ -72,7 +72,7 @@ class SurfaceSpec:
 
 @dataclass(frozen=True)
 class IndenterSpec:
-    """What presses: a sphere or a flat punch (radius [m]), or a mesh (file)."""
+    """The indenter: a sphere or a flat punch (radius [m]), or a mesh (file)."""
 
     kind: IndenterKind
     radius_m: float | None = None
@@ -82,7 +82,7 @@ class IndenterSpec:
 
 @dataclass(frozen=True)
 class MountSpec:
-    """What is known of the sensor's pose before the fit: nominal values, and the ranges to search.
+    """Prior knowledge of the sensor's pose: nominal values and the ranges to search.
 
     On a cylinder and a mesh the centre is ``(y_m, beta_deg)``, on a plane ``(x_m, y_m)``; the other is None.
     """
@@ -100,11 +100,11 @@ class MountSpec:
 
 @dataclass(frozen=True)
 class PositionSpec:
-    """What the measured contact positions are worth.
+    """Accuracy of the measured contact positions.
 
     Attributes:
-        sigma_m: standard deviation [m]; inf: nothing is known of them.
-        slack_m: bound of the slack that the fit may give to a press [m].
+        sigma_m: standard deviation [m]; inf: the positions are unknown.
+        slack_m: bound of the shift that the fit may give to a press [m].
         extra: keys that skincal does not know.
     """
 
@@ -115,7 +115,7 @@ class PositionSpec:
 
 @dataclass(frozen=True)
 class ForceSpec:
-    """What the scale of the measured forces is worth.
+    """Accuracy of the scale of the measured forces.
 
     Attributes:
         scale_sigma: relative standard deviation of an error that all forces of the session share.
@@ -128,7 +128,7 @@ class ForceSpec:
 
 @dataclass(frozen=True)
 class ClockSpec:
-    """How well the clocks of force and taxels are known to agree: standard deviation [s]."""
+    """Agreement of the clocks of force and taxels: standard deviation [s]."""
 
     sigma_s: float = 0.0
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -136,20 +136,20 @@ class ClockSpec:
 
 @dataclass(frozen=True)
 class DatasetMeta:
-    """All of ``dataset.toml``.
+    """The content of ``dataset.toml``.
 
     Attributes:
         sensor: taxels and converter.
-        surface: what carries the sensor.
-        indenter: what presses.
+        surface: surface that carries the sensor.
+        indenter: the indenter.
         mount: the sensor's nominal pose and the ranges to search.
-        position: what the contact positions are worth.
-        force: what the scale of the forces is worth; None: not known, taken as exact.
-        clock: how well the clocks agree; None: not known.
-        created: when the data were taken; None: not said.
+        position: accuracy of the contact positions.
+        force: accuracy of the force scale; None: unknown, taken as exact.
+        clock: agreement of the clocks; None: unknown.
+        created: date of the recording; None: not given.
         source: free text.
-        assumed: what was not measured but assumed.
-        extra: keys that skincal does not know.
+        assumed: names of the quantities that were assumed, not measured.
+        extra: unknown keys.
     """
 
     sensor: SensorSpec

@@ -1,4 +1,4 @@
-"""What a dataset holds, in a few numbers."""
+"""A summary of a dataset in a few numbers."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from skincal.dataset.tables import PHASES, Frames
 
 @dataclass(frozen=True)
 class Summary:
-    """What a dataset holds.
+    """Summary of a dataset.
 
     Attributes:
         presses: number of presses.
-        sites: number of different targets, or None where no targets are given.
+        sites: number of different targets, or None without targets.
         frames: number of frames; 0 where there are none.
         phases: number of frames by phase.
-        session_s: length of the session [s]; None where no times are given.
+        session_s: length of the session [s]; None without times.
         force_n: least, median and greatest force of the presses [N].
-        threshold_counts: how far above its level at rest a taxel counts as active [counts].
-        active: ``active[n]`` presses were answered by ``n`` taxels.
-        silent: taxels that no press made active.
+        threshold_counts: threshold above the level at rest from which a taxel is active [counts].
+        active: number of presses ``active[n]`` with ``n`` active taxels.
+        silent: taxels that are active in no press.
         dead: taxels that are NaN in every press.
-        labels: number of presses by value, for each column of branch, pose and the like that is there.
+        labels: number of presses by value, for each column such as branch or pose.
         columns: names of the other optional columns.
     """
 
@@ -48,20 +48,20 @@ class Summary:
 
     @property
     def usable(self) -> int:
-        """Presses that at least two taxels answered, as the fit asks for."""
+        """Number of presses with at least two active taxels, as the fit requires."""
         return sum(self.active[2:])
 
 
 LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
-"""Columns of which each value is counted."""
+"""Columns whose values are counted."""
 
 
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
-    """Counts what a dataset holds.
+    """Return the summary of a dataset.
 
     Args:
         dataset: the data.
-        threshold_counts: how far above its level at rest a taxel counts as active [counts].
+        threshold_counts: threshold above the level at rest from which a taxel is active [counts].
     """
     presses, frames = dataset.presses, dataset.frames
     active = active_taxels(dataset, threshold_counts)
@@ -90,7 +90,7 @@ def _phases(frames: Frames) -> dict[str, int]:
 
 
 def session_times_s(dataset: Dataset) -> NDArray[np.float64] | None:
-    """When each press was made: middle of its hold, or its start [s], shape (K,); None where not known."""
+    """Return the time of each press: the middle of its hold, or its start [s], shape (K,); None if unknown."""
     presses = dataset.presses
     hold, release = presses.column("t_hold_s"), presses.column("t_release_s")
     if hold is not None and release is not None:

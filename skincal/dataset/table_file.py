@@ -1,11 +1,11 @@
-"""Reads and writes one table, CSV or Parquet, as named columns; what they mean is not known here."""
+"""Reading and writing of one table, CSV or Parquet, as named columns, without knowledge of their meaning."""
 
 from __future__ import annotations
 
 import codecs
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,40 +23,44 @@ if TYPE_CHECKING:
 Column = NDArray[Any]
 
 MOST_ROWS_HELD = 1_000_000
-"""Rows of a table all of which is held in memory: presses, draws, taxels."""
+"""Largest number of rows of a table that is held in memory: presses, draws, taxels."""
 
 MOST_CELLS_HELD = 20_000_000
-"""Cells of a table of frames that are held in memory (160 MB); of a larger one the columns at work are."""
+"""Largest number of cells of a table of frames held in memory (160 MB); of a larger one, only the columns in use."""
 
 MOST_COLUMN_BYTES = 1 << 30
-"""Of one column of a Parquet file, unpacked: twice that of 5 x 10^7 numbers."""
+"""Largest size of one column of a Parquet file, unpacked: twice that of 5 x 10^7 numbers."""
 
 MOST_CSV_BYTES = 1 << 30
-"""Of a CSV file, all of which is read at once: 10^7 rows of 100 letters."""
+"""Largest size of a CSV file, which is read at once: 10^7 rows of 100 letters."""
 
 SUFFIXES = (".csv", ".parquet")
 _TEXTS = ("string", "large_string")
 
 TEXT_COLUMNS = ("phase", "pose", "branch")
-"""Columns that are text even where they look like numbers."""
+"""Columns that are text even if they look like numbers."""
 
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as read: each column holds int64, float64, bool or, as objects, ``str``."""
+    """A table as read: each column holds int64, float64, bool or, as objects, ``str``.
+
+    ``others`` are the columns of another type, by name: lists, tables, bytes. To read one is an error.
+    """
 
     sheet: Sheet
     rows: int
     columns: Mapping[str, Column]
+    others: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def is_large(self) -> bool:
-        """Whether only the columns at work should be held in memory."""
+        """True if only the columns in use should be held in memory."""
         return self.rows * len(self.columns) > MOST_CELLS_HELD
 
 
 def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
-    """The file of a table: ``stem.csv`` or ``stem.parquet``; None where there is none."""
+    """Return the file of a table, ``stem.csv`` or ``stem.parquet``; None if there is none."""
     found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").exists()]
     if len(found) > 1:
         findings.error(
@@ -66,14 +70,14 @@ def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
 
 
 def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HELD) -> RawTable | None:
-    """Reads a table; adds an error and returns None where the file cannot be read as one.
+    """Read a table; add an error and return None if the file is not a readable table.
 
-    The columns of a Parquet file are read when they are asked for; none of them is kept.
+    The columns of a Parquet file are read on use and not cached.
 
     Args:
         path: the file.
-        findings: where errors go.
-        most_rows: how many it may have.
+        findings: collects the errors.
+        most_rows: largest number of rows.
     """
     import pyarrow as pa
 
@@ -83,6 +87,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
     except OSError as error:
         findings.error(path.name, "a table", reason(error))
         return None
+    others: dict[str, str] = {}
     try:
         if path.suffix == ".csv":
             table = _read_csv(path, findings)
@@ -94,7 +99,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
             }
         else:
             columns = ParquetColumns(path, sheet)
-            rows, names = columns.rows, columns.names
+            rows, names, others = columns.rows, columns.names, columns.others
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
@@ -112,19 +117,19 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
                 f"{count} of that name",
                 "Rename or remove the others.",
             )
-    return RawTable(sheet, rows, columns)
+    return RawTable(sheet, rows, columns, others)
 
 
 class ParquetColumns(Mapping[str, Column]):
-    """The columns of a Parquet file, each read when it is asked for.
+    """The columns of a Parquet file, each read on use.
 
     Args:
-        path: the file. It has to stay as it is as long as its columns are read.
-        sheet: where what is wrong with a column goes.
+        path: the file. It must not change as long as its columns are read.
+        sheet: collects the problems of columns.
 
     Raises:
         UnreadableError: a column is too large.
-        OSError, pyarrow.ArrowException: it is no whole Parquet file.
+        OSError, pyarrow.ArrowException: the Parquet file is incomplete or invalid.
     """
 
     def __init__(self, path: Path, sheet: Sheet) -> None:
@@ -133,11 +138,9 @@ class ParquetColumns(Mapping[str, Column]):
         self._path, self._sheet, self._state = path, sheet, _state(path)
         with pq.ParquetFile(path) as file:
             self.rows, self.names = file.metadata.num_rows, file.schema_arrow.names
-            self._texts = [
-                name
-                for name, kind in zip(self.names, file.schema_arrow.types, strict=True)
-                if str(kind) in _TEXTS
-            ]
+            types = dict(zip(self.names, file.schema_arrow.types, strict=True))
+            self._texts = [name for name, kind in types.items() if str(kind) in _TEXTS]
+            self.others = {name: str(kind) for name, kind in types.items() if not _is_single(kind)}
             groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
             for j in range(file.metadata.num_columns):
                 size = sum(group.column(j).total_uncompressed_size for group in groups)
@@ -152,10 +155,10 @@ class ParquetColumns(Mapping[str, Column]):
         if name not in self.names:
             raise KeyError(name)
         if _state(self._path) != self._state:
-            got = "another one: it was replaced meanwhile"
+            got = "another file: it has been replaced"
             raise InputError([Problem(str(self._path), "the file that was checked", got, "Run again.")])
         try:
-            # Texts come as numbers of a dictionary: a word that repeats a million times is there once.
+            # Texts arrive dictionary-encoded: a word that repeats a million times is stored once.
             with pq.ParquetFile(self._path, read_dictionary=self._texts) as file:
                 column = file.read(columns=[name], use_threads=False).column(name)
             if len(column) != self.rows:
@@ -176,14 +179,27 @@ class ParquetColumns(Mapping[str, Column]):
         return len(set(self.names))
 
 
+def _is_single(kind: pa.DataType) -> bool:
+    """Whether the cells of a column are single numbers, texts or dates."""
+    import pyarrow as pa
+
+    return (
+        pa.types.is_primitive(kind)
+        or pa.types.is_null(kind)
+        or pa.types.is_decimal(kind)
+        or str(kind) in _TEXTS
+        or (isinstance(kind, pa.DictionaryType) and _is_single(kind.value_type))
+    )
+
+
 def _state(path: Path) -> tuple[int, ...]:
-    """What tells a file from another that takes its place."""
+    """Return what distinguishes a file from another that replaces it."""
     stat = path.stat()
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 def write_table(path: Path, columns: Mapping[str, Column]) -> None:
-    """Writes columns to a table, CSV or Parquet after the suffix; floats come back exactly.
+    """Write columns to a table, CSV or Parquet by the suffix; floats are read back exactly.
 
     Raises:
         OSError: the disk is full, or not writable.
@@ -237,7 +253,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
         return None
     table = read(threads=True)
     if bad:
-        # Only a single thread knows the line numbers.
+        # Only a single-threaded read gives the line numbers.
         bad.clear()
         table = read(threads=False)
         _report_ragged(path.name, bad, findings)
@@ -245,7 +261,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
 
 
 def _begins_as_text(path: Path) -> bool:
-    """Whether the first bytes are UTF-8; the reader of CSV files prints a traceback for rows that are not."""
+    """Return whether the first bytes are UTF-8; otherwise the CSV reader prints a traceback for invalid rows."""
     with path.open("rb") as file:
         try:
             codecs.getincrementaldecoder("utf-8")().decode(file.read(1 << 16))
@@ -287,7 +303,7 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     try:
         return np.array(pc.fill_null(column.cast(pa.string()), "").to_pylist(), dtype=object)
     except (pa.ArrowException, UnicodeDecodeError):
-        sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Take the column out.")
+        sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Remove the column.")
         return np.full(len(column), "", dtype=object)
 
 

@@ -23,22 +23,22 @@ IDLE, LOAD, HOLD, UNLOAD = range(4)
 
 @dataclass(frozen=True)
 class _Table:
-    """Rows of arrays of equal length; selecting rows gives the same kind of table."""
+    """Rows of arrays of equal length; a selection of rows is a table of the same kind."""
 
     @property
     def columns_by_name(self) -> Mapping[str, NDArray[Any]]:
-        """The columns that have no attribute of their own."""
+        """The columns without an attribute of their own."""
         return self.columns  # type: ignore[attr-defined]
 
     def __len__(self) -> int:
         return len(self.press)  # type: ignore[attr-defined]
 
     def column(self, name: str) -> NDArray[Any] | None:
-        """An optional column, shape (rows,); None where the table does not have it."""
+        """Return an optional column, shape (rows,); None if the table does not have it."""
         return self.columns_by_name.get(name)
 
     def select(self, rows: ArrayLike) -> Self:
-        """The table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
+        """Return the table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
         index = np.asarray(rows)
         changes: dict[str, Any] = {}
         for item in fields(self):
@@ -50,7 +50,7 @@ class _Table:
         return replace(self, **changes)
 
     def _freeze(self, types: Mapping[str, tuple[Any, tuple[int | None, ...]]]) -> None:
-        """Makes the arrays read-only, of their type and their shape after the rows; None: any length."""
+        """Make the arrays read-only, with their type and the shape of a row; None: any length."""
         rows = len(np.asarray(self.press))  # type: ignore[attr-defined]
         for name, (dtype, shape) in types.items():
             if getattr(self, name) is not None:
@@ -65,7 +65,7 @@ class _Table:
 
 @dataclass(frozen=True, eq=False)
 class Presses(_Table):
-    """One row a press.
+    """The table of presses, one row per press.
 
     Attributes:
         press: number of the press, unique, shape (K,).
@@ -73,7 +73,7 @@ class Presses(_Table):
         force_n: mean normal force in the hold [N], shape (K,).
         counts: mean image in the hold [counts], shape (K, J); NaN where a taxel is dead.
         normals: measured outward normals, shape (K, 3), NaN where not measured; None: the surface's own.
-        columns: every other column, known to skincal or not; text columns hold ``str``, '' where not given.
+        columns: all other columns, known or not; text columns hold ``str``, '' where not given.
 
     Raises:
         ValueError: the arrays do not have these shapes.
@@ -99,18 +99,18 @@ class Presses(_Table):
 
 
 class FrameColumns(Mapping[str, NDArray[Any]]):
-    """Columns of frames that lie in a file; the mapping is that of the columns that are no taxels."""
+    """Columns of frames that are stored in a file; the mapping holds the columns other than taxels."""
 
     taxels: tuple[str, ...]
 
     @abstractmethod
     def taxel(self, j: int) -> FloatArray:
-        """Counts of the taxel of flat index ``j``, shape (M,)."""
+        """Return the counts of the taxel with flat index ``j``, shape (M,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frames(_Table):
-    """One row a time sample, ordered in time over the session.
+    """The table of frames, one row per time sample, in the order of time over the session.
 
     Attributes:
         press: number of the press, -1 where nothing touches, shape (M,).
@@ -119,7 +119,7 @@ class Frames(_Table):
         force_n: normal force [N], shape (M,).
         position_m: contact point, fingertip frame [m], shape (M, 3); NaN in idle frames.
         counts: image [counts], shape (M, J); NaN where a taxel is dead. :meth:`taxel_columns` needs less memory.
-        columns: every other column, known to skincal or not.
+        columns: all other columns, known or not.
     """
 
     press: IntArray
@@ -144,11 +144,11 @@ class Frames(_Table):
 
     @classmethod
     def stored(cls, source: FrameColumns, **own: NDArray[Any]) -> Self:
-        """Frames of which counts and columns are read from a file when they are asked for.
+        """Return frames whose counts and columns are read from a file on use.
 
         Args:
             source: the file's columns.
-            own: the attributes before ``counts``.
+            own: the attributes that precede ``counts``.
         """
         frames = cls(**own, counts=np.empty((len(own["press"]), 0)))  # type: ignore[arg-type]
         object.__delattr__(frames, "counts")
@@ -166,7 +166,7 @@ class Frames(_Table):
         return self.counts
 
     def taxel_columns(self) -> Iterator[FloatArray]:
-        """Counts (M,) of one taxel after the other, in the order of the flat index."""
+        """Yield the counts (M,) of one taxel after the other, in the order of the flat index."""
         source = self.columns
         if "counts" in self.__dict__ or not isinstance(source, FrameColumns):
             yield from self.counts.T
@@ -175,11 +175,11 @@ class Frames(_Table):
             yield source.taxel(j)
 
     def counts_of(self, rows: IntArray) -> FloatArray:
-        """Counts (n, J) of some rows (n,), without holding all of them."""
+        """Return the counts (n, J) of some rows (n,), without loading all of them."""
         return np.stack([column[rows] for column in self.taxel_columns()], axis=1)
 
     def moved(self, position_m: FloatArray, force_n: FloatArray) -> Self:
-        """The same frames with other contacts; what lies in a file stays there."""
+        """Return the same frames with other contacts; columns stored in a file stay there."""
         frames = copy(self)
         for name, values in (("position_m", position_m), ("force_n", force_n)):
             object.__setattr__(frames, name, _read_only(_shaped(name, values, getattr(self, name).shape)))
@@ -188,7 +188,7 @@ class Frames(_Table):
 
 @dataclass(frozen=True, eq=False)
 class TaxelPositions:
-    """Where the taxels of a layout that is no grid lie, in the order of the flat index.
+    """Positions of taxels that form no grid, in the order of the flat index.
 
     Attributes:
         centres_m: patch coordinates ``(u, v)`` of the centres [m], shape (J, 2).
@@ -212,7 +212,7 @@ def _shaped(name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> ND
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A read-only view; the caller's own array stays as writable as it was."""
+    """Return a read-only view; the caller's own array stays writable."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""Strict reading of one table of a TOML file: types, choices, bounds, and keys that are misspelt."""
+"""Strict reader of one table of a TOML file: types, choices, bounds, and misspelt keys."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.spec import Pair
 
 MILLIMETRES = "It looks like millimetres; the file is in metres: divide by 1000."
-TWICE = "It looks as if millimetres had been turned into metres twice; multiply by 1000."
+TWICE = "It looks as if millimetres were converted to metres twice; multiply by 1000."
 
-KEPT = "It is kept and not used."
+KEPT = "It is kept but not used."
 
 MOST_UNKNOWN = 100
-"""Keys of a table that are not known of which it is said so."""
+"""Most unknown keys of a table that are reported."""
 
 NOT_SET = object()
 
 
 class TomlTable:
-    """One table of a TOML file, read key by key.
+    """Reader of one table of a TOML file, key by key.
 
     A value that is missing or wrong adds an error and reads as a placeholder (NaN, 0, ''), so that the rest
-    can be checked as well; the errors keep a placeholder from being used.
+    can be checked as well; the errors prevent that a placeholder is used.
 
     Args:
-        findings: where errors and warnings go.
+        findings: collects errors and warnings.
         file: the file's name.
         name: the table's name; '' for the top level.
         values: its content.
@@ -47,15 +47,15 @@ class TomlTable:
             self._report_unknown(key, missing or known, known)
 
     def place(self, key: str) -> str:
-        """The place of a key."""
+        """Return the place of a key."""
         return f"{self._file}, {f'[{self._name}] ' if self._name else ''}{key}"
 
     def has(self, key: str) -> bool:
-        """Whether the key is there."""
+        """Return whether the key is present."""
         return key in self._values
 
     def error(self, key: str, expected: str, got: object, fix: str = "") -> None:
-        """Adds an error at a key."""
+        """Add an error at a key."""
         self._findings.error(self.place(key), expected, got, fix)
 
     def number(
@@ -68,7 +68,7 @@ class TomlTable:
         high: float = math.inf,
         inf: bool = False,
     ) -> Any:
-        """A number within ``[low, high]``; the default where it is missing, NaN where it is wrong."""
+        """Return a number within ``[low, high]``; the default if it is missing, NaN if it is wrong."""
         value = self._get(key, default, expected)
         if value is NOT_SET:
             return math.nan
@@ -91,7 +91,7 @@ class TomlTable:
         positive: bool = True,
         inf: bool = False,
     ) -> float:
-        """A length [m] within ``[low, high]``; one that is 1000 times too long or short is named so."""
+        """Return a length [m] within ``[low, high]``; the error says if it is 1000 times too long or short."""
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return math.nan
@@ -113,7 +113,7 @@ class TomlTable:
         return value
 
     def whole(self, key: str, expected: str, *, low: int) -> int:
-        """A whole number from ``low`` on; 0 where it is missing or wrong."""
+        """Return a whole number from ``low`` on; 0 if it is missing or wrong."""
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return 0
@@ -122,7 +122,7 @@ class TomlTable:
         return value
 
     def size_m(self, key: str, expected: str, *, low: float, high: float) -> Pair | None:
-        """A length or a pair ``[du, dv]`` of them [m]; None where it is missing or wrong."""
+        """Return a length or a pair ``[du, dv]`` of them [m]; None if it is missing or wrong."""
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return None
@@ -135,7 +135,7 @@ class TomlTable:
         return float(pair[0]), float(pair[1])
 
     def range(self, key: str, expected: str, *, limit: float, fix: str = "") -> Pair:
-        """A pair ``[low, high]`` in order, both within ``limit`` of 0; NaN where it is missing or wrong."""
+        """Return a pair ``[low, high]`` in order, both within ``limit`` of 0; NaN if it is missing or wrong."""
         value = self._get(key, NOT_SET, expected)
         nothing = (math.nan, math.nan)
         if value is NOT_SET:
@@ -150,7 +150,7 @@ class TomlTable:
         return low, high
 
     def choice(self, key: str, options: Sequence[str], *, default: str | None = None) -> Any:
-        """One of some words; '' where it is missing or wrong."""
+        """Return one of some words; '' if it is missing or wrong."""
         expected = "one of " + ", ".join(f'"{option}"' for option in options)
         value = self._get(key, NOT_SET if default is None else default, expected)
         if value is NOT_SET:
@@ -161,23 +161,23 @@ class TomlTable:
         return value
 
     def flag(self, key: str, *, default: bool) -> bool:
-        """True or false."""
+        """Return true or false."""
         value = self._values.get(key, default)
         return value if isinstance(value, bool) else self._wrong(key, "true or false", value, default)
 
     def text(self, key: str, expected: str, *, default: str | None = None) -> str:
-        """A text; '' where it is missing or wrong."""
+        """Return a text; '' if it is missing or wrong."""
         value = self._get(key, NOT_SET if default is None else default, expected)
         if value is NOT_SET:
             return ""
         return value if isinstance(value, str) else self._wrong(key, expected, value, "")
 
     def raw(self, key: str) -> Any:
-        """The value as it stands; None where it is missing."""
+        """Return the value as it is; None if it is missing."""
         return self._values.get(key)
 
     def absent(self, key: str, reason: str) -> None:
-        """Adds an error if the key is there."""
+        """Add an error if the key is present."""
         if self.has(key):
             self.error(key, f"no such key: {reason}", self._values[key], "Remove it.")
 

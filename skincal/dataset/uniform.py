@@ -1,4 +1,4 @@
-"""Uniform pressure: a chamber, written as a flat punch larger than the patch, on a flat sensor."""
+"""Uniform pressure: a pressure chamber, described as a flat punch larger than the patch, on a flat sensor."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from skincal.dataset.dataset import Dataset
 from skincal.model import FlatPunch, Plane
 
 FLAT_M = 20e-6
-"""A patch that leaves its tangent plane by no more than this [m] is flat: far less than a press sinks in."""
+"""A patch is flat if it leaves its tangent plane by no more than this [m]: far less than the depth of a press."""
 
 UNIFORM = (
     "every press is a flat punch larger than the flat patch: such uniform pressure looks the same for every pose and "
-    "every elasticity, so neither can be found from it. Press with an indenter smaller than the patch (a sphere of "
-    "about one pitch in radius) at several places. The scale of each taxel can be found"
+    "every elasticity, so it determines neither. Press with an indenter smaller than the patch (a sphere of "
+    "about one pitch in radius) at several places. The scale of each taxel can be fitted"
 )
-"""What uniform pressure tells, and what to do."""
+"""Limits of uniform pressure, and advice."""
 
 
 def uniform_pressure(dataset: Dataset) -> bool:
-    """Whether every press loads all taxels alike: the sensor is flat, and a flat punch covers all of it.
+    """Return whether every press loads all taxels equally: the sensor is flat, and a flat punch covers it.
 
     On a curved surface a plate touches along a line or at a spot, and is a contact like any other.
     """
@@ -36,7 +36,7 @@ def uniform_pressure(dataset: Dataset) -> bool:
     flat, centre = _flat_patch(dataset)
     if not flat or centre is None:
         return flat
-    # A punch whose edge crosses the patch loads it unevenly, as far as its place is known.
+    # A punch whose edge crosses the patch loads it unevenly, as far as its position is known.
     apart = np.linalg.norm(dataset.presses.position_m - centre, axis=1)
     own = dataset.meta.indenter.radius_m
     radius = np.where(np.isfinite(radii), radii, np.inf if own is None else own)
@@ -44,7 +44,7 @@ def uniform_pressure(dataset: Dataset) -> bool:
 
 
 def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
-    """Whether the taxels lie in a plane, and their nominal centre where places are known."""
+    """Return whether the taxels lie in a plane, and their nominal centre if positions are known."""
     surface, bounds = dataset.surface(), dataset.layout().bounds_m
     known = bool(np.isfinite(dataset.meta.position.sigma_m))
     axes = [np.linspace(float(low), float(high), 5) for low, high in bounds.T]
@@ -59,19 +59,19 @@ def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
 
 
 def notes_on(dataset: Dataset) -> tuple[str, ...]:
-    """What the data are not good for, though nothing is wrong with them."""
+    """Return the limits of data that have no faults."""
     return (f"{UNIFORM}.",) if uniform_pressure(dataset) else ()
 
 
 def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """The part of the force of each press (P,) that a modelled skin bears.
+    """Return the part of each press's force (P,) that a modelled skin bears.
 
-    ``force_n`` of a chamber is the pressure times the area of the punch that it is written as, and a modelled skin ends
-    a margin beyond its taxels: the rest of the punch presses on what is not modelled. 1 for all other presses.
+    ``force_n`` of a chamber is the pressure times the area of its punch. A modelled skin ends a margin beyond its
+    taxels, so that the rest of the punch presses outside the model. The part is 1 for all other presses.
 
     Args:
-        dataset: a session.
-        margin_m: how far the modelled skin reaches beyond the taxels.
+        dataset: a dataset.
+        margin_m: margin of the modelled skin beyond the taxels [m].
     """
     whole = np.ones(len(dataset.presses))
     if not (uniform_pressure(dataset) and isinstance(dataset.surface(), Plane)):
@@ -84,14 +84,14 @@ def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[
 
 
 def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
-    """The dataset of a chamber as a modelled skin feels it.
+    """Return the dataset of a chamber with the contacts that a modelled skin bears.
 
-    Every contact whose place is not known is at the sensor's nominal centre, and forces are what the skin bears of them
+    Contacts of unknown position move to the sensor's nominal centre, and forces become what the skin bears of them
     (:func:`borne`).
 
     Args:
-        dataset: of uniform pressure.
-        margin_m: how far the modelled skin reaches beyond the taxels.
+        dataset: a dataset of uniform pressure.
+        margin_m: margin of the modelled skin beyond the taxels [m].
     """
     centre = dataset.surface().wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0][0]
 
@@ -101,7 +101,7 @@ def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     presses, share = dataset.presses, borne(dataset, margin_m)
     frames = dataset.frames
     if frames is not None:
-        # One punch stands for the pressure of all frames; those of no press have no force.
+        # One punch stands for the pressure of all frames; frames outside presses have no force.
         force = frames.force_n * float(np.median(share))
         frames = frames.moved(placed(frames.position_m), force)
     presses = replace(presses, position_m=placed(presses.position_m), force_n=presses.force_n * share)

@@ -1,4 +1,4 @@
-"""Units that cannot be meant, from what is physically plausible, each with the factor that would mend it."""
+"""Checks of units against what is physically plausible, each with the factor that corrects the values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MOST_FRAMES: Final = 200_000
-"""So many frames are looked at."""
+"""Number of frames that are checked."""
 
 CODE: Final = "unit_suspect"
 
@@ -26,46 +26,46 @@ FORCE_UNITS: Final = {
     "grams-force": 9.80665e-3, "kilograms-force": 9.80665, "millinewtons": 1e-3, "kilonewtons": 1e3,
     "centinewtons": 1e-2, "pounds-force": 4.4482216, "ounces-force": 0.27801385,
 }  # fmt: skip
-"""What one unit of force is in newtons."""
+"""Units of force in newtons."""
 
 LIKELY_UNITS: Final = ("grams-force", "kilograms-force", "millinewtons", "kilonewtons")
-"""Those that are guessed from a size alone."""
+"""Units that are guessed from the magnitude alone."""
 
 USUAL_PRESSURE_PA: Final = 3e4
-"""Mean pressure under an indenter that touches a skin: 1 N on 0.3 cm². Of several units the one that comes nearest."""
+"""Typical mean pressure under an indenter: 1 N on 0.3 cm². The unit that comes nearest to it is chosen."""
 
 HIGH_PRESSURE_PA, LOW_PRESSURE_PA = 6e5, 4e3
-"""Beyond these a session is unusual enough to ask for the unit: a skin is seldom pressed with 6 bar, nor with 4 kPa."""
+"""Pressures outside which to ask for the unit: a skin is seldom pressed with 6 bar, or with 4 kPa."""
 
 FORCE_BEYOND_DOUBT_N: Final = 50.0
-"""A median force below this is never called too high: a needle reaches any pressure."""
+"""A median force below this is never too high: a needle reaches any pressure."""
 
 CONTACT_M2: Final = 1e-4
-"""The area of a contact is hardly larger than this, however large the indenter."""
+"""Largest plausible area of a contact, however large the indenter."""
 
 RATIO_TOLERANCE: Final = 0.06
-"""Two columns of force differ by a unit where their ratio comes so near to it."""
+"""Tolerance of the ratio of two columns of force that differ by a unit."""
 
 LEAST_COUNT: Final = 5.0
-"""Values that all lie below this are no counts of a converter."""
+"""Values that all lie below this are not counts of a converter."""
 
 FALLING_SIGMAS, FALLING_PART, FALLING_CELLS = 6.0, 4.0, 6
-"""A sensor falls where readings so many sigmas below rest weigh so many times those above, in so many cells."""
+"""A sensor falls if readings this many sigmas below rest outweigh those above by this factor, in this many cells."""
 
 
 FALLING_CORRELATION: Final = -0.35
-"""Or where they go so much against the load (that of images in another order of the taxels is -0.15 at least)."""
+"""Or if their correlation with the load is below this (images with permuted taxels have at least -0.15)."""
 
 REACH_PITCHES: Final = 1.5
-"""A press reaches about so many pitches, the nominal pose being off by some (a tolerance)."""
+"""Reach of a press in pitches, with a tolerance for the nominal pose."""
 
 
 def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
-    """The unit that would make a median force plausible, with its factor; None where it is plausible as it is.
+    """Return the unit, with its factor, that would make a median force plausible; None if it is plausible.
 
     Args:
-        median_n: of the forces, as newtons.
-        area_m2: that the indenter presses on at most.
+        median_n: median of the forces, read as newtons.
+        area_m2: largest area that the indenter presses on.
     """
     pressure = median_n / area_m2
     low = median_n / min(area_m2, CONTACT_M2) < LOW_PRESSURE_PA and median_n / area_m2 < LOW_PRESSURE_PA
@@ -79,13 +79,13 @@ def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
 
 
 def unit_of_ratio(ratio: float) -> tuple[str, float] | None:
-    """The unit of a force that is ``ratio`` times the same force in newtons; None where there is none."""
+    """Return the unit of a force that is ``ratio`` times the same force in newtons; None if there is none."""
     name = min(FORCE_UNITS, key=lambda unit: abs(ratio * FORCE_UNITS[unit] - 1))
     return (name, FORCE_UNITS[name]) if abs(ratio * FORCE_UNITS[name] - 1) < RATIO_TOLERANCE else None
 
 
 def scaled_by(factor: float) -> str:
-    """What to do to values that a factor mends."""
+    """Return the advice for values that a factor corrects."""
     if factor >= 1:
         return f"multiply by {factor:.6g}"
     whole = np.isclose(1 / factor, round(1 / factor))
@@ -93,12 +93,12 @@ def scaled_by(factor: float) -> str:
 
 
 def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Adds what is wrong with the taxels' values as such.
+    """Report problems of the taxel values themselves.
 
     Args:
-        dataset: the data, of the right form.
+        dataset: well-formed data.
         files: names of the files of ``presses`` and ``frames``.
-        findings: where warnings and notes go.
+        findings: collects warnings and notes.
     """
     tables = [(files["presses"], dataset.presses.counts)]
     if dataset.frames is not None:
@@ -110,7 +110,7 @@ def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) ->
 
 
 def expected_load(dataset: Dataset) -> FloatArray:
-    """About what each taxel bore in each press: the force, less with the distance, at the nominal pose, (K, J)."""
+    """Return an estimate of each taxel's load per press (K, J): the force, less with distance, at the nominal pose."""
     presses, layout = dataset.presses, dataset.layout()
     force = np.repeat(np.abs(presses.force_n)[:, None], dataset.meta.sensor.taxels, axis=1)
     if not np.isfinite(dataset.meta.position.sigma_m) or not np.isfinite(presses.position_m).all():
@@ -123,7 +123,7 @@ def expected_load(dataset: Dataset) -> FloatArray:
 
 
 def _some(frames: Frames, phase: int | None = None) -> IntArray:
-    """Rows of frames that are looked at, evenly spread: a part of a long session says as much as all of it."""
+    """Return the rows of frames to check, evenly spread: a part of a long session says as much as all of it."""
     rows = np.arange(len(frames)) if phase is None else np.flatnonzero(frames.phase == phase)
     return rows[:: max(1, len(rows) // MOST_FRAMES)]
 
@@ -160,7 +160,7 @@ def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Find
 
 
 def _check_whole(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Counts of a converter are whole numbers, and more than a few."""
+    """Check that counts of a converter are whole numbers, and more than a few."""
     sensor = dataset.meta.sensor
     if sensor.unit not in (None, "counts"):
         return
@@ -182,7 +182,7 @@ def _check_whole(dataset: Dataset, files: dict[str, str], findings: Findings) ->
     got = f"{top:.3g} at most: volts, or {likely}?" if likely != "volts" else f"{top:.3g} at most: volts?"
     (findings.warn if sensor.integer else findings.note)(
         files["presses"], "counts of a converter (no other [sensor] unit is given)", got,
-        f"Values of any unit are fitted as they are: write {mapping}, or the unit that it is{scale}.",
+        f"Values of any unit can be fitted: write {mapping}, or the actual unit{scale}.",
         code=CODE, mapping=mapping, **details,
     )  # fmt: skip
 
@@ -192,7 +192,7 @@ def _shares(values: FloatArray) -> bool:
 
 
 def value_step(counts: FloatArray) -> float | None:
-    """The step of a converter behind scaled values; None where they are not multiples of one.
+    """Return the step of a converter behind scaled values; None if they are not multiples of a step.
 
     Args:
         counts: readings, shape (n, J).
@@ -207,12 +207,12 @@ def value_step(counts: FloatArray) -> float | None:
         return None
     step = float(steps.min())
     part = values / step
-    # Values written with few digits are multiples of a power of ten only by that.
+    # Values written with few digits are multiples of a power of ten for that reason alone.
     return step if np.abs(part - np.rint(part)).max() < 0.02 and size / step < 2**20 else None
 
 
 def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
-    """Counts grow with load: what lies far from rest lies above it."""
+    """Check that counts grow with load: readings far from rest lie above it."""
     noise = noise_at_rest(dataset)
     rest = rest_levels(dataset)
     counts = dataset.presses.counts
@@ -234,7 +234,7 @@ def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
     cells = int((clear & (apart < 0)).sum())
     against = correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
     falls = cells >= FALLING_CELLS and below > FALLING_PART * above
-    # Taxels pressed elsewhere than the nominal pose says go against its load too, but above the level at rest.
+    # Taxels that are pressed elsewhere than at the nominal pose also fall with their load, but stay above rest.
     at_rest = dataset.meta.sensor.baseline == "subtracted" or counts is not dataset.presses.counts
     if not (falls or (against and (not at_rest or below > above))):
         return

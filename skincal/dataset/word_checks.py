@@ -1,7 +1,7 @@
-"""Taxel values that a converter's words have mangled: counters that overflow, bytes in the wrong order. Pure numerics.
+"""Checks for taxel values that a converter's words have corrupted: overflow and swapped bytes. Pure numerics.
 
-Both leave marks that no load on a skin makes: readings of one taxel at both ends of the range of a word with nothing
-between, or high bytes that are spread over everything while low bytes hardly change.
+Both leave marks that no load on a skin makes: readings of one taxel at both ends of a word's range with nothing in
+between, or high bytes spread over their whole range while low bytes hardly change.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 WIDTHS: Final = (8, 10, 12, 14, 16, 24, 32)
-"""Bits of the words that are looked for."""
+"""Word sizes that are checked [bit]."""
 
 FEWEST_CELLS: Final = 2
-"""One reading at the other end may be a glitch."""
+"""Fewest readings at the other end: a single one may be an outlier."""
 
 NEAR_END: Final = 1 / 64
-"""Readings that fell below zero lie in this part of the range at its upper end."""
+"""Readings that fell below zero lie in this part at the upper end of the range."""
 
 GAINED: Final = 0.15
-"""Readings have wrapped where taking them as unsigned adds so much to their correlation with the load (set by eye)."""
+"""Gain in correlation with the load, when read as unsigned, from which readings have wrapped (set by eye)."""
 
 SHRINKS: Final = 1 / 8
-"""Bytes are called swapped where exchanging them makes the range of most taxels this much smaller."""
+"""Bytes are swapped if exchanging them makes the range of most taxels smaller by this factor."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Wrapped:
     """Readings that have wrapped.
 
     Attributes:
-        bits: of the words.
-        word: how they are to be read: ``uint16``, ``int16``, …
+        bits: size of the words.
+        word: type to read them as: ``uint16``, ``int16``, …
         taxels: flat indices of the taxels concerned.
-        readings: how many have wrapped.
-        apart: whether nothing lies between them and the others; else it is the load that tells.
+        readings: number of wrapped readings.
+        apart: whether a gap separates them from the others; else the load shows them.
     """
 
     bits: int
@@ -51,12 +51,12 @@ class Wrapped:
 
 
 def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
-    """Readings that went beyond their word and came out at its other end; None where there are none.
+    """Return the readings that passed the end of their word and came out at the other end; None if there are none.
 
     Args:
-        counts: readings as they are stored, shape (n, J).
-        load: about what each taxel bore, in any unit, shape (n, J); with it, signed words that fill all of their range
-            are told as well. None: not known.
+        counts: readings as stored, shape (n, J).
+        load: estimated load of each taxel, in any unit, shape (n, J); it also shows wrapped signed words that fill
+            their whole range. None: unknown.
     """
     finite = np.isfinite(counts)
     if not finite.any():
@@ -65,7 +65,7 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
     for bits in WIDTHS:
         size = 2.0**bits
         if low < 0 and low >= -size / 2 and high < size / 2:
-            # Signed words above half of their range went on at the lower end.
+            # Signed words above half of their range continued at the lower end.
             found = [_signed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
             if sum(found) >= FEWEST_CELLS:
                 return Wrapped(bits, f"uint{bits}", np.flatnonzero(found), sum(found))
@@ -92,11 +92,11 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
 
 
 def correlation(counts: FloatArray, load: FloatArray) -> float:
-    """How the readings of the taxels go with their loads, each about its mean; 0 where nothing changes.
+    """Return the correlation of the taxels' readings with their loads, each about its mean; 0 if nothing changes.
 
     Args:
         counts: readings, shape (n, J).
-        load: what each taxel bore, shape (n, J).
+        load: load of each taxel, shape (n, J).
     """
     both = np.isfinite(counts) & np.isfinite(load)
     number = np.maximum(both.sum(axis=0), 1)
@@ -111,23 +111,23 @@ def _whole(values: FloatArray) -> bool:
 
 
 def as_word(values: FloatArray, word: str) -> FloatArray:
-    """Readings taken as unsigned (``uint16``) or signed (``int16``) words of so many bits, of the same shape."""
+    """Return readings as unsigned (``uint16``) or signed (``int16``) words of that size, of the same shape."""
     signed = not word.startswith("u")
     size = 2.0 ** int(word.removeprefix("u").removeprefix("int"))
     return np.mod(values + size / 2, size) - size / 2 if signed else np.mod(values, size)
 
 
 def swapped(values: FloatArray) -> FloatArray:
-    """Whole readings of 16 bits with their two bytes exchanged, 0 to 65535; others stay NaN."""
+    """Return whole readings of 16 bits with their two bytes exchanged, 0 to 65535; others stay NaN."""
     words = np.mod(np.where(np.isfinite(values), values, 0), 65536).astype(np.int64)
     return np.where(np.isfinite(values), (words & 255) * 256.0 + (words >> 8), np.nan)
 
 
 def bytes_swapped(counts: FloatArray) -> bool:
-    """Whether readings of 16 bits have their bytes in the wrong order.
+    """Return whether readings of 16 bits have swapped bytes.
 
     Args:
-        counts: readings as they are stored, shape (n, J).
+        counts: readings as stored, shape (n, J).
     """
     finite = np.isfinite(counts)
     values = counts[finite]
@@ -137,7 +137,7 @@ def bytes_swapped(counts: FloatArray) -> bool:
         return False
     words = np.where(finite, np.mod(np.where(finite, counts, 0), 65536), np.nan)
     low = np.mod(words, 256)[finite]
-    # Values of 8 bits shifted up have no low byte to speak of: both orders are the same to the eye.
+    # Values of 8 bits shifted up have no meaningful low byte: the two orders cannot be told apart.
     if not low.any():
         return False
     alive = finite.sum(axis=0) >= 8
@@ -154,7 +154,7 @@ def _range(values: FloatArray) -> FloatArray:
 
 
 def _groups(values: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:
-    """The readings below and above a gap of more than half of the range; None where there is no such gap."""
+    """Return the readings below and above a gap of more than half of the range; None if there is no such gap."""
     ordered = np.sort(values)
     steps = np.diff(ordered)
     if not steps.size or steps.max() <= size / 2:
@@ -171,7 +171,7 @@ def _signed(values: FloatArray, size: float) -> int:
 
 
 def _overflowed(values: FloatArray, size: float) -> int:
-    """Readings of a taxel that rests high, and went beyond the top when it was pressed hard."""
+    """Return how many readings of a taxel that rests high passed the top when it was pressed hard."""
     groups = _groups(values, size)
     if groups is None:
         return 0
@@ -183,7 +183,7 @@ def _overflowed(values: FloatArray, size: float) -> int:
 
 
 def _fell_below(values: FloatArray, size: float) -> int:
-    """Readings of a taxel that rests at zero, and came out at the top when noise made them negative."""
+    """Return how many readings of a taxel that rests at zero came out at the top when noise made them negative."""
     groups = _groups(values, size)
     if groups is None:
         return 0

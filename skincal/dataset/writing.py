@@ -1,4 +1,4 @@
-"""Writes a dataset's folder, whole or not at all."""
+"""Writing of a dataset's folder, complete or not at all."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def write_dataset(
     frames_as: Format = "parquet",
     force: bool = False,
 ) -> None:
-    """Writes a dataset as a folder (contract ``skincal-dataset/1``); numbers come back exactly.
+    """Write a dataset as a folder (contract ``skincal-dataset/1``); numbers are read back exactly.
 
     Args:
         dataset: the data.
-        path: the folder to make.
+        path: folder to create.
         presses_as: format of the table of presses.
         frames_as: format of the table of frames.
-        force: whether an existing dataset there is replaced.
+        force: whether to replace an existing dataset.
 
     Raises:
         InputError: the folder exists and ``force`` is not given.
@@ -47,7 +47,7 @@ def write_dataset(
 def write_dataset_files(
     dataset: Dataset, folder: Path, *, presses_as: Format = "csv", frames_as: Format = "parquet"
 ) -> None:
-    """Writes the files of a dataset into a folder that is there."""
+    """Write the files of a dataset into an existing folder."""
     write_meta(dataset.meta, folder / FILE)
     write_table(folder / f"presses.{presses_as}", _press_columns(dataset))
     if dataset.frames is not None:

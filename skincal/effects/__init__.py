@@ -1,4 +1,4 @@
-"""What a skin does beyond the base model: one file an effect, one registry, whole sessions or sample by sample."""
+"""Effects of a skin beyond the base model: one file per effect, one registry, whole sessions or sample by sample."""
 
 from skincal.effects.applied import Applied
 from skincal.effects.base import (

@@ -16,7 +16,7 @@ from skincal.effects.samples import COVARIATES, Samples
 from skincal.errors import InputError, Problem
 
 Missing = Literal["error", "abstain"]
-"""What to do where samples lack a covariate that an effect needs."""
+"""Policy for samples that lack a covariate which an effect needs."""
 
 Kind = TypeVar("Kind", bound=Effect)
 
@@ -26,7 +26,7 @@ class Applied:
     """An effect with its parameters.
 
     Attributes:
-        effect: which.
+        effect: the effect.
         values: checked parameters.
     """
 
@@ -35,7 +35,7 @@ class Applied:
 
     @cached_property
     def neutral(self) -> bool:
-        """Whether the effect is not there."""
+        """True if the effect has no influence at these values."""
         return self.effect.is_neutral(self.values)
 
     @cached_property
@@ -45,15 +45,15 @@ class Applied:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Equal for the same effect at equal values."""
+        """Hashable key, equal for the same effect at equal values."""
         return (self.effect.name, self.values.key)
 
 
 def applied(effects: Mapping[str, Mapping[str, ArrayLike]], taxels: int) -> tuple[Applied, ...]:
-    """Effects by name with their parameters, checked and in the order of the chain.
+    """Return effects by name with their parameters, checked and in the order of the chain.
 
     Args:
-        effects: parameters by effect; what is left out is neutral or default.
+        effects: parameters by effect; omitted ones are neutral or default.
         taxels: number of taxels J.
 
     Raises:
@@ -67,16 +67,16 @@ def applied(effects: Mapping[str, Mapping[str, ArrayLike]], taxels: int) -> tupl
 def at_work(
     all_of_them: tuple[Applied, ...], samples: Samples, kind: type[Kind], missing: Missing
 ) -> list[tuple[int, Kind, Values]]:
-    """Effects of a kind that are not neutral and have what they need: their number, themselves, their values.
+    """Return the effects of a kind that are not neutral and have their covariates: index, effect and values.
 
     Args:
-        all_of_them: in the order of the chain.
-        samples: what they are to act on.
+        all_of_them: effects in the order of the chain.
+        samples: samples that they act on.
         kind: subclass of effects.
-        missing: whether lacking a covariate is an error, or the effect then abstains.
+        missing: whether a missing covariate is an error, or makes the effect abstain.
 
     Raises:
-        InputError: an effect lacks a covariate, and that is an error.
+        InputError: an effect lacks a covariate, and ``missing`` makes that an error.
     """
     found: list[tuple[int, Kind, Values]] = []
     for number, one in enumerate(all_of_them):
@@ -88,6 +88,6 @@ def at_work(
         elif missing == "error":
             columns = ", ".join(COVARIATES[name] for name in lacking)
             place = f"effect {one.effect.name}"
-            fix = "Give them, or let effects abstain that lack something."
+            fix = "Give them, or let effects without their covariates abstain."
             raise InputError([Problem(place, f"samples with {columns}", "samples without", fix)])
     return found

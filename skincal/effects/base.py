@@ -1,4 +1,4 @@
-"""What an effect is: a small object at one stage of the chain from the contact to the counts."""
+"""Base classes of effects: small objects at one stage of the chain from the contact to the counts."""
 
 from __future__ import annotations
 
@@ -19,47 +19,47 @@ from skincal.model import Patch, StressLaw, TaxelLayout
 from skincal.model.arrays import FloatArray
 
 State = Any
-"""What an effect with memory keeps from one sample to the next; None before the first."""
+"""What an effect with memory carries from one sample to the next; None before the first."""
 
 
 class Stage(IntEnum):
-    """Where in the chain an effect stands."""
+    """Stage of an effect in the chain."""
 
     POSE_AND_FORCE = 0
-    """Changes what presses where and how hard, before there is a contact."""
+    """Changes place and force of a press, before there is a contact."""
     CONTACT = 1
-    """Changes how stress follows from penetration."""
+    """Changes the stress as a function of penetration."""
     SPREAD = 2
     """Changes which tactile points a taxel feels."""
     MEMORY = 3
     """Makes loads [N] depend on earlier ones."""
     TRANSFER = 4
-    """Changes loads [N] at once, each taxel by itself, before the scale turns them into counts."""
+    """Changes loads [N] without memory, taxel by taxel, before the scale turns them into counts."""
     CROSSTALK = 5
     """Mixes the values of taxels [counts]."""
     CONVERTER = 6
-    """Changes values [counts], each taxel by itself, before they are rounded and clipped."""
+    """Changes values [counts], taxel by taxel, before they are rounded and clipped."""
 
 
 class Effect(ABC):
-    """What a skin does beyond the base model. Add one with a file beside this one and a line in the registry.
+    """An effect of the skin beyond the base model. To add one, add a file here and a line in the registry.
 
-    An effect has no state of its own: its parameters, and what it remembers, are handed in. With all strengths at
-    their neutral values it is left out, so the model is exactly the one without it.
+    An effect has no state of its own: its parameters and its memory are passed in. With all strengths at their neutral
+    values it is skipped, so that the model is exactly the one without it.
 
     Attributes:
-        name: as in the list of names of effects.
-        stage: where in the chain it stands.
-        meaning: one sentence.
-        parameters: that it has.
-        covariates: that it needs whenever it is not neutral; parameters may need more.
-        asks: kinds of presses without which it hardly shows, by their names in :mod:`skincal.diagnosis.reasons`.
-        single_taxels: whether it is a fault of some taxels, each for itself.
-        in_places: whether it lives in the measured places of presses, so that images hardly show it.
+        name: name of the effect, as in the contract.
+        stage: its stage in the chain.
+        meaning: description in one sentence.
+        parameters: its parameters.
+        covariates: covariates that it needs whenever it is not neutral; parameters may need more.
+        asks: kinds of presses without which it is hardly visible, by their names in :mod:`skincal.diagnosis.reasons`.
+        single_taxels: whether it is a fault of single taxels.
+        in_places: whether it acts on the measured positions of presses, so that images hardly show it.
         has_memory: whether it depends on earlier samples.
-        of_rig: whether it is an error of what was measured and no property of the skin: where the true place and force
-            are known, as in an environment, it has no place.
-        source: where its equation comes from.
+        of_rig: whether it is an error of the measurement, not a property of the skin; where the true place and force
+            are known, as in an environment, it does not apply.
+        source: source of its equation.
     """
 
     name: ClassVar[str]
@@ -75,29 +75,29 @@ class Effect(ABC):
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:
-        """All parameters: those given, neutral or default where not.
+        """Return all parameters: given values, and neutral or default ones for the rest.
 
         Raises:
-            InputError: parameters that the effect does not have, and values that they cannot have.
+            InputError: unknown parameters, or values out of bounds.
         """
         return checked(self.name, self.parameters, given, taxels)
 
     def is_neutral(self, values: Values) -> bool:
-        """Whether the effect is not there."""
+        """Return whether the effect has no influence at these values."""
         return not any(self._differs(parameter, values) for parameter in self.parameters)
 
     def needs(self, values: Values) -> tuple[str, ...]:
-        """Covariates that the effect needs at these values, none of them twice."""
+        """Return the covariates that the effect needs at these values, without duplicates."""
         more = [n for p in self.parameters if self._differs(p, values) for n in p.needs]
         return () if self.is_neutral(values) else tuple(dict.fromkeys([*self.covariates, *more]))
 
     @property
     def all_covariates(self) -> tuple[str, ...]:
-        """Covariates that the effect needs at some values."""
+        """Covariates that the effect may need, whatever its values."""
         return tuple(dict.fromkeys([*self.covariates, *(n for p in self.parameters for n in p.needs)]))
 
     def parameter(self, name: str) -> EffectParameter:
-        """A parameter by its name.
+        """Return a parameter by its name.
 
         Raises:
             InputError: the effect has no such parameter.
@@ -109,34 +109,34 @@ class Effect(ABC):
         raise InputError([Problem(f"effect {self.name}", f"one of the parameters {names}", f'"{name}"')])
 
     def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
-        """How much of the effect could as well be clocks that do not agree [s]; 0 for most effects."""
+        """Return how much of the effect could also be explained by a clock offset [s]; 0 for most effects."""
         del parameters
         return 0.0
 
     @abstractmethod
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """Where the search for the effect begins: sets of its forms, with points whose span holds what it may do.
+        """Return the starting points of the search: sets of forms, with points whose span holds the possible effect.
 
         Args:
-            scene: the scale of the session.
+            scene: scales of the session.
         """
 
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
     ) -> dict[str, FloatArray]:
-        """Parameters of a case of some strength: 0 neutral, 1 a typical one that is clearly visible.
+        """Return the parameters of a case of some strength: 0 is neutral, 1 a typical, clearly visible case.
 
-        What varies from taxel to taxel and from pose to pose is drawn; twice the strength with the same draw is
-        twice as far from neutral, as far as the bounds allow.
+        Parameters that vary between taxels or poses are drawn. With one draw, twice the strength is twice as far from
+        neutral, within the bounds.
 
         Args:
             strength: zero or more.
-            rng: for what is drawn.
+            rng: generator of the draws.
             layout: the taxels.
             poses: number of hand poses.
 
         Raises:
-            InputError: a strength that is negative or not finite.
+            InputError: the strength is negative or not finite.
         """
         if not (np.isfinite(strength) and strength >= 0):
             raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])
@@ -151,37 +151,37 @@ class Effect(ABC):
 
 
 class InputEffect(Effect):
-    """Changes what presses where and how hard."""
+    """An effect that changes place and force of a press."""
 
     stage = Stage.POSE_AND_FORCE
 
     @abstractmethod
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """Samples as the skin feels them, from samples as they were measured."""
+        """Return the samples as the skin feels them, from the samples as measured."""
 
 
 class LawEffect(Effect):
-    """Changes how stress follows from penetration."""
+    """An effect that changes the stress as a function of penetration."""
 
     stage = Stage.CONTACT
 
     @abstractmethod
     def law(self, values: Values) -> StressLaw:
-        """The law in place of the linear one."""
+        """Return the law that replaces the linear one."""
 
 
 class SpreadEffect(Effect):
-    """Changes which tactile points a taxel feels."""
+    """An effect that changes which tactile points a taxel feels."""
 
     stage = Stage.SPREAD
 
     @abstractmethod
     def weights(self, values: Values, patch: Patch) -> FloatArray:
-        """How much of each tactile point's load each taxel feels (N, J)."""
+        """Return the weight of each tactile point's load in each taxel (N, J)."""
 
 
 class MemoryEffect(Effect):
-    """Makes loads depend on earlier ones."""
+    """An effect that makes loads depend on earlier ones."""
 
     stage = Stage.MEMORY
     has_memory = True
@@ -190,30 +190,30 @@ class MemoryEffect(Effect):
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """Loads (K, J) [N] as they show, and what to remember.
+        """Return the resulting loads (K, J) [N] and the new state.
 
         Args:
             loads_n: (K, J) finite loads [N].
-            samples: K of them, that follow those of the state.
+            samples: K samples that follow those of the state.
             values: parameters.
-            state: of an earlier call; None at the beginning of a session.
+            state: state of the previous call; None at the beginning of a session.
         """
 
 
 class SignalEffect(Effect):
-    """Changes loads or values at once; ``stage`` says which."""
+    """An effect that changes loads or values without memory, at its ``stage``."""
 
     @abstractmethod
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """The changed signal (K, J): loads [N] at the transfer, values [counts] later. The given one stays as it is."""
+        """Return the changed signal (K, J): loads [N] at the transfer, values [counts] later; keep ``signal`` as is."""
 
 
 def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:
-    """What a covariate says where it is known, zero in the samples that do not have it.
+    """Return a covariate where it is known, and zero in samples that lack it.
 
     Args:
-        covariate: (K,) NaN where not known.
-        where: (K,) what to take in its place.
+        covariate: (K,) NaN where unknown.
+        where: (K,) value to use.
     """
     assert covariate is not None
     return np.where(np.isfinite(covariate), where, 0.0)
@@ -222,7 +222,7 @@ def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:
 def by_pose(
     per_pose: FloatArray, pose: np.ndarray[Any, np.dtype[np.int64]] | None, neutral: float
 ) -> FloatArray:
-    """A parameter (P,) for the pose of each sample (K,); neutral for poses that it does not know."""
+    """Return a parameter (P,) for the pose of each sample (K,), neutral for unknown poses."""
     assert pose is not None
     if len(per_pose) == 1:
         return np.where(pose >= 0, per_pose[0], neutral)
@@ -233,7 +233,7 @@ def by_pose(
 def _pattern(
     parameter: EffectParameter, rng: np.random.Generator, layout: TaxelLayout, poses: int
 ) -> FloatArray:
-    """How a typical case of a parameter varies: one, or drawn for taxels, or drawn for poses about their mean."""
+    """Return the pattern of a typical case: one number, or draws for taxels, or draws for poses about their mean."""
     if parameter.shape == "scalar":
         return np.asarray(1.0)
     if parameter.shape == "per-taxel":

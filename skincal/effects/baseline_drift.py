@@ -2,9 +2,9 @@
 
     y_j = x_j + s_j t + b_j (1 - exp(-t / tau)) + k (T - T_0)
 
-with t the time since the session began: a steady drift s_j and a settling b_j of each taxel, and a temperature
-coefficient k that all share, with the temperature T_0 at which it lifts nothing. What has settled before the first
-press is an offset; tau is longer.
+with t the time since the session began: each taxel has a steady drift s_j and a settling b_j; all share a temperature
+coefficient k, with the temperature T_0 at which it has no influence. Settling that is over before the first press is
+an offset; tau is longer.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from skincal.model.arrays import FloatArray
 
 
 class BaselineDrift(SignalEffect):
-    """See the module."""
+    """The effect ``baseline_drift``, with the equation of the module."""
 
     name = "baseline_drift"
     stage = Stage.CONVERTER
@@ -83,7 +83,7 @@ class BaselineDrift(SignalEffect):
         return (start(slopes[0]), start(settles[0]), start(*slopes), start({"temperature_counts_per_k": 0.5}))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at 25 °C."""
+        """Apply the effect (:meth:`SignalEffect.apply`). A sample without a temperature counts as being at 25 °C."""
         del setting
         time = samples.elapsed_s[:, None]
         settled = -np.expm1(-time / values.number("settling_time_s"))

@@ -2,9 +2,9 @@
 
     (across, along) += d_p + M r + c F
 
-d_p is an offset in the hand pose p (errors of the joint angles are others in another pose), M r a stretch and a skew
-of the place r from the patch's centre (a wrong fingertip radius or a rig that is scaled), c F a yielding of finger or
-rig that grows with the force. An offset that is the same always, and a turn, are the pose of the sensor.
+d_p is an offset in the hand pose p (the errors of the joint angles differ between poses). M r is a stretch and a skew
+of the position r relative to the patch's centre (a wrong fingertip radius, or a rig with a wrong scale). c F is the
+compliance of finger or rig under the force. A constant offset and a rotation belong to the sensor's pose.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _number(name: str, unit: str, bound: float, text: str, typical: float = 0.0)
 
 
 class ContactOffset(InputEffect):
-    """See the module."""
+    """The effect ``contact_offset``, with the equation of the module."""
 
     name = "contact_offset"
     meaning = "the measured contact positions are off in a way that the pose cannot absorb"
@@ -66,7 +66,7 @@ class ContactOffset(InputEffect):
         return setting.moved(samples, *self.moves_m(samples, values, setting).T)
 
     def moves_m(self, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """How far the places of K samples (K, 2) are moved over the surface, across and along [m]."""
+        """Return how far the contacts of K samples move over the surface, across and along [m], (K, 2)."""
         place = (samples.contacts.points_m - setting.centre_m) @ setting.axes.T
         across, along = place[:, 0], place[:, 1]
         force, skew = np.maximum(samples.contacts.force_n, 0.0), values["skew"]

@@ -2,8 +2,8 @@
 
     F_skin = F - F_c (1 - exp(-s F / F_c))
 
-At first the glove carries the share s of every newton; what it carries levels off at F_c, as a fabric does that is
-stretched over the fingertip until it lies on the skin. A share that never levels off could not be told from the scale.
+At first the glove carries the share s of every newton. What it carries levels off at F_c, as with a fabric stretched
+over the fingertip until it lies on the skin. A share that never levels off is not identifiable: it acts like the scale.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from skincal.effects.starts import Scene, Start, start
 
 
 class Cover(InputEffect):
-    """See the module."""
+    """The effect ``cover``, with the equation of the module."""
 
     name = "cover"
     meaning = "a glove carries part of the force before the skin feels it"

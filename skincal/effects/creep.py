@@ -2,10 +2,10 @@
 
     y = x + a (mean of q_k),    tau_k dq_k/dt = x - q_k,    tau_k = tau 10^{-b/2}, tau, tau 10^{+b/2}
 
-A Prony series of three Kelvin-Voigt elements: at constant load the signal tends to (1 + a) x; a < 0 is a signal that
-falls. With the breadth b = 0 it is a single exponential; with b of two or three decades it goes with the logarithm of
-time over that range, as elastomers and piezoresistive foams do. Between samples the load is taken to go in a
-straight line, for which the recursion is exact. A session begins with a skin at rest, all q_k = 0.
+A Prony series of three Kelvin-Voigt elements: at constant load the signal tends to (1 + a) x; with a < 0 the signal
+falls. With the breadth b = 0 it is a single exponential. With b of two or three decades it follows the logarithm of
+time over that range, as elastomers and piezoresistive foams do. The load is interpolated linearly between samples, for
+which the recursion is exact. A session begins with a skin at rest, all q_k = 0.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from skincal.model.arrays import FloatArray
 
 
 class Creep(MemoryEffect):
-    """See the module."""
+    """The effect ``creep``, with the equation of the module."""
 
     name = "creep"
     meaning = "the signal goes on rising (or falls) at constant force"

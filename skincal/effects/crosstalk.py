@@ -2,9 +2,9 @@
 
     y = x + c (1 + h A) A x,    A x = N x - l D x
 
-N sums over the taxels next to it, by where they lie: in a grid up to four, in a hexagonal layout six; D is their
-number. What leaks may be lost where it comes from (l): with l = 1 it is shared, as in a resistive sheet, and with l = 0
-picked up besides, as between wires. And it may leak on (h); a sheet has h = c, to second order in c.
+N sums over the taxels next to it, by their positions: up to four in a grid, six in a hexagonal layout; D is their
+number. The source taxel may lose what leaks (l): with l = 1 the load is shared, as in a resistive sheet; with l = 0 it
+is picked up in addition, as between wires. It may leak on (h); a sheet has h = c, to second order in c.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from skincal.model.arrays import FloatArray
 
 
 class Crosstalk(SignalEffect):
-    """See the module."""
+    """The effect ``crosstalk``, with the equation of the module."""
 
     name = "crosstalk"
     stage = Stage.CROSSTALK

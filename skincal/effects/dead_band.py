@@ -4,8 +4,8 @@
     m(z) = min(z, 1),    or    r log((1 + exp(1 / r)) / (1 + exp((1 - z) / r)))
 
 b is the width of the band. With k = 0 the first b counts are missing from every value, as from a threshold or a
-preload; with k = 1 only values below about b are swallowed and larger ones come out whole. Where the parts of a taxel
-do not begin to answer at the same value, the threshold is a soft one, r wide in parts of b; with r = 0 it is sharp.
+preload. With k = 1 only values below about b are swallowed and larger ones come out whole. Where the parts of a taxel
+respond from different values on, the threshold is soft, with width r relative to b; with r = 0 it is sharp.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray, as_floats
 
 _SHARP = 1e-3
-"""A threshold less wide than this part of its band is a sharp one."""
+"""Width below which a threshold is treated as sharp, relative to its band."""
 
 
 class DeadBand(SignalEffect):
-    """See the module."""
+    """The effect ``dead_band``, with the equation of the module."""
 
     name = "dead_band"
     stage = Stage.CONVERTER
@@ -46,7 +46,7 @@ class DeadBand(SignalEffect):
         return tuple(start({"width_counts": w, "recovery": k}) for w in wide for k in (0.0, 1.0))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""
+        """Apply the effect (:meth:`SignalEffect.apply`). Values below zero stay as they are."""
         del samples, setting
         width, recovery = values.number("width_counts"), values.number("recovery")
         inside = np.maximum(signal, 0.0) / width
@@ -56,7 +56,7 @@ class DeadBand(SignalEffect):
 
 
 def _missing(inside: FloatArray, softness: float) -> FloatArray:
-    """The part of the band that a value lacks: m of the module."""
+    """Return the part of the band that a value lacks: m of the module."""
     if softness < _SHARP:
         return np.minimum(inside, 1.0)
     soft = np.logaddexp(0.0, 1.0 / softness) - np.logaddexp(0.0, (1.0 - inside) / softness)

@@ -2,8 +2,8 @@
 
     y_j = a_j x_j + (1 - a_j) v_j    from the moment t_j on
 
-with a_j = 1 for a taxel that works and 0 for one that does not; v_j is what it reads then. A part between stands for
-one that answers weakly. x_j is the whole value, with its level at rest.
+with a_j = 1 for a taxel that works and 0 for a dead one, which reads v_j. Values in between describe a weak response.
+x_j is the whole value, including its level at rest.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from skincal.model.arrays import FloatArray
 
 
 class DeadTaxel(SignalEffect):
-    """See the module."""
+    """The effect ``dead_taxel``, with the equation of the module."""
 
     name = "dead_taxel"
     stage = Stage.CONVERTER
@@ -69,7 +69,7 @@ class DeadTaxel(SignalEffect):
         return tuple(found)
 
     def needs(self, values: Values) -> tuple[str, ...]:
-        """See :meth:`Effect.needs`: the time, if the fault begins later than the session."""
+        """Return the covariates (:meth:`Effect.needs`): the time, if the fault begins later than the session."""
         late = bool(((values["from_s"] > 0) & (values["answer"] != 1.0)).any())
         return ("time",) if late else ()
 
@@ -81,7 +81,7 @@ class DeadTaxel(SignalEffect):
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
     ) -> dict[str, FloatArray]:
-        """See :meth:`Effect.at_strength`: strength 1 is a sixteenth of the taxels dead, one at least, at zero."""
+        """Return a case (:meth:`Effect.at_strength`); at strength 1 a sixteenth of the taxels, or one, is dead."""
         del poses
         if not (np.isfinite(strength) and strength >= 0):
             raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])

@@ -2,9 +2,9 @@
 
     y = x (1 + a / (1 + t s)^(1 / t)),    s = c / N + k M,    exp(-s) for t = 0
 
-with c the number of earlier touches of the same site and M the largest force of them: an elastomer softens under its
-first loads, and the more the larger they are (Mullins effect); a fresh site of a piezoresistive layer needs to be
-worked in. With a tail t the first touches do much and later ones ever less, instead of each the same part.
+with c the number of earlier touches of the same site and M their largest force. An elastomer softens under its first
+loads, and more under larger ones (Mullins effect); a fresh site of a piezoresistive layer needs to be worked in. With
+a tail t > 0 the first touches have most of the influence and later ones less and less, instead of equal parts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from skincal.model.arrays import FloatArray
 
 
 class FirstCycle(SignalEffect):
-    """See the module."""
+    """The effect ``first_cycle``, with the equation of the module."""
 
     name = "first_cycle"
     stage = Stage.TRANSFER
@@ -53,12 +53,12 @@ class FirstCycle(SignalEffect):
         return tuple(start({"amplitude": 0.1, **form}) for form in forms)
 
     def needs(self, values: Values) -> tuple[str, ...]:
-        """See :meth:`Effect.needs`: what the site has met as well, if the effect fades with it."""
+        """Return the covariates (:meth:`Effect.needs`), with the site's largest force if the effect fades with it."""
         found = super().needs(values)
         return (*found, "met") if found and values.number("fading_per_n") else found
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. A sample is left as it is whose cycle, or what it met, is not known."""
+        """Apply the effect (:meth:`SignalEffect.apply`). A sample of unknown cycle or earlier force is not changed."""
         del setting
         assert samples.cycle is not None
         faded, told = np.maximum(samples.cycle, 0.0) / values.number("cycles"), samples.cycle
@@ -66,6 +66,6 @@ class FirstCycle(SignalEffect):
             assert samples.met_n is not None
             faded, told = faded + slope * np.maximum(samples.met_n, 0.0), samples.cycle + samples.met_n
         if tail := values.number("tail"):
-            # The logarithm of what is above: with next to no tail it is the exponential, without dividing by nothing.
+            # Use the logarithm of the denominator: with almost no tail it is the exponential; no division by zero.
             faded = np.log1p(tail * faded) / tail
         return signal * (1.0 + values["amplitude"] * known(told, np.exp(-faded)))[:, None]

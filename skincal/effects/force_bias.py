@@ -2,10 +2,10 @@
 
     F = g_p F_measured + F_0 F_measured / (F_measured + h)    wherever something touches, never below zero
 
-with F_0 an offset of the force that the data name, and g_p a scale for the hand pose p, as from joint torques whose
-friction and gravity are compensated differently well in different poses. A scale that all poses share is not told
-apart from the scale of the counts, so only differences between poses show. A zero that is wrong is wrong from the first
-touch on, and h is zero; what friction takes away is not there before the joint is loaded, and half of it is at h.
+with F_0 an offset of the measured force, and g_p a scale for the hand pose p, as from joint torques whose friction and
+gravity are compensated differently well in different poses. A scale that all poses share is not identifiable: it acts
+like the scale of the counts, so that only differences between poses show. A wrong zero acts from the first touch on:
+h = 0. Friction builds up as the joint is loaded, and half of it is reached at h.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from skincal.effects.starts import Scene, Start, each_of, start
 
 
 class ForceBias(InputEffect):
-    """See the module."""
+    """The effect ``force_bias``, with the equation of the module."""
 
     name = "force_bias"
     meaning = "the measured force is off: offset, or a scale that depends on the hand's pose"

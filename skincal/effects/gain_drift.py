@@ -22,7 +22,7 @@ REFERENCE_C = 25.0
 
 
 class GainDrift(SignalEffect):
-    """See the module."""
+    """The effect ``gain_drift``, with the equation of the module."""
 
     name = "gain_drift"
     stage = Stage.TRANSFER
@@ -68,7 +68,7 @@ class GainDrift(SignalEffect):
         )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. A sample without a temperature counts as being at the reference."""
+        """Apply the effect (:meth:`SignalEffect.apply`). A sample without a temperature is at the reference."""
         del setting
         time = samples.elapsed_s
         exponent = values["rate_per_s"] * time

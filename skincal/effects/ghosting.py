@@ -3,9 +3,9 @@
     y_j = x_j + r (sum of x_i over the rest of the row) + c (sum of x_i over the rest of the column)
               + d (sum of x_i over taxels that share neither)
 
-In an array whose taxels share row and column wires, currents find parallel ways through them; to first order in the
-resistance of wires and multiplexers a taxel gets a part of all that share a wire with it. Taxels that conduct when
-unloaded also link wires among each other, so that some of it reaches every taxel.
+In an array whose taxels share row and column wires, currents find parallel paths. To first order in the resistance of
+wires and multiplexers, a taxel gets a part of all taxels that share a wire with it. Taxels that conduct when unloaded
+also connect wires with each other, so that a part of the load reaches every taxel.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skincal.model.arrays import FloatArray
 
 
 class Ghosting(SignalEffect):
-    """See the module."""
+    """The effect ``ghosting``, with the equation of the module."""
 
     name = "ghosting"
     stage = Stage.CROSSTALK

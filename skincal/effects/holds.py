@@ -1,10 +1,10 @@
-"""Presses that came without frames, as sessions of samples: load, hold, unload.
+"""Presses without frames as sessions of samples: load, hold, unload.
 
-A dataset without frames has one mean image a press, that of the hold. What effects with memory make of it depends on
-how the press went, so a standard press is played: the force rises in a straight line from t_start to t_hold, stays
-until t_release and falls to zero at t_end; a press whose branch is ``down`` rises to a higher force in the first half
-of the loading and comes back to the hold from above. Times that are not known are half a second for loading and for
-unloading, one second for the hold, and one second of rest before the next press.
+A dataset without frames has one mean image per press, that of the hold. Effects with memory depend on the course of
+the press, so a standard press is simulated: the force rises linearly from t_start to t_hold, stays until t_release and
+falls to zero at t_end. A press whose branch is ``down`` rises to a higher force in the first half of the loading and
+returns to the hold from above. Unknown times default to half a second for loading and for unloading, one second for
+the hold, and one second of rest before the next press.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ LOADING_S = 0.5
 HOLD_S = 1.0
 REST_S = 1.0
 OVERSHOOT = 1.5
-"""Over which force a press comes back whose hold is reached from above, in parts of the hold's force."""
+"""Peak force of a press whose hold is reached from above, relative to the hold's force."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Samples in each part of a press.
+    """Numbers of samples in the parts of a press.
 
     Attributes:
-        load: while the force rises, the last at the hold's force.
-        hold: in the hold, whose mean is the press's image.
-        unload: while it falls; the last has no force.
+        load: samples while the force rises; the last has the hold's force.
+        hold: samples in the hold, whose mean is the press's image.
+        unload: samples while the force falls; the last has no force.
     """
 
     load: int = 12
@@ -40,17 +40,17 @@ class Steps:
 
     @property
     def all(self) -> int:
-        """In a press, and one at rest after it."""
+        """Samples of a press, with one at rest after it."""
         return self.load + self.hold + self.unload + 1
 
 
 @dataclass(frozen=True, eq=False)
 class HoldSession:
-    """A session of samples that was made of presses.
+    """A session of samples made from presses.
 
     Attributes:
-        samples: in the order of time.
-        row: (K,) row of the press that each belongs to.
+        samples: samples in the order of time.
+        row: (K,) row of the press of each sample.
         hold: (H, S) indices of the samples in the hold of each press.
     """
 
@@ -59,7 +59,7 @@ class HoldSession:
     hold: IntArray
 
     def means(self, values: FloatArray) -> FloatArray:
-        """Mean image in the hold (H, J) of each press, from values of all samples (K, J)."""
+        """Return the mean image in the hold of each press (H, J), from the values of all samples (K, J)."""
         return values[self.hold].mean(axis=1)
 
 
@@ -70,13 +70,13 @@ def hold_times(
     t_release_s: ArrayLike | None = None,
     t_end_s: ArrayLike | None = None,
 ) -> FloatArray:
-    """Start, hold, release and end (H, 4) [s] of presses in the order of time; what is not known is standard.
+    """Return start, hold, release and end of presses in the order of time (H, 4) [s], with defaults for unknown times.
 
-    A press none of whose times is known follows the one before.
+    A press without any known time follows the one before.
 
     Args:
         count: number of presses H.
-        t_start_s: (H,) [s], NaN where not known; likewise the others.
+        t_start_s: (H,) [s], NaN where unknown; likewise the others.
         t_hold_s: [s].
         t_release_s: [s].
         t_end_s: [s].
@@ -103,13 +103,13 @@ def hold_times(
 def hold_session(
     holds: Samples, times_s: FloatArray, steps: Steps | None = None, *, down: ArrayLike | None = None
 ) -> HoldSession:
-    """Standard presses about given holds.
+    """Return a session with the standard presses of given holds.
 
     Args:
-        holds: one sample a press, H of them, in the order of time.
+        holds: one sample per press, H of them, in the order of time.
         times_s: (H, 4) start, hold, release and end, as of :func:`hold_times` [s].
-        steps: how finely.
-        down: (H,) True where the hold is reached from above.
+        steps: number of samples per part of a press.
+        down: (H,) True if the hold is reached from above.
     """
     steps = steps or Steps()
     falls = np.zeros(len(holds), dtype=np.bool_) if down is None else np.asarray(down, dtype=np.bool_)
@@ -135,7 +135,7 @@ def hold_session(
 def _course(
     times_s: FloatArray, steps: Steps, down: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Force over that of the hold, and times [s], of all samples of each press: (H, steps.all) each."""
+    """Return the force relative to the hold's, and the times [s], of all samples per press: (H, steps.all) each."""
     start, hold, release, end = (times_s[:, k, None] for k in range(4))
     rise = np.arange(1, steps.load + 1) / steps.load
     stay = np.arange(1, steps.hold + 1) / (steps.hold + 1)

@@ -2,10 +2,10 @@
 
     y = x + h (mean of z_k - x),    z_k <- min(max(z_k, x), (1 + w_k) x),    w_k = w k / n,  k = 1 ... n
 
-A Prandtl-Ishlinskii sum of n generalised play operators whose two curves, x and (1 + w_k) x, both go through the
+A Prandtl-Ishlinskii sum of n generalised play operators whose two curves, x and (1 + w_k) x, both pass through the
 origin: while the load x rises, all z_k follow it and the signal is the base model's; when it falls, each z_k stays
-until the load has fallen by the part w_k / (1 + w_k). So the loop is wide between the ends and closes at the peak and
-at rest, does not depend on speed, and grows in proportion to the load.
+until the load has fallen by the part w_k / (1 + w_k). The loop is wide between the ends and closes at the peak and at
+rest, does not depend on speed, and grows in proportion to the load.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray, IntArray
 
 _OPERATORS = 6
-"""How many play operators stand for the continuum."""
+"""Number of play operators that approximate the continuum."""
 
 
 class Hysteresis(MemoryEffect):
-    """See the module."""
+    """The effect ``hysteresis``, with the equation of the module."""
 
     name = "hysteresis"
     meaning = "at the same force the signal differs between loading and unloading"
@@ -55,10 +55,10 @@ class Hysteresis(MemoryEffect):
 
 
 def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last.
+    """Return the mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last.
 
-    Without load all operators are at zero. So stretches of load between moments of rest do not know of each other, and
-    are gone through side by side.
+    Without load all operators are at zero. Stretches of load between moments of rest are therefore independent and are
+    computed in parallel.
     """
     mean = np.zeros_like(x)
     if not len(x) and state is not None:
@@ -80,7 +80,7 @@ def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple
 
 
 def _stretches(busy: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> tuple[IntArray, IntArray]:
-    """Where stretches of True begin and how long they are, the longest first."""
+    """Return the starts and lengths of the stretches of True, the longest first."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(np.int8)))
     starts, lengths = edges[::2], edges[1::2] - edges[::2]
     order = np.argsort(-lengths, kind="stable")

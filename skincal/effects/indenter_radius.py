@@ -1,10 +1,10 @@
-"""The indenter is not the size that the dataset says.
+"""The indenter does not have the size that the dataset states.
 
     R = R_said + (s - 1) R_said^(1 - w) R_0^w,    R_0 = 5 mm
 
-for a sphere or a flat punch; it still touches at the same place. With w = 0 every indenter is off by the same part,
-with w = 1 by the same length, as under a coat; only indenters of different sizes tell. No radius is less than a tenth
-of what was said. The radius of a mesh is not a number: there the effect is refused.
+for a sphere or a flat punch, which still touches at the same place. With w = 0 every indenter is off by the same
+factor, with w = 1 by the same length, as under a coat; only indenters of different sizes distinguish the two. The
+radius is at least a tenth of the stated one. The effect refuses a mesh, which has no radius.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _REFERENCE_M, _SMALLEST = 5e-3, 0.1
 
 
 class IndenterRadius(InputEffect):
-    """See the module."""
+    """The effect ``indenter_radius``, with the equation of the module."""
 
     name = "indenter_radius"
     meaning = "the indenter is not the size the dataset says"
@@ -52,10 +52,10 @@ class IndenterRadius(InputEffect):
         return tuple(start({"scale": 1.15, "coat": w}) for w in (0.0, 1.0))
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """See :meth:`InputEffect.apply`.
+        """Return the samples with resized indenters (:meth:`InputEffect.apply`).
 
         Raises:
-            InputError: an indenter that has no radius.
+            InputError: an indenter has no radius.
         """
         del setting
         scale, coat = values.number("scale"), values.number("coat")

@@ -2,10 +2,10 @@
 
     phi tau dy/dt = x(t - (1 - phi) tau) - y
 
-with straight lines between samples. With phi = 0 it is a pure delay, y(t) = x(t - tau), as from the taxels' read-out or
-clocks that do not agree; with phi = 1 a low-pass filter of first order in the hand's electronics; between them some of
-both, as of a filter of higher order. The mean lag is tau in any case. It shows where the force changes, in proportion
-to dF/dt. Before the first sample of a session the load is taken to have been as in the first.
+with linear interpolation between samples. With phi = 0 it is a pure delay, y(t) = x(t - tau), as from the taxels'
+read-out or clocks that disagree; with phi = 1 it is a first-order low-pass filter in the hand's electronics; values in
+between approximate a filter of higher order. The mean lag is always tau. It shows where the force changes, in
+proportion to dF/dt. Before the first sample of a session the load is assumed constant.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 _NO_LAG_S = 1e-9
-"""A filter as quick as this does nothing."""
+"""A filter faster than this has no influence [s]."""
 
 
 class Latency(MemoryEffect):
-    """See the module."""
+    """The effect ``latency``, with the equation of the module."""
 
     name = "latency"
     meaning = "the taxels lag behind the force in time"
@@ -42,7 +42,7 @@ class Latency(MemoryEffect):
     source = "Transport delay, and a process with dead time and one lag: Ljung, System Identification, 1999."
 
     def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
-        """See :meth:`Effect.shift_of_clocks_s`: what lags as a filter does is not theirs."""
+        """Return the clock offset that the delay may be (:meth:`Effect.shift_of_clocks_s`), without the filter."""
         delay, part = (float(np.asarray(parameters.get(k, 0.0))) for k in ("delay_s", "filtered"))
         return delay * (1 - part)
 
@@ -70,20 +70,20 @@ class Latency(MemoryEffect):
 
 
 def _delayed(x: FloatArray, now_s: FloatArray, delay_s: float, before: State) -> tuple[FloatArray, State]:
-    """Loads (K, J) as they were some time ago; those that a later call may ask for are handed on."""
+    """Return loads (K, J) delayed by some time, and the loads that a later call needs."""
     if delay_s < _NO_LAG_S:
         return x, before
     time = now_s
     if before is not None:
         time, x = np.concatenate([before[0], time]), np.vstack([before[1], x])
     asked = now_s - delay_s
-    # All that a later sample may ask for, and one sample before.
+    # Everything that a later sample may need, and one sample before.
     first = max(int(np.count_nonzero(time <= asked.max())) - 1, 0)
     return _between(time, x, asked), (time[first:], x[first:])
 
 
 def _between(time: FloatArray, x: FloatArray, asked: FloatArray) -> FloatArray:
-    """Values (M, J) at times asked (M,), from values (K, J) at times (K,); before the first it was as then."""
+    """Return the values (M, J) at times (M,), interpolated in values (K, J) at times (K,); constant before them."""
     left = np.searchsorted(time, asked, side="right") - 1
     left = np.maximum(left, 0)
     right = np.minimum(left + 1, len(time) - 1)

@@ -1,4 +1,4 @@
-"""Parameters of effects: what they are, and checked values of them."""
+"""Parameters of effects, and checked values of them."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ Scale = Literal["linear", "log"]
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One parameter of an effect.
+    """A parameter of an effect.
 
     Attributes:
-        name: with its unit: ``time_constant_s``.
-        unit: for people; ``-`` for a plain number.
-        neutral: at this value of all strengths the effect is not there. For a form: its default.
+        name: name with its unit: ``time_constant_s``.
+        unit: unit for display; ``-`` for a plain number.
+        neutral: with all strengths at this value the effect has no influence. For a form: its default.
         low: smallest value.
         high: largest value.
-        description: what it is, in a few words.
-        typical: how far from neutral a clearly visible case lies; 0 where such a case does not need it.
+        description: meaning in a few words.
+        typical: distance from neutral of a clearly visible case; 0 if such a case does not need it.
         shape: one number, one for each taxel, or one for each hand pose.
-        role: ``strength`` if it brings the effect in, ``form`` if it only says what it is like.
-        needs: covariates that are needed as soon as it is not neutral.
+        role: ``strength`` if it makes the effect act, ``form`` if it only shapes it.
+        needs: covariates that are needed if it is not neutral.
         scale: the scale on which to fit and to draw it.
     """
 
@@ -52,7 +52,7 @@ class Values(Mapping[str, FloatArray]):
     """Checked parameters of an effect by name: read-only arrays, () for one number, (J,) or (poses,) for more."""
 
     def __init__(self, arrays: Mapping[str, FloatArray]) -> None:
-        """Take arrays that :func:`checked` has looked at."""
+        """Store arrays that :func:`checked` has checked."""
         self._arrays = dict(arrays)
 
     def __getitem__(self, name: str) -> FloatArray:
@@ -68,28 +68,28 @@ class Values(Mapping[str, FloatArray]):
         return f"Values({ {name: array.tolist() for name, array in self._arrays.items()} })"
 
     def number(self, name: str) -> float:
-        """A parameter that is one number."""
+        """Return a parameter that is one number."""
         return float(self._arrays[name])
 
     @property
     def key(self) -> tuple[tuple[str, tuple[int, ...], bytes], ...]:
-        """Equal for equal values, and fit to be a key."""
+        """Hashable key, equal for equal values."""
         return tuple((name, array.shape, array.tobytes()) for name, array in self._arrays.items())
 
 
 def checked(
     effect: str, parameters: tuple[EffectParameter, ...], given: Mapping[str, ArrayLike], taxels: int
 ) -> Values:
-    """Values of all parameters of an effect: those given, neutral or default where not.
+    """Return the values of all parameters of an effect: given ones, and neutral or default ones for the rest.
 
     Args:
         effect: its name, for errors.
-        parameters: that it has.
+        parameters: parameters of the effect.
         given: numbers by parameter; one number stands for all taxels or poses.
         taxels: number of taxels J.
 
     Raises:
-        InputError: parameters that the effect does not have, and values that they cannot have.
+        InputError: unknown parameters, or values out of bounds.
     """
     known = {parameter.name: parameter for parameter in parameters}
     problems = [
@@ -115,7 +115,7 @@ def checked(
 
 
 def _problem(effect: str, parameter: EffectParameter, array: FloatArray, taxels: int) -> Problem | None:
-    """What is wrong with an array as a parameter's value; None if nothing is."""
+    """Return the problem of an array as a parameter's value; None if it is valid."""
     place = f"effect {effect}, parameter {parameter.name}"
     if parameter.shape == "scalar" and array.ndim:
         return Problem(place, "one number", f"an array of shape {array.shape}")

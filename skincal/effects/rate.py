@@ -2,9 +2,9 @@
 
     y = x (1 + v / v_0)^(n phi)
 
-with v the speed of loading of the press, and v_0 that about which it begins to matter: far below it the response is the
+with v the speed of loading of the press, and v_0 the speed from which it matters: far below it the response is the
 base model's, far above it a power of the speed. phi is one while the load rises, and decays as exp(-age / T) from the
-end of loading, so that a viscous stiffening may fade in the hold (small T) or stay for the whole press (large T).
+end of loading: a viscous stiffening may fade in the hold (small T) or last for the whole press (large T).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from skincal.model.arrays import FloatArray
 
 @dataclass(frozen=True)
 class _Last:
-    """The last moment of loading [s], and the press it belonged to."""
+    """The last moment of loading [s], and its press."""
 
     time_s: float
     press: int
 
 
 class Rate(MemoryEffect):
-    """See the module."""
+    """The effect ``rate``, with the equation of the module."""
 
     name = "rate"
     meaning = "the response depends on the speed of loading"
@@ -74,7 +74,7 @@ class Rate(MemoryEffect):
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """See :meth:`MemoryEffect.run`. A sample whose speed is not known is left as it is."""
+        """Return the loads (:meth:`MemoryEffect.run`). A sample of unknown speed is not changed."""
         assert samples.speed_m_per_s is not None
         age, state = _age_s(samples, state)
         relative = 1 + np.maximum(samples.speed_m_per_s, 0.0) / values.number("slow_m_per_s")
@@ -85,7 +85,7 @@ class Rate(MemoryEffect):
 
 
 def _age_s(samples: Samples, last: _Last | None) -> tuple[FloatArray, _Last | None]:
-    """Time since loading ended (K,) [s]; zero while it goes on, where the phase is not known, and as a press begins."""
+    """Return the time since loading ended (K,) [s]; zero during loading, in unknown phases, and as a press begins."""
     assert samples.phase is not None and samples.time_s is not None
     if not len(samples):
         return np.zeros(0), last

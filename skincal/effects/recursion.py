@@ -1,4 +1,4 @@
-"""Linear recursions over time, all taxels at once."""
+"""Linear recursions over time, for all taxels at once."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from skincal.model.arrays import FloatArray
 
 _SMALL = 1e-4
-"""Steps shorter than this part of the time constant use a series."""
+"""Steps shorter than this part of the time constant use a series expansion."""
 _FORGOTTEN = 1e-18
-"""What is left of a value that no longer counts."""
+"""Remaining factor below which a value is forgotten."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relaxing:
-    """Where a relaxation stands.
+    """State of a relaxation.
 
     Attributes:
-        time_s: at that moment [s].
-        input_now: (1, J) the input then.
-        lagging: (1, J) what lags behind it.
+        time_s: time of the state [s].
+        input_now: (1, J) the input at that time.
+        lagging: (1, J) the relaxed value.
     """
 
     time_s: float
@@ -32,16 +32,16 @@ class Relaxing:
 def relaxed(
     x: FloatArray, time_s: FloatArray, time_constant_s: float, before: Relaxing | None
 ) -> tuple[FloatArray, Relaxing | None]:
-    """Tau dq/dt = x - q, exactly, for an input that goes in straight lines from sample to sample.
+    """Return the exact solution of tau dq/dt = x - q for an input that is linear between samples.
 
     Args:
         x: (K, J) input.
         time_s: (K,) its times, never falling [s].
         time_constant_s: tau [s].
-        before: where an earlier call ended; None: q = 0 at the first sample.
+        before: state after the previous call; None: q = 0 at the first sample.
 
     Returns:
-        q (K, J), and where it ends.
+        q (K, J), and the state after the last sample.
     """
     if not len(x):
         return x.copy(), before
@@ -49,7 +49,7 @@ def relaxed(
         before = Relaxing(float(time_s[0]), x[:1], np.zeros((1, x.shape[1])))
     h = np.diff(time_s, prepend=before.time_s)[:, None] / time_constant_s
     keep = np.exp(-h)
-    # Mean of exp(-s) over the step, and what it leaves to the older end of the line.
+    # Mean of exp(-s) over the step, and the weight of the older end of the line.
     mean = np.where(h < _SMALL, 1 - h / 2 + h**2 / 6, -np.expm1(-h) / np.where(h > 0, h, 1.0))
     older = np.vstack([before.input_now, x[:-1]])
     q = recursion(keep, x * (1 - mean) + older * (mean - keep), before.lagging)
@@ -57,19 +57,19 @@ def relaxed(
 
 
 def recursion(keep: FloatArray, add: FloatArray, start: FloatArray) -> FloatArray:
-    """y_k = keep_k y_{k-1} + add_k, in a logarithmic number of passes over whole arrays.
+    """Return y_k = keep_k y_{k-1} + add_k, in a logarithmic number of passes over whole arrays.
 
     Args:
         keep: (K, 1).
         add: (K, J).
-        start: (1, J) y before the first.
+        start: (1, J) y before the first sample.
     """
     y, factor = add.copy(), keep.copy()
     y[:1] += keep[:1] * start
     reach = 1
-    # What is forgotten by then to the last digit adds nothing.
+    # Terms that have decayed below the last digit add nothing.
     while reach < len(y) and factor[reach:].max() > _FORGOTTEN:
-        # Both sides at once: the right side must not see what the left side has already changed.
+        # Evaluate the right side completely before assigning: it must not see values that have already changed.
         y[reach:] += factor[reach:] * y[:-reach].copy()
         factor[reach:] *= factor[:-reach].copy()
         reach *= 2

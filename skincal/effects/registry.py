@@ -1,4 +1,4 @@
-"""All effects, one line each; the order is that in which effects of one stage act."""
+"""Registry of all effects, one line each, in the order in which effects of one stage act."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ _ALL: Final[tuple[Effect, ...]] = (
 )
 
 EFFECTS: Final = MappingProxyType({effect.name: effect for effect in sorted(_ALL, key=lambda e: e.stage)})
-"""Every effect by its name, in the order of the chain."""
+"""All effects by name, in the order of the chain."""
 
 
 def effect(name: str) -> Effect:
-    """An effect by its name.
+    """Return an effect by its name.
 
     Raises:
         InputError: there is no such effect.

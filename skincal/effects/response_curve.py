@@ -2,8 +2,8 @@
 
     y = x_0 ((1 + x / x_0)^g - 1) / g
 
-for x > 0: linear with slope one for small loads, a power g beyond the knee x_0. g = 2 is a parabola, g = 1 the
-straight line, g = 0 a logarithm, g = -1 a voltage divider, y = x / (1 + x / x_0). The same curve for all taxels.
+for x > 0: linear with slope one for small loads, a power g beyond the knee x_0. g = 2 is a parabola, g = 1 a straight
+line, g = 0 a logarithm, g = -1 a voltage divider, y = x / (1 + x / x_0). All taxels have the same curve.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skincal.model.arrays import FloatArray
 
 
 class ResponseCurve(SignalEffect):
-    """See the module."""
+    """The effect ``response_curve``, with the equation of the module."""
 
     name = "response_curve"
     stage = Stage.TRANSFER
@@ -41,7 +41,7 @@ class ResponseCurve(SignalEffect):
         )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. Loads below zero stay as they are."""
+        """Apply the effect (:meth:`SignalEffect.apply`). Loads below zero stay as they are."""
         del samples, setting
         exponent, knee = values.number("exponent"), values.number("knee_n")
         log = np.log1p(np.maximum(signal, 0.0) / knee)

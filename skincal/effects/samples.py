@@ -1,4 +1,4 @@
-"""Samples of a session in the order of time: what touches where and how hard, and what else is known then."""
+"""Samples of a session in the order of time: contacts, forces and covariates."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ COVARIATES: Final[dict[str, str]] = {
 """Names of covariates, each with the attribute of :class:`Samples` that holds it."""
 
 DERIVED: Final[dict[str, str]] = {"met": "cycle"}
-"""Covariates that no table has a column for, each with the one that it is worked out with."""
+"""Covariates without a column in any table, each with the covariate that it is computed with."""
 
 UNKNOWN, IDLE, LOAD, HOLD, UNLOAD = range(-1, 4)
-"""Phases of a sample; from idle on as in the table of frames of a dataset."""
+"""Phases of a sample; from idle on as in a dataset's table of frames."""
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
     """K samples of one session, in the order of time.
 
-    A covariate is None where it was not recorded at all, and NaN (a phase or pose: -1) in a sample that lacks it.
+    A covariate is None if it was not recorded at all, and NaN (a phase or pose: -1) in a sample that lacks it.
 
     Attributes:
-        contacts: what presses where, K of them; of a sample that touches nothing only the row counts.
-        touching: (K,) False where nothing touches: there is no load, whatever the contact says.
-        indenters: the things that press.
-        indenter: (K,) which of them it is.
+        contacts: K contacts; the row of a sample without contact is a placeholder.
+        touching: (K,) False without contact: there is no load, whatever the contact says.
+        indenters: the indenters.
+        indenter: (K,) index of each sample's indenter.
         press: (K,) number of the press, -1 for none.
-        time_s: (K,) session clock, never falling [s].
+        time_s: (K,) session clock, non-decreasing [s].
         phase: (K,) ``IDLE``, ``LOAD``, ``HOLD``, ``UNLOAD``, or ``UNKNOWN``: 0 to 3 and -1.
         speed_m_per_s: (K,) speed of loading of the press [m/s].
         cycle: (K,) number of earlier touches of the same site.
         met_n: (K,) largest force of earlier touches of the same site [N]; 0 at the first.
-        pose: (K,) number of the hand's pose, -1 where not known.
+        pose: (K,) number of the hand's pose, -1 where unknown.
         temperature_c: (K,) temperature at the skin [°C].
         shear_n: (K, 2) tangential force along growing beta and along +y [N].
-        start_s: the moment from which drifts count [s]; that of the first sample unless given.
-        apart_s: (K,) by how much the clock of each sample was put off so that what came before is forgotten [s]; it
-            counts for memory, not for drifts. None: by nothing.
+        start_s: start time of drifts [s]; default: time of the first sample.
+        apart_s: (K,) shift of each sample's clock that makes effects forget what came before [s]; it
+            acts on memory, not on drifts. None: no shift.
     """
 
     contacts: Contacts
@@ -115,14 +115,14 @@ class Samples:
         shear_u_n: ArrayLike | None = None,
         shear_v_n: ArrayLike | None = None,
     ) -> Samples:
-        """Samples from columns; one number stands for all rows.
+        """Return samples from columns; one number stands for all rows.
 
         Args:
-            contacts: K contacts; a row of NaN where nothing touches.
-            indenter: what presses, or several and (K,) which of them it is.
-            touching: (K,) where something touches; left out, where the phase is known and not idle, and where it is
-                not known, where the force is above zero.
-            press: (K,) number of the press; left out, it changes where contact begins.
+            contacts: K contacts; a row of NaN without contact.
+            indenter: the indenter, or several and (K,) the index of each sample's.
+            touching: (K,) True with contact; by default where the phase is known and not idle, or, if it is
+                unknown, where the force is above zero.
+            press: (K,) number of the press; by default a new press starts where contact begins.
             time_s: (K,) [s].
             phase: (K,) as in the attribute.
             speed_m_per_s: (K,) [m/s].
@@ -171,7 +171,7 @@ class Samples:
         return len(self.touching)
 
     def __getitem__(self, rows: slice | IntArray | BoolArray) -> Samples:
-        """Some of the samples, in their order."""
+        """Return some of the samples, in their order."""
         some = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
             for name in ("touching", "indenter", "press", "apart_s", *COVARIATES.values())
@@ -179,12 +179,12 @@ class Samples:
         return replace(self, contacts=self.contacts[rows], **some)
 
     def has(self, covariate: str) -> bool:
-        """Whether a covariate of ``COVARIATES`` was recorded."""
+        """Return whether a covariate of ``COVARIATES`` was recorded."""
         return getattr(self, COVARIATES[covariate]) is not None
 
     @property
     def elapsed_s(self) -> FloatArray:
-        """(K,) time since ``start_s`` [s]; zero where there is no clock."""
+        """Time since ``start_s`` (K,) [s]; zero without a clock."""
         if self.time_s is None:
             return np.zeros(len(self))
         apart = 0.0 if self.apart_s is None else self.apart_s
@@ -197,6 +197,6 @@ def _touching(contacts: Contacts, phase: IntArray | None) -> BoolArray:
 
 
 def _presses(touching: BoolArray) -> IntArray:
-    """Numbers of presses (K,): one more each time contact begins, -1 where there is none."""
+    """Return the numbers of presses (K,): increased by one each time contact begins, -1 without contact."""
     begins = touching & ~np.concatenate([[False], touching[:-1]])
     return np.where(touching, np.cumsum(begins) - 1, -1)

@@ -2,7 +2,7 @@
 
     y = x / (1 + (k x)^p)^(1/p)    for x > 0
 
-1 / k is the value that is never reached, in counts; the sharpness p goes from a gradual compression (1.5) to a hard
+1 / k is the value in counts that is never reached. The sharpness p goes from a gradual compression (1.5) to a hard
 clip (20 and more). Below 1.5 it would bend small values as well, which is ``response_curve``.
 """
 
@@ -19,7 +19,7 @@ from skincal.model.arrays import FloatArray
 
 
 class Saturation(SignalEffect):
-    """See the module."""
+    """The effect ``saturation``, with the equation of the module."""
 
     name = "saturation"
     stage = Stage.CONVERTER
@@ -42,11 +42,11 @@ class Saturation(SignalEffect):
         return tuple(start({"inverse_ceiling_per_count": k / top, "sharpness": p}) for k, p in forms)
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`. Values below zero stay as they are."""
+        """Apply the effect (:meth:`SignalEffect.apply`). Values below zero stay as they are."""
         del samples, setting
         sharpness = values.number("sharpness")
         relative = values["inverse_ceiling_per_count"] * np.maximum(signal, 0.0)
-        # Of the two, one and (k x)^p, the larger is taken out, so that neither overflows.
+        # Factor out the larger of one and (k x)^p, so that neither overflows.
         most, least = np.maximum(relative, 1.0), np.minimum(relative, 1.0)
         ratio = np.where(relative > 1.0, 1.0 / most, least)
         return signal / (most * (1.0 + ratio**sharpness) ** (1.0 / sharpness))

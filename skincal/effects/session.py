@@ -1,4 +1,4 @@
-"""A skin with effects: values for a whole session at once."""
+"""A skin with effects: the values of a whole session at once."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from skincal.model.press.run import count_places
 
 @dataclass(frozen=True, eq=False)
 class Contacted:
-    """What the contact made of samples: all that the later stages need, so that they can be done again without it.
+    """Result of the contact stage for some samples, from which the later stages can be repeated.
 
     Attributes:
-        samples: as the skin feels them, after effects on pose and force.
-        loads_n: (K, J) loads on taxels as they are [N].
-        pressures: loads point by point of some rows each; empty unless they were asked for.
-        key: of the effects that took part.
+        samples: samples as the skin feels them, after effects on pose and force.
+        loads_n: (K, J) loads on taxels before the spread [N].
+        pressures: loads per tactile point, in blocks of rows; empty unless requested.
+        key: key of the effects that took part.
     """
 
     samples: Samples
@@ -46,17 +46,17 @@ class Contacted:
 
 @dataclass(frozen=True, eq=False)
 class EffectSkin:
-    """A skin, and what it does beyond the base model.
+    """A skin with its effects beyond the base model.
 
     Values are those before the converter: neither rounded nor clipped nor noisy. An effect whose strengths are all
-    neutral is left out; without any the values are bitwise those of the skin. Where the converter's range begins at
+    neutral is skipped; without effects the values are bitwise those of the skin. Where the converter's range begins at
     rest (``value_min`` zero or more) effects with memory leave no signal below it.
 
     Attributes:
         skin: the base model.
-        surface: that carries it.
-        effects: in the order of the chain.
-        missing: what to do where samples lack a covariate as a whole: ``error``, or the effect abstains. Where
+        surface: surface that carries the skin.
+        effects: effects in the order of the chain.
+        missing: policy if all samples lack a covariate: ``error``, or the effect abstains. If
             single samples lack it, the effect abstains in them.
     """
 
@@ -66,7 +66,7 @@ class EffectSkin:
     missing: Missing = "error"
 
     def __getstate__(self) -> dict[str, object]:
-        """For another process: the key is made of identities, which are of this one."""
+        """Return the state for another process, without the key, which holds identities of this process."""
         return {name: own for name, own in self.__dict__.items() if name != "_front"}
 
     @classmethod
@@ -78,12 +78,12 @@ class EffectSkin:
         *,
         missing: Missing = "error",
     ) -> Self:
-        """A skin with effects by name.
+        """Return a skin with effects by name.
 
         Args:
             skin: the base model.
-            surface: that carries it.
-            effects: parameters by effect; what is left out is neutral or default.
+            surface: surface that carries the skin.
+            effects: parameters by effect; omitted ones are neutral or default.
             missing: see the attribute.
 
         Raises:
@@ -92,33 +92,33 @@ class EffectSkin:
         return cls(skin, surface, applied(effects, skin.patch.layout.taxels), missing)
 
     def with_effects(self, effects: Mapping[str, Mapping[str, ArrayLike]]) -> Self:
-        """The same skin with other effects; what it has worked out of its geometry is kept."""
+        """Return the same skin with other effects; cached results of its geometry are shared."""
         other = replace(self, effects=applied(effects, self.skin.patch.layout.taxels))
         other.__dict__["setting"] = self.setting
         return other
 
     @cached_property
     def setting(self) -> Setting:
-        """The skin's geometry."""
+        """The geometry of the skin."""
         return Setting(self.skin.patch, self.surface)
 
     @property
     def has_memory(self) -> bool:
-        """Whether a value depends on earlier samples."""
+        """True if a value depends on earlier samples."""
         return any(a.effect.has_memory and not a.neutral for a in self.effects)
 
     @property
     def _no_tension(self) -> bool:
-        """Whether taxels cannot read less than at rest, such as a resistance: their range begins there.
+        """True if taxels cannot read less than at rest, such as a resistance: their range begins there.
 
-        What has crept away is then missing while nothing presses, but the signal is that at rest, with its noise.
+        Signal that has crept away is then missing while nothing presses; taxels read their level at rest, with noise.
         """
         least = self.skin.converter.value_min
         return least is not None and least >= 0
 
     @cached_property
     def _law_skin(self) -> Skin:
-        """The skin with the law of an effect at the contact."""
+        """The skin with an effect's stress law at the contact."""
         laws = [
             a.effect.law(a.values) for a in self.effects if isinstance(a.effect, LawEffect) and not a.neutral
         ]
@@ -126,7 +126,7 @@ class EffectSkin:
 
     @cached_property
     def _weights(self) -> FloatArray | None:
-        """What each taxel feels of each tactile point (N, J), if that is not just its own area."""
+        """Weight of each tactile point in each taxel (N, J); None if a taxel feels only its own area."""
         for a in self.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
                 return a.effect.weights(a.values, self.skin.patch)
@@ -134,27 +134,27 @@ class EffectSkin:
 
     @cached_property
     def _front(self) -> tuple[object, ...]:
-        """Key of all that :meth:`contact` depends on but the samples."""
+        """Key of everything except the samples that :meth:`contact` depends on."""
         early = [a.key for a in self.effects if a.effect.stage <= Stage.CONTACT and not a.neutral]
         return (id(self.skin.patch), self.skin.parameters.elasticity_pa_per_m, id(self.surface), *early)
 
     def values(self, samples: Samples) -> FloatArray:
-        """Values (K, J) of the taxels over a session [counts].
+        """Return the values of the taxels over a session (K, J) [counts].
 
         Args:
-            samples: the session, in the order of time.
+            samples: samples of the session in the order of time.
 
         Raises:
-            InputError: an effect lacks a covariate, and that is an error.
+            InputError: an effect lacks a covariate, and ``missing`` makes that an error.
         """
         return self.finish(self.contact(samples))
 
     def contact(self, samples: Samples, *, points: bool = False) -> Contacted:
-        """The stages up to the contact: the slow part.
+        """Return the result of the stages up to the contact, the slow part.
 
         Args:
-            samples: the session.
-            points: keep loads point by point, so that :meth:`finish` can spread them.
+            samples: samples of the session.
+            points: keep loads per tactile point, so that :meth:`finish` can spread them.
         """
         felt = samples
         for _, effect, values in at_work(self.effects, samples, InputEffect, self.missing):
@@ -173,10 +173,10 @@ class EffectSkin:
         return Contacted(felt, loads, tuple(pressures), self._front)
 
     def casts(self, contacted: Contacted) -> int:
-        """How often, at most, :meth:`contact` sets an indenter down on the skin for samples like those: what it costs.
+        """Return the largest number of contact solutions of :meth:`contact` for such samples, as a measure of cost.
 
         Args:
-            contacted: by this skin or one like it.
+            contacted: result of this skin or a similar one.
         """
         felt, count = contacted.samples, 0
         for number in range(len(felt.indenters)):
@@ -185,14 +185,14 @@ class EffectSkin:
         return count
 
     def own(self, contacted: Contacted) -> Contacted:
-        """A contact that a copy of this skin made, as in another process, as this one's."""
+        """Return a contact result of a copy of this skin, as from another process, as this skin's own."""
         return replace(contacted, key=self._front)
 
     def loads(self, contacted: Contacted) -> FloatArray:
-        """Loads (K, J) that the taxels feel at once [N], after the spread.
+        """Return the loads that the taxels feel at once, after the spread (K, J) [N].
 
         Raises:
-            ValueError: the contact is that of another skin or of other effects, or lacks the tactile points.
+            ValueError: the contact belongs to another skin or other effects, or lacks the tactile points.
         """
         if contacted.key != self._front:
             raise ValueError(
@@ -202,27 +202,27 @@ class EffectSkin:
             return contacted.loads_n
         loads = np.zeros_like(contacted.loads_n)
         if not contacted.pressures and contacted.samples.touching.any():
-            raise ValueError("contacted: expected loads point by point; say points=True to contact()")
+            raise ValueError("contacted: expected loads per tactile point; call contact() with points=True")
         for rows, pressures in contacted.pressures:
             loads[rows] = pressures.loads(self._weights)
         return loads
 
     def finish(self, contacted: Contacted) -> FloatArray:
-        """Values (K, J) [counts] from a contact, by the stages after it.
+        """Return the values (K, J) [counts] of a contact, by the stages after it.
 
         Args:
-            contacted: of :meth:`contact` of this skin, or of one that differs from it after the contact only: in the
+            contacted: result of :meth:`contact` of this skin, or of one that differs only after the contact: in the
                 scale and in effects of later stages.
         """
         return self.after(self.loads(contacted), contacted.samples, {})
 
     def after(self, loads_n: FloatArray, samples: Samples, states: dict[int, State]) -> FloatArray:
-        """Values (K, J) [counts] from loads, by the stages from the memory on.
+        """Return the values (K, J) [counts] of loads, by the stages from the memory on.
 
         Args:
-            loads_n: (K, J) loads [N]; NaN where the contact is not known.
-            samples: as the skin feels them.
-            states: what effects remember, by their number; changed in place. Empty at the beginning of a session.
+            loads_n: (K, J) loads [N]; NaN where the contact is unknown.
+            samples: samples as the skin feels them.
+            states: states of effects with memory, by index; changed in place. Empty at the start of a session.
         """
         signal = loads_n
         remembering = at_work(self.effects, samples, MemoryEffect, self.missing)
@@ -232,7 +232,7 @@ class EffectSkin:
             if sure.all():
                 signal, states[number] = effect.run(signal, samples, values, before)
                 continue
-            # What is not known is not remembered either: the next sample follows the one before.
+            # Unknown loads are not remembered: the next sample follows the last known one.
             out = np.full_like(signal, np.nan)
             out[sure], states[number] = effect.run(signal[sure], samples[sure], values, before)
             signal = out
@@ -249,5 +249,5 @@ class EffectSkin:
         return signal
 
     def image(self, samples: Samples) -> FloatArray:
-        """Tactile images (K, J) [counts], through the converter."""
+        """Return the tactile images (K, J) [counts], through the converter."""
         return self.skin.converter.apply(self.values(samples))

@@ -1,4 +1,4 @@
-"""Where an effect takes place: the patch, its surface, and how the taxels lie to each other."""
+"""The geometry that effects use: the patch, its surface, and the arrangement of the taxels."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from skincal.model.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The skin's geometry, for effects that need it.
+    """Geometry of the skin, for effects that need it.
 
     Attributes:
         patch: the tactile points.
-        surface: that carries them.
+        surface: surface that carries the patch.
     """
 
     patch: Patch
@@ -31,25 +31,25 @@ class Setting:
 
     @cached_property
     def centre_m(self) -> FloatArray:
-        """(3,) centre of the taxels, on the surface [m]."""
+        """Centre of the taxels on the surface (3,) [m]."""
         mean = self.patch.points_m[self.patch.taxel >= 0].mean(axis=0)
         return self.surface.project(mean[None])[0]
 
     @cached_property
     def axes(self) -> FloatArray:
-        """(2, 3) unit vectors at the centre: across (towards growing beta) and along (+y)."""
+        """Unit vectors at the centre (2, 3): across (towards growing beta) and along (+y)."""
         return contact_rotations(self.surface.normal_at(self.centre_m[None]))[0].T[:2]
 
     @cached_property
     def neighbours(self) -> FloatArray:
-        """(J, J) one where two taxels are next to each other, else zero.
+        """Adjacency (J, J): one for neighbouring taxels, else zero.
 
-        No other taxel lies in or on the circle between their centres (Gabriel and Sokal 1969): in a grid those are the
-        next in the row and the column, in a hexagonal layout the six round a taxel.
+        Two taxels are neighbours if no other taxel lies in or on the circle between their centres (Gabriel and Sokal
+        1969): in a grid the next in row and column, in a hexagonal layout the six around a taxel.
         """
         centres = self.patch.layout.centres_m
         square = ((centres[:, None] - centres) ** 2).sum(axis=-1)
-        # A point lies in the circle where its squared distances from both ends are less than the diameter's square.
+        # A point lies in the circle if its squared distances from both ends add up to less than the diameter's square.
         between = square[:, None, :] + square[None, :, :] <= square[:, :, None] * (1 + 1e-6)
         ends = np.eye(self.taxels, dtype=bool)
         between &= ~(ends[:, None, :] | ends[None, :, :])
@@ -57,28 +57,28 @@ class Setting:
 
     @cached_property
     def same_row(self) -> FloatArray:
-        """(J, J) one where two different taxels share a row, else zero."""
+        """Indicator (J, J): one for two different taxels of one row, else zero."""
         row = np.arange(self.taxels) // self.patch.layout.cols
         return (row[:, None] == row) - np.eye(self.taxels)
 
     @cached_property
     def same_column(self) -> FloatArray:
-        """(J, J) one where two different taxels share a column, else zero."""
+        """Indicator (J, J): one for two different taxels of one column, else zero."""
         col = np.arange(self.taxels) % self.patch.layout.cols
         return (col[:, None] == col) - np.eye(self.taxels)
 
     @cached_property
     def elsewhere(self) -> FloatArray:
-        """(J, J) one where two taxels share neither row nor column, else zero."""
+        """Indicator (J, J): one for two taxels that share neither row nor column, else zero."""
         return 1.0 - np.eye(self.taxels) - self.same_row - self.same_column
 
     def moved(self, samples: Samples, across_m: FloatArray, along_m: FloatArray) -> Samples:
-        """Samples whose contacts are moved over the surface; a free object goes along without turning.
+        """Return samples with contacts moved over the surface; a free object moves along without turning.
 
-        Normals turn as the surface's own do from the old place to the new one.
+        Normals turn as the surface's own normals do from the old place to the new one.
 
         Args:
-            samples: K of them.
+            samples: K samples.
             across_m: (K,) towards growing beta [m].
             along_m: (K,) along +y [m].
         """

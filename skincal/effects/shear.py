@@ -2,12 +2,12 @@
 
     (across, along) += s Q (F / 1 N)^-p / (1 + b |Q|),    F_skin = F + c |Q|
 
-with Q the tangential force: the soft skin yields by s metres a newton under it and carries the contact along, and a
-part c of it adds to what the taxels feel, as they answer to any strain. Q is measured along growing beta and along +y.
-On a foundation p is zero; a ball on a thick layer is held the better the larger the contact, whose radius grows with
-the third root of the force, and p is a third (Mindlin 1949); with p = 1 it is the direction of the force alone that
-counts. Rubber stiffens as its chains are drawn out (Gent 1996): here in the simplest equation with a limit, s / b at
-1 N; b is zero where it does not.
+with Q the tangential force: the soft skin yields by s metres per newton and carries the contact along, and a part c of
+Q adds to what the taxels feel, as they respond to any strain. Q is measured along growing beta and along +y. On a
+foundation p is zero. A ball on a thick layer is held better the larger the contact, whose radius grows with the third
+root of the force, and p is a third (Mindlin 1949). With p = 1 only the direction of the force counts. Rubber stiffens
+as its chains are stretched (Gent 1996): here in the simplest equation with a limit, s / b at 1 N; b is zero without
+one.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from skincal.effects.setting import Setting
 from skincal.effects.starts import Scene, Start, start
 
 _LEAST_N = 0.1
-"""Below this force a contact holds no worse [N]: a power of it has no end at zero, where Q is noise."""
+"""Force below which a contact holds no worse [N]: its power has no limit at zero, where Q is noise."""
 
 
 class Shear(InputEffect):
-    """See the module."""
+    """The effect ``shear``, with the equation of the module."""
 
     name = "shear"
     meaning = "a tangential force moves or changes the image"
@@ -81,7 +81,7 @@ class Shear(InputEffect):
         )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """See :meth:`InputEffect.apply`. A sample without a tangential force counts as having none."""
+        """Return the samples (:meth:`InputEffect.apply`). A sample without a tangential force counts as having none."""
         assert samples.shear_n is not None
         shear = np.where(np.isfinite(samples.shear_n), samples.shear_n, 0.0)
         force = samples.contacts.force_n

@@ -1,4 +1,4 @@
-"""What the site of a press has met before."""
+"""The contact history of a site."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from skincal.model.arrays import FloatArray, IntArray
 
 
 def met_before(site: IntArray, cycle: FloatArray, force_n: FloatArray) -> FloatArray:
-    """The largest force of earlier touches of the same site (P,) [N], zero at its first one.
+    """Return the largest force of earlier touches of the same site (P,) [N], zero at its first one.
 
-    Of a site whose earlier touches are not among the presses, the middle of what others have met is taken. It is NaN
-    where the count of touches is not known, and at all repeats where none has an earlier press.
+    For a site whose earlier touches are not among the presses, it is the median of the other sites' values. It is NaN
+    where the number of touches is unknown, and for all repeats if no press has an earlier touch in the data.
 
     Args:
-        site: (P,) number of the site of each press, presses in the order of time.
-        cycle: (P,) earlier touches of it; alike in presses of one touch, as the plateaus of a staircase; NaN where not
-            known.
-        force_n: (P,) of each press [N].
+        site: (P,) site of each press, presses in the order of time.
+        cycle: (P,) earlier touches of the site; equal in presses of one touch, such as plateaus of a staircase; NaN if
+            unknown.
+        force_n: (P,) force of each press [N].
     """
     met = np.where(cycle == 0, 0.0, np.nan)
     for k in np.flatnonzero(cycle > 0):

@@ -2,12 +2,12 @@
 
     p_felt(u, v) = integral of p(u', v') K(u - u', v - v')
 
-over the patch's own coordinates. K is a Gaussian of variance w² along each axis, or a mixture of Gaussians about the
-same centre whose variances are those of a gamma distribution with mean w² and variance c w⁴. With c = 1 that is the
-sheet of Pasternak, q - (w²/2) laplace q = p, which has shear stiffness only and carries a load farther; with c = 0 it
-is the one Gaussian. What a taxel feels is the integral of the pressure over its area, so a tactile point at (u, v)
-counts with the part of its kernel that lies on the taxel: products of two differences of error functions. The force as
-a whole stays what it is.
+over the patch's own coordinates. K is a Gaussian of variance w² along each axis, or a mixture of concentric Gaussians
+whose variances have a gamma distribution with mean w² and variance c w⁴. With c = 1 it is Pasternak's sheet,
+q - (w²/2) laplace q = p, which has only shear stiffness and carries a load farther; with c = 0 it is the single
+Gaussian. A taxel feels the integral of the pressure over its area, so that a tactile point at (u, v) counts with the
+part of its kernel that lies on the taxel: products of two differences of error functions. The total force does not
+change.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _NODES = 8
 _LEAST_TAIL = 0.02
-"""Below this the nodes of a quadrature run together; what the tail does is a line there."""
+"""Tail below which the nodes of the quadrature merge; there the influence of the tail is taken as linear."""
 
 
 class Spread(SpreadEffect):
-    """See the module."""
+    """The effect ``spread``, with the equation of the module."""
 
     name = "spread"
     meaning = "a cover spreads the pressure sideways before it reaches the taxels"
@@ -49,10 +49,10 @@ class Spread(SpreadEffect):
         return tuple(start({"width_m": 0.7e-3, "tail": c}) for c in (0.0, 1.0))
 
     def weights(self, values: Values, patch: Patch) -> FloatArray:
-        """See :meth:`SpreadEffect.weights`.
+        """Return the weights (:meth:`SpreadEffect.weights`).
 
         Raises:
-            InputError: a patch that does not know where its points lie on it.
+            InputError: the patch lacks the coordinates of its points.
         """
         if patch.uv_m is None:
             raise InputError([Problem("effect spread", "a patch cut from a surface", "one without uv_m")])
@@ -66,7 +66,7 @@ class Spread(SpreadEffect):
 
 
 def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
-    """Variances, relative, and shares of the Gaussians; a gamma distribution by the nodes of its quadrature."""
+    """Return relative variances and weights of the Gaussians: quadrature nodes of a gamma distribution."""
     if tail <= 0:
         return np.ones(1), np.ones(1)
     least = max(tail, _LEAST_TAIL)
@@ -78,12 +78,12 @@ def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _parts(uv: FloatArray, layout: TaxelLayout, widths: FloatArray, axis: int) -> tuple[FloatArray, IntArray]:
-    """How much of Gaussians about points (N, 2) lies on taxels, along one axis.
+    """Return the parts of Gaussians about points (N, 2) that lie on taxels, along one axis.
 
-    Points of a patch lie in rows and columns; error functions are worked out once for each of these.
+    Points of a patch lie in rows and columns; error functions are computed once for each of these.
 
     Returns:
-        The parts (m, n, J) at n places for m widths, and which place (N,) each point has.
+        The parts (m, n, J) at n places for m widths, and the place (N,) of each point.
     """
     places, which = np.unique(uv[:, axis], return_inverse=True)
     half = layout.sizes_m[:, axis] / 2

@@ -1,4 +1,4 @@
-"""Where the search for an effect begins: points in its parameters, and what is known of a session's scale."""
+"""Starting points of the search for an effect, and the scales of a session."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skincal.model.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Scene:
-    """The scale of a session, so that starts are where something shows.
+    """Scales of a session, so that starting points lie where an effect is visible.
 
     Attributes:
         taxels: number of taxels J.
         poses: number of hand poses.
-        top_counts: a large value, less rest [counts].
+        top_counts: a large value above rest [counts].
         top_n: a large load on a taxel [N].
-        force_n: a middling force [N].
-        duration_s: of the session [s].
-        speed_m_per_s: a middling speed.
+        force_n: a medium force [N].
+        duration_s: length of the session [s].
+        speed_m_per_s: a medium speed.
     """
 
     taxels: int
@@ -36,12 +36,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class Start:
-    """One start: the effect is looked for in the span of some points, each a set of parameters.
+    """Starting point of a search: the effect is sought in the span of some points, each a set of parameters.
 
     Attributes:
-        points: parameters by name; what is left out is neutral or default. All have the same forms.
-        sigma: what is expected beforehand of the multiple of each point, as a standard deviation.
-        alone: no other start of the effect has the same taxel: several may be there at once (a dead taxel each).
+        points: parameters by name; omitted ones are neutral or default. All have the same forms.
+        sigma: prior standard deviation of the multiple of each point.
+        alone: no other start of the effect has the same taxel, so that several may act at once (one dead taxel each).
     """
 
     points: tuple[Mapping[str, FloatArray], ...]
@@ -50,7 +50,7 @@ class Start:
 
 
 def start(*points: Mapping[str, ArrayLike], sigma: float | Iterable[float] = 1.0) -> Start:
-    """A start of some points; each is one standard deviation away unless ``sigma`` says otherwise."""
+    """Return a start of some points; each has a prior standard deviation of one unless ``sigma`` is given."""
     each = [float(sigma)] * len(points) if isinstance(sigma, int | float) else [float(s) for s in sigma]
     return Start(
         tuple({k: np.asarray(v, dtype=np.float64) for k, v in p.items()} for p in points), tuple(each)
@@ -58,12 +58,12 @@ def start(*points: Mapping[str, ArrayLike], sigma: float | Iterable[float] = 1.0
 
 
 def each_taxel(name: str, step: float, taxels: int, **forms: float) -> list[Mapping[str, ArrayLike]]:
-    """A point for each taxel, whose own number alone is a step from neutral zero."""
+    """Return a point per taxel, at which only its own number is a step away from neutral zero."""
     return [{name: step * np.eye(taxels)[j], **forms} for j in range(taxels)]
 
 
 def each_of(
     name: str, step: float, count: int, neutral: float = 0.0, **forms: float
 ) -> list[Mapping[str, ArrayLike]]:
-    """A point for each of several numbers of a parameter, a step from neutral."""
+    """Return a point for each of several numbers of a parameter, a step away from neutral."""
     return [{name: neutral + step * np.eye(count)[j], **forms} for j in range(count)]

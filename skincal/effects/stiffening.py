@@ -2,8 +2,8 @@
 
     sigma = E eps_0 (eps / eps_0)^n
 
-n = 1 is the paper's foundation; n > 1 a skin that stiffens as it is pressed through, n < 1 one that gives way. The
-equilibrium of forces is solved under this law, so the penetration and the image change together.
+n = 1 is the paper's foundation; with n > 1 the skin stiffens as it is compressed, with n < 1 it gives way. The
+equilibrium of forces is solved with this law, so that the penetration and the image change together.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from skincal.model import StressLaw
 
 
 class Stiffening(LawEffect):
-    """See the module."""
+    """The effect ``stiffening``, with the equation of the module."""
 
     name = "stiffening"
     meaning = "stress is a nonlinear function of penetration"

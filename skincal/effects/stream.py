@@ -1,4 +1,4 @@
-"""A skin with effects, sample by sample: what a simulated hand and an environment step."""
+"""A skin with effects, sample by sample, for a simulated hand or an environment."""
 
 from __future__ import annotations
 
@@ -13,51 +13,51 @@ from skincal.model.arrays import FloatArray
 
 
 class SkinStream:
-    """One session of a skin as it goes on; the values are those of :meth:`EffectSkin.values` for all of it.
+    """A session of a skin in progress; the values equal those of :meth:`EffectSkin.values` for the whole session.
 
-    The only object of this package that changes: it holds what effects remember.
+    This is the only mutable object of the package: it holds the states of the effects.
     """
 
     def __init__(self, skin: EffectSkin) -> None:
-        """Begin a session.
+        """Start a session.
 
         Args:
-            skin: with its effects.
+            skin: skin with its effects.
         """
         self.skin = skin
         self.reset()
 
     def reset(self) -> None:
-        """Begin another session: nothing has touched the skin yet, and drifts count from the next sample."""
+        """Start another session: nothing has touched the skin yet, and drifts count from the next sample."""
         self._states: dict[int, State] = {}
         self._start_s = float("nan")
         self._now_s = -np.inf
 
     def step(self, samples: Samples) -> FloatArray:
-        """Values (K, J) [counts] of the next samples; usually one.
+        """Return the values (K, J) [counts] of the next samples; usually one.
 
         Args:
-            samples: that follow those of the last step.
+            samples: samples that follow those of the last step.
 
         Raises:
-            ValueError: they lie before those of the last step.
-            InputError: an effect lacks a covariate, and that is an error.
+            ValueError: the samples precede those of the last step.
+            InputError: an effect lacks a covariate, and ``missing`` makes that an error.
         """
         samples = self._in_session(samples)
         contacted = self.skin.contact(samples)
         return self.skin.after(self.skin.loads(contacted), contacted.samples, self._states)
 
     def step_loads(self, loads_n: FloatArray, samples: Samples) -> FloatArray:
-        """As :meth:`step`, for a caller that has the loads of the contact already.
+        """Return the values as :meth:`step` does, from given loads of the contact.
 
         Args:
             loads_n: (K, J) loads after contact and spread [N].
-            samples: K of them, for their covariates; effects on pose and force are not applied.
+            samples: K samples, for their covariates; effects on pose and force are not applied.
         """
         return self.skin.after(loads_n, self._in_session(samples), self._states)
 
     def _in_session(self, samples: Samples) -> Samples:
-        """The samples with the session's beginning."""
+        """Return the samples with the start of the session."""
         if samples.time_s is None or not len(samples):
             return samples
         if samples.time_s[0] < self._now_s:

@@ -1,4 +1,4 @@
-"""Taxels differ in gain: y_j = g_j x_j. A gain that all share is the scale S."""
+"""Taxels differ in gain: y_j = g_j x_j. A gain that all taxels share is the scale S."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skincal.model.arrays import FloatArray
 
 
 class TaxelGain(SignalEffect):
-    """See the module."""
+    """The effect ``taxel_gain``, with the equation of the module."""
 
     name = "taxel_gain"
     stage = Stage.TRANSFER

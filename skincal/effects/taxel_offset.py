@@ -11,7 +11,7 @@ from skincal.model.arrays import FloatArray
 
 
 class TaxelOffset(SignalEffect):
-    """See the module."""
+    """The effect ``taxel_offset``, with the equation of the module."""
 
     name = "taxel_offset"
     stage = Stage.CONVERTER

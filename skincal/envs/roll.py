@@ -9,6 +9,7 @@ from typing import Any, ClassVar, cast
 
 import gymnasium
 import numpy as np
+from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body
@@ -38,7 +39,7 @@ _HOLD_STEPS = 10
 """While the object is held, physics steps between looks for contact."""
 
 
-class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     """An object between the tips of two fingers, that is to be rolled along a trajectory.
 
     An action in [-1, 1]^n is a change of the commanded joint angles, in parts of the largest velocity times 0.1 s. The
@@ -66,6 +67,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         options: TaskOptions | None = None,
         **single: Any,
     ) -> None:
+        # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
+        EzPickle.__init__(self, policy, ranges, hand, render_mode, options, **single)
         if policy not in KINDS:
             raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
         self.policy: PolicyKind = policy

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import shutil
 import tempfile
 import weakref
@@ -19,7 +18,7 @@ from skincal.envs.pinch import Pinch
 from skincal.envs.pinch_urdf import pinch_urdf
 from skincal.envs.touching import Touching, merged
 from skincal.errors import WorkError
-from skincal.sim.bullet import quiet
+from skincal.sim.bullet import load_engine, quiet
 from skincal.sim.drives import Drives
 
 FloatArray = NDArray[np.float64]
@@ -44,7 +43,7 @@ class Scene:
 
     def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
         with quiet():
-            self.engine: Any = importlib.import_module("pybullet")
+            self.engine: Any = load_engine()
             self.client: int = self.engine.connect(self.engine.GUI if window else self.engine.DIRECT)
         if self.client < 0:
             raise WorkError(

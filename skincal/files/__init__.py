@@ -1,4 +1,4 @@
-"""Input that is a plain file in its place; output that appears whole, and replaces earlier output alone."""
+"""Safe files: input is a plain file in its folder; output appears complete and replaces only earlier output."""
 
 from skincal.files.inputs import check_input, open_input, reason
 from skincal.files.locks import alone

@@ -1,4 +1,4 @@
-"""Files to read: plain ones, in the folder where they belong."""
+"""Input files: plain files in the folder where they belong."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
 def check_input(path: str | Path, within: str | Path | None = None) -> Path:
-    """Return where a file to be read lies, links followed.
+    """Return the resolved path of a file to be read.
 
-    For libraries that open files by name; whoever can uses :func:`open_input`.
+    For libraries that open files by name; prefer :func:`open_input` where possible.
 
     Args:
         path: the file.
-        within: the folder that must hold it, for names that stand in another file and for files of an input folder.
+        within: folder that must hold it, for names in another file and for files of an input folder.
 
     Raises:
         FileNotFoundError: there is no such file.
         IsADirectoryError: it is a folder.
-        OSError: it is a device or a pipe, which may never end, or lies outside of ``within``.
+        OSError: it is a device or a pipe, which may never end, or lies outside ``within``.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "a name with a null character", str(path))
     found = Path(os.path.realpath(path))
     if within is not None and not found.is_relative_to(os.path.realpath(within)):
-        raise PermissionError(errno.EACCES, f"outside of the folder {within}", str(path))
+        raise PermissionError(errno.EACCES, f"outside the folder {within}", str(path))
     _refuse_special(found.stat().st_mode, path)
     return found
 
@@ -39,13 +39,13 @@ def open_input(path: str | Path, within: str | Path | None = None) -> BinaryIO:
 
     Args:
         path: the file.
-        within: the folder that must hold it (see :func:`check_input`).
+        within: folder that must hold it (see :func:`check_input`).
 
     Raises:
         OSError: as :func:`check_input` says, or the file is not readable.
     """
     found = check_input(path, within)
-    # What took the file's place in the meantime neither blocks nor leads elsewhere.
+    # If the file has been replaced meanwhile, this neither blocks nor follows a link.
     descriptor = os.open(found, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         _refuse_special(os.fstat(descriptor).st_mode, path)

@@ -1,4 +1,4 @@
-"""Locks that go with the process that holds them, however it ends."""
+"""File locks that are released when their process ends, however it ends."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from pathlib import Path
 from skincal.errors import InputError, Problem
 
 _LACKING = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
-"""What a file system without locks answers."""
+"""Errors of a file system without locks."""
 
 
 @contextmanager
 def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
-    """Keep other processes away from what a file stands for; where the file system has no locks, hope for the best.
+    """Exclude other processes while a block runs; do nothing on a file system without locks.
 
     Args:
         file: the file to lock.
-        place: what is worked at, for the error.
-        create: whether the file is made for the lock, and removed with it.
+        place: output that is worked on, for the error.
+        create: whether to create the file for the lock, and to remove it afterwards.
 
     Raises:
-        InputError: another process holds it.
+        InputError: another process holds the lock.
         OSError: there is no such file, or it is not writable.
     """
     descriptor = lock(file, create=create)
     if descriptor is None:
         fix = "Wait for it, or stop it."
-        raise InputError([Problem(str(place), "nobody else at work", "another process at work", fix)])
+        raise InputError([Problem(str(place), "no other process at work", "another process at work", fix)])
     try:
         yield
     finally:
@@ -41,11 +41,11 @@ def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
 
 
 def lock(file: Path, *, create: bool = False, strict: bool = False) -> int | None:
-    """Lock a file; return its descriptor, and None where another process holds it.
+    """Lock a file; return its descriptor, or None if another process holds the lock.
 
     Args:
         file: the file to lock.
-        create: whether it may be made.
+        create: whether the file may be created.
         strict: whether a file system without locks is an error.
     """
     # Over NFS, only a file that is open for writing can be locked.

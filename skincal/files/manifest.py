@@ -1,4 +1,4 @@
-"""What skincal wrote into a folder: a list in it, and, for folders of versions without one, the names they used."""
+"""The manifest: a list of the files that skincal wrote into a folder; without one, the file names of older versions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skincal.files.inputs import open_input
 NAME: Final = ".skincal.json"
 FORMAT: Final = "skincal-output/1"
 TEMPORARY: Final = r"\.{name}\.[a-z0-9_]{{8}}\.(part|old)"
-"""Names of what a process that was killed leaves beside an output."""
+"""Patterns of the names that killed processes leave next to an output."""
 
 _PICTURES = (
     "valley", "draws", "images", "slack", "residuals", "scatter", "gap", "signature", "where", "candidates", "audit",
@@ -40,20 +40,20 @@ _BEFORE: Final[dict[str, tuple[str, ...]]] = {
         "client/hand.key",
     ),
 }  # fmt: skip
-"""Names of the files in folders without a list, by the file that tells what the folder is."""
+"""Names of the files in folders without a list, by the file that identifies the folder."""
 
 _NAMING: Final = (("sensor", "positions"), ("surface", "file"), ("indenter", "file"))
-"""Where a description names files that lie beside it."""
+"""Keys of a description that name files next to it."""
 
 _MOST: Final = 1 << 20
-"""Bytes of a list or a description that are read."""
+"""Largest number of bytes of a list or a description that are read."""
 
 _ANYWHERE = (NAME, ".DS_Store", ".nfs*")
-"""The list itself, and files that a file manager or a file server puts into any folder."""
+"""The list itself, and files that a file manager or a file server adds to any folder."""
 
 
 def write_manifest(folder: Path, later: Iterable[str] = ()) -> None:
-    """Write the list of all files in a folder into it.
+    """Write the list of all files in a folder into that folder.
 
     Args:
         folder: a finished output.
@@ -65,7 +65,7 @@ def write_manifest(folder: Path, later: Iterable[str] = ()) -> None:
 
 
 def strangers(folder: Path) -> list[str]:
-    """Return what is in an output folder and was not written by skincal, as names relative to it."""
+    """Return the files in an output folder that skincal did not write, as names relative to it."""
     known = _listed(folder) or _named_before(folder)
     folders = {str(parent) for name in known for parent in PurePosixPath(name).parents}
     found: list[str] = []
@@ -83,7 +83,7 @@ def strangers(folder: Path) -> list[str]:
 
 
 def holds(folder: Path, path: Path) -> bool:
-    """Whether a file is one of those that make up an input folder."""
+    """Return whether a file belongs to an input folder."""
     known = _listed(folder) or _named_before(folder)
     return _is_known(PurePosixPath(path.relative_to(folder).as_posix()), known)
 
@@ -101,7 +101,7 @@ def _is_leftover(name: str) -> bool:
 
 
 def _listed(folder: Path) -> list[str]:
-    """The files of the list; empty where there is none that can be understood."""
+    """Return the files of the list; empty without a readable list."""
     try:
         content: Any = json.loads(_text(folder / NAME))
         if content["tool"] == "skincal" and isinstance(content["files"], list):
@@ -112,7 +112,7 @@ def _listed(folder: Path) -> list[str]:
 
 
 def _named_before(folder: Path) -> list[str]:
-    """The names of a folder without a list: those of its kind, and those that its description gives."""
+    """Return the expected names in a folder without a list: those of its kind, and those in its description."""
     found: list[str] = []
     for marker, names in _BEFORE.items():
         if not (folder / marker).is_file():
@@ -127,7 +127,7 @@ def _named_before(folder: Path) -> list[str]:
 
 
 def _described(file: Path) -> list[str]:
-    """The meshes and positions that a description names."""
+    """Return the meshes and positions that a description names."""
     try:
         values: Any = tomllib.loads(_text(file))
         named = [values[table].get(key) for table, key in _NAMING if isinstance(values.get(table), dict)]
@@ -137,7 +137,7 @@ def _described(file: Path) -> list[str]:
 
 
 def _text(file: Path) -> str:
-    """The beginning of a file; nothing where it cannot be read."""
+    """Return the beginning of a file; '' if it cannot be read."""
     try:
         with open_input(file, file.parent) as stream:
             return stream.read(_MOST).decode()

@@ -1,4 +1,4 @@
-"""Moves of files and folders that no other process, kill or loss of power falls into."""
+"""Atomic moves of files and folders, safe against other processes, kills and a loss of power."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 _HERE = -100  # AT_FDCWD: names are relative to the working folder
 _NOREPLACE, _EXCHANGE = 1, 2
 _LACKING = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)
-"""What a kernel or a file system without these moves answers."""
+"""Errors of a kernel or a file system without these moves."""
 
 
 def move_new(source: Path, target: Path) -> None:
-    """Move to a name that nobody has.
+    """Move to a name that is free.
 
     Raises:
-        OSError: something has that name.
+        OSError: the name is taken.
     """
     if _renameat2(source, target, _NOREPLACE):
         return
     if source.is_dir():
-        os.rename(source, target)  # noqa: PTH104  (fails on whatever is no empty folder)
+        os.rename(source, target)  # noqa: PTH104  (fails on anything but an empty folder)
         return
     try:
         os.link(source, target)
@@ -39,13 +39,13 @@ def move_new(source: Path, target: Path) -> None:
 
 
 def exchange(new: Path, path: Path, check: Callable[[Path], None]) -> None:
-    """Put something new in the place of what is there; what was there lies at ``new`` in the end, or is gone.
+    """Replace a path by something new; the old content ends up at ``new``, or is gone.
 
     Args:
         new: a file or folder, on the same file system.
-        path: where it shall be.
-        check: raises an error if what is at a place may not be removed; then nothing has changed. It is asked again
-            when nobody can reach that any more.
+        path: path to replace.
+        check: raises an error if the content of a path may not be removed; then nothing changes. It is called again
+            when nobody can reach that content any more.
     """
     check(path)
     if _renameat2(new, path, _EXCHANGE):
@@ -55,7 +55,7 @@ def exchange(new: Path, path: Path, check: Callable[[Path], None]) -> None:
             _renameat2(new, path, _EXCHANGE)
             raise
     elif new.is_dir():
-        # A process killed in here leaves the name free; `recover` brings what was there back.
+        # A process killed here leaves the name free; `recover` brings the old content back.
         old = new.with_suffix(".old")
         path.rename(old)
         try:
@@ -70,7 +70,7 @@ def exchange(new: Path, path: Path, check: Callable[[Path], None]) -> None:
 
 
 def sync(path: Path) -> None:
-    """Bring a file, or a folder and all in it, to the disk."""
+    """Sync a file, or a folder with its content, to the disk."""
     for root, _, files in os.walk(path):
         for name in files:
             _sync(os.path.join(root, name))  # noqa: PTH118
@@ -80,7 +80,7 @@ def sync(path: Path) -> None:
 
 
 def sync_name(path: Path) -> None:
-    """Bring the name of a file or folder to the disk."""
+    """Sync the name of a file or folder to the disk."""
     with suppress(OSError):  # some network file systems cannot, and a folder may be writable but not readable
         _sync(path.parent)
 
@@ -94,10 +94,10 @@ def _sync(path: str | Path) -> None:
 
 
 def _renameat2(source: Path, target: Path, flag: int) -> bool:
-    """Whether it was done; False where the kernel or the file system cannot.
+    """Return whether the move was done; False if the kernel or the file system cannot do it.
 
     Raises:
-        OSError: it failed otherwise.
+        OSError: it failed for another reason.
     """
     call = getattr(_LIBC, "renameat2", None)
     if call is None:

@@ -1,8 +1,8 @@
-"""Output that appears whole or not at all, and takes the place of nothing but earlier output.
+"""Output that appears complete or not at all, and replaces only earlier output.
 
-Everything is written beside its destination under a temporary name, brought to the disk and moved into place at the
-end, so a full disk, an error, a kill or a loss of power leaves the destination as it was. Every folder holds a list of
-what was written into it; ``--force`` removes a folder only where it holds nothing else.
+Everything is written under a temporary name next to its destination, synced to the disk and moved into place at the
+end, so that a full disk, an error, a kill or a loss of power leaves the destination unchanged. Every folder holds a
+list of the files written into it; ``--force`` removes a folder only if it holds nothing else.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from skincal.files.refusals import at_work, problem, refuse_existing, refuse_rem
 def whole_folder(
     path: str | Path, *, force: bool = False, marker: str, later: Iterable[str] = ()
 ) -> Generator[Path]:
-    """A folder to write into that becomes ``path`` when the block ends without an error.
+    """Yield a folder to write into that becomes ``path`` when the block ends without an error.
 
     Args:
-        path: where the folder shall be.
-        force: whether an earlier output there is replaced.
-        marker: the file that shows that a folder is an earlier output (see :func:`refuse_existing`).
+        path: path of the output folder.
+        force: whether to replace an earlier output.
+        marker: file that identifies a folder as an earlier output (see :func:`refuse_existing`).
         later: names of files that will be written into it later.
 
     Yields:
         The temporary folder.
 
     Raises:
-        InputError: the destination exists, and is not to be replaced.
-        OSError: the disk is full, or not writable; the destination is as it was.
+        InputError: the destination exists and must not be replaced.
+        OSError: the disk is full, or not writable; the destination is unchanged.
     """
     path = Path(path)
     refuse_existing(path, force=force, marker=marker)
@@ -53,19 +53,19 @@ def whole_folder(
 
 @contextmanager
 def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Generator[Path]:
-    """A file to write that becomes ``path`` when the block ends without an error.
+    """Yield a file to write that becomes ``path`` when the block ends without an error.
 
     Args:
-        path: where the file shall be.
-        force: whether an existing file there is replaced.
-        mark: text that an earlier output holds; no other file is replaced.
+        path: path of the output file.
+        force: whether to replace an existing file.
+        mark: text that identifies an earlier output; no other file is replaced.
 
     Yields:
         The temporary path, with the suffix of ``path``.
 
     Raises:
-        InputError: the destination exists, and is not to be replaced.
-        OSError: the disk is full, or not writable; the destination is as it was.
+        InputError: the destination exists and must not be replaced.
+        OSError: the disk is full, or not writable; the destination is unchanged.
     """
     path = Path(path)
     refuse_existing(path, force=force, mark=mark)
@@ -76,14 +76,14 @@ def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Gene
 
 @contextmanager
 def _temporary(path: Path) -> Generator[Path]:
-    """A folder beside an output, locked as long as this process is at work; an error in it names the output."""
+    """Yield a folder next to an output, locked while this process is at work; errors in it name the output."""
     temporary = temporary_beside(path)
     descriptor = None
     try:
         while descriptor is None:
             with suppress(FileNotFoundError):
                 descriptor = lock(temporary / NAME, create=True)
-            if descriptor is None:  # another process took it for abandoned, and removes it
+            if descriptor is None:  # another process considers it abandoned, and removes it
                 temporary = temporary_beside(path)
         yield temporary
     except OSError as error:
@@ -98,7 +98,7 @@ def _temporary(path: Path) -> Generator[Path]:
 
 
 def _put(new: Path, path: Path, force: bool, marker: str | None, mark: str) -> None:
-    """Move a finished output to its place; where that has been taken meanwhile, beside it."""
+    """Move a finished output to its place, or next to it if that has been taken meanwhile."""
     sync(new)
     try:
         if force and os.path.lexists(path):
@@ -110,7 +110,7 @@ def _put(new: Path, path: Path, force: bool, marker: str | None, mark: str) -> N
         kept = path.with_name(f"{path.stem}-{token}{path.suffix}")
         move_new(new, kept)
         raise InputError(
-            [replace(one, fix=f"The new one is whole, as {kept}.") for one in error.problems]
+            [replace(one, fix=f"The new output is complete, as {kept}.") for one in error.problems]
         ) from None
     finally:
         sync_name(path)
@@ -127,7 +127,7 @@ def _move_new(new: Path, path: Path) -> None:
 
 
 def _umask() -> int:
-    """The process's file mode mask; mkdtemp ignores it, an output should not."""
+    """Return the process's file mode mask, which mkdtemp ignores but an output should not."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

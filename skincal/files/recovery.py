@@ -1,4 +1,4 @@
-"""What processes that were killed leave beside an output: swept, or brought back."""
+"""Recovery from killed processes: remove or restore what they left next to an output."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _log = logging.getLogger("skincal")
 
 
 def recover(path: Path) -> None:
-    """Sweep what killed processes left beside an output, and bring back one that was moved away to be replaced.
+    """Remove leftovers of killed processes next to an output, and restore an output that was moved away.
 
-    What another process is writing now stays. What is done is logged as a warning.
+    What another process is writing now stays. Actions are logged as warnings.
 
     Args:
         path: the output.
@@ -30,21 +30,21 @@ def recover(path: Path) -> None:
     parts = [one for one in left if one.suffix == ".part"]
     swept = [part for part in parts if _remove_abandoned(part)]
     if len(swept) < len(parts):
-        return  # somebody may be between two moves
+        return  # another process may be between two moves
     for old in (one for one in left if one.suffix == ".old"):
         if os.path.lexists(path):
             shutil.rmtree(old, ignore_errors=True)
             swept.append(old)
         else:
             old.rename(path)
-            _log.warning("%s: an interrupted run had moved it away; it is back", path)
+            _log.warning("%s: restored; an interrupted run had moved it away", path)
     if swept:
         names = ", ".join(one.name for one in swept)
-        _log.warning("%s: removed what interrupted runs left: %s", path, names)
+        _log.warning("%s: removed leftovers of interrupted runs: %s", path, names)
 
 
 def _remove_abandoned(part: Path) -> bool:
-    """Whether nobody writes into a temporary folder any more; then it is removed."""
+    """Remove a temporary folder that no process writes into; return whether it was removed."""
     try:
         descriptor = lock(part / NAME, create=True, strict=True)
     except OSError:

@@ -1,4 +1,4 @@
-"""Refusals of outputs: what an output may not take the place of, told before any work is done and again at the end."""
+"""Refusals of outputs: what an output must not replace, checked before any work and again at the end."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ _NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
     (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT),
     "Choose another place, or make the folder writable.",
 )
-"""What to do where nothing of such a name can be written; ENOENT is what /proc says."""
+"""Advice where no file of such a name can be written; /proc answers ENOENT."""
 
 _SHOWN = 3
 _ENDS = 4096
-"""Bytes at both ends of a file in which its mark is looked for."""
+"""Number of bytes at both ends of a file that are searched for its mark."""
 
 
 def refuse_existing(
     path: Path, *inputs: Path, force: bool, marker: str | None = None, mark: str = ""
 ) -> None:
-    """Check, before any work is done, that an output may be written; sweep what a killed run left beside it.
+    """Check, before any work, that an output may be written; remove leftovers of a killed run.
 
     Args:
         path: the output file or folder.
-        inputs: files and folders that are read, none of which the output may replace.
+        inputs: input files and folders, which the output must not replace.
         force: whether an existing output may be replaced.
-        marker: for a folder, the file that shows what it is an earlier output of. ``force`` replaces only a folder
+        marker: for a folder, the file that identifies an earlier output. ``force`` replaces only a folder
             that holds it (or is empty) and nothing that skincal did not write, so that a mistyped path cannot delete
             somebody's work.
-        mark: for a file, what an earlier output holds; ``force`` replaces no other file.
+        mark: for a file, text that identifies an earlier output; ``force`` replaces no other file.
 
     Raises:
         InputError: it exists and may not be replaced, its parent folder does not exist or may not be written to, or it
@@ -68,10 +68,10 @@ def refuse_existing(
 
 
 def refuse_removal(path: Path, place: Path, marker: str | None, mark: str) -> None:
-    """Check that what lies at a place, and is or was ``path``, is an earlier output and nothing else.
+    """Check that the content of a path, which is or was ``path``, is an earlier output and nothing else.
 
     Raises:
-        InputError: it is not.
+        InputError: it is something else.
     """
     other = "Choose another name."
     if marker is None:
@@ -92,7 +92,7 @@ def refuse_removal(path: Path, place: Path, marker: str | None, mark: str) -> No
         more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
         fix = "Move that elsewhere, or choose another name: --force removes only what skincal wrote."
         raise problem(
-            path, "a folder of skincal's files alone", f"also {', '.join(found[:_SHOWN])}{more}", fix
+            path, "a folder with files of skincal only", f"also {', '.join(found[:_SHOWN])}{more}", fix
         )
 
 
@@ -102,32 +102,32 @@ def _refuse_input(path: Path, one: Path) -> None:
         return
     inside = source.is_dir() and out.is_relative_to(source) and holds(source, out)
     if out == source or out in source.parents or inside:
-        fix = "Choose another name: what is read stays as it is."
-        raise problem(path, "another place than those that are read", f"that of {one}", fix)
+        fix = "Choose another name: inputs are not replaced."
+        raise problem(path, "an output that is not an input", f"that of {one}", fix)
 
 
 def _refuse_unwritable(path: Path) -> None:
-    """Try what :func:`whole_folder` will do: no permission tells of names that are too long, or of /proc."""
+    """Try what :func:`whole_folder` will do: permissions do not reveal names that are too long, or /proc."""
     try:
         made = temporary_beside(path)
         with suppress(FileNotFoundError):
             made.rmdir()
     except OSError as error:
         fix = _NOT_THERE.get(error.errno or 0)
-        if fix is None:  # a full disk, say: no fault of the name
+        if fix is None:  # a full disk, for instance: not a fault of the name
             error.filename = str(path)
             raise
         reason = (error.strerror or str(error)).lower()
-        expected = "an output that can be written, its temporary folder beside it"
+        expected = "a writable place for the output and its temporary folder"
         raise problem(path, expected, reason, fix) from None
 
 
 @contextmanager
 def at_work(path: Path, marker: str | None) -> Generator[None]:
-    """Keep others from working in a folder, or from sweeping it, while it is replaced.
+    """Keep others from working in a folder, or from cleaning it up, while it is replaced.
 
     Raises:
-        InputError: somebody is at work in it.
+        InputError: another process is at work in it.
     """
     with ExitStack() as held:
         for name in () if marker is None else (marker, NAME):
@@ -137,7 +137,7 @@ def at_work(path: Path, marker: str | None) -> Generator[None]:
 
 
 def _has_mark(path: Path, mark: str) -> bool:
-    """Whether a file is empty, or has a text near its beginning or its end."""
+    """Return whether a file is empty, or has a text near its beginning or its end."""
     with open_input(path) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(0)
@@ -147,10 +147,10 @@ def _has_mark(path: Path, mark: str) -> bool:
 
 
 def problem(path: Path, expected: str, got: str, fix: str = "") -> InputError:
-    """Return the error that tells of an output."""
+    """Return the error about an output."""
     return InputError([Problem(str(path), expected, got, fix)])
 
 
 def temporary_beside(path: Path) -> Path:
-    """A new temporary folder beside an output."""
+    """Return a new temporary folder next to an output."""
     return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))

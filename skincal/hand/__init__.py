@@ -1,4 +1,4 @@
-"""Hands: the driver interface, and the guard that stands between a hand and whoever moves it."""
+"""Hands: the driver interface, and the guard between a hand and the program that moves it."""
 
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError

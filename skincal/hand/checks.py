@@ -1,7 +1,7 @@
-"""What the guard looks at in every state that comes.
+"""The guard's checks of every state.
 
-The checks run in every period. A good state passes with a handful of array operations; only when one fails is it
-found out which joint it was.
+The checks run in every period. A good state passes with a few array operations; only if one fails is the joint at
+fault determined.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ ContactForce = Callable[[HandState], float]
 
 
 class StateCheck:
-    """Checks states, one after the other.
+    """Checker of states, one after the other.
 
     Args:
-        driver: the hand, connected.
+        driver: the connected hand.
         options: limits and times.
         contact_force: the contact force of a state [N]; None: not checked.
     """
@@ -50,7 +50,7 @@ class StateCheck:
             period_s=driver.period_s,
             recorded=not driver.follows_commands,
         )
-        # What is played from a record need not be raw counts.
+        # A recording need not hold raw counts.
         sensor, raw = description.meta.sensor, driver.follows_commands
         self._counts = (
             sensor.value_min if raw and sensor.value_min is not None else -math.inf,
@@ -60,12 +60,12 @@ class StateCheck:
         self._answered_s = math.nan
 
     def __call__(self, state: HandState, now_s: float, waited_s: float = 0.0) -> Violation | None:
-        """What is wrong with a state; None: nothing.
+        """Return the violation of a state; None if it is sound.
 
         Args:
-            state: as the driver gave it.
-            now_s: our clock when it came [s].
-            waited_s: how long the driver took for it [s].
+            state: state from the driver.
+            now_s: our clock at its arrival [s].
+            waited_s: time that the driver took for it [s].
         """
         return (
             self._form(state)
@@ -76,7 +76,7 @@ class StateCheck:
         )
 
     def _form(self, state: Any) -> Violation | None:
-        """Types and shapes."""
+        """Check types and shapes."""
         if not isinstance(state, HandState):
             return Violation("state", f"expected a HandState; got {shown(state)}")
         for names, shape in ((JOINT_FIELDS, self._joints_shape), (TAXEL_FIELDS, self._taxels_shape)):
@@ -92,7 +92,7 @@ class StateCheck:
         return None
 
     def _joints(self, state: HandState) -> Violation | None:
-        """NaN fails every comparison, so that one of them finds what is not finite as well."""
+        """Check joint values against their limits; NaN fails every comparison, so non-finite values are found too."""
         values = self._values
         values[0], values[1] = state.q_rad, state.dq_rad_per_s
         values[2], values[3] = state.tau_nm, state.q_desired_rad
@@ -103,7 +103,7 @@ class StateCheck:
         name, value = self._description.joints[joint], float(values[row, joint])
         field, (kind, what, unit) = JOINT_FIELDS[row], MEANINGS[row]
         if not math.isfinite(value):
-            text = f"joint {name}: {what} ({field}) is {value}, no finite number"
+            text = f"joint {name}: {what} ({field}) is {value}, which is not finite"
             return Violation("state", text, joint=name, value=value)
         above = value > self._high[row, joint]
         limit = float((self._high if above else self._low)[row, joint])
@@ -112,13 +112,13 @@ class StateCheck:
         return Violation(kind, text, joint=name, value=value, limit=limit)
 
     def _taxels(self, state: HandState) -> Violation | None:
-        """Values that are there must be finite and fresh; NaN is a taxel that does not answer."""
+        """Check that existing taxel values are finite and fresh; NaN is a taxel that does not respond."""
         time_s, options = float(state.time_s), self._options
         age_s = time_s - state.taxel_time_s
         if age_s.min() >= -options.taxel_ahead_s and age_s.max() <= options.taxel_age_s:
             low, high = self._counts
             values = state.taxels
-            # NaN fails the comparisons, and is looked at below.
+            # NaN fails the comparisons, and is treated below.
             good = (values >= low) & (values <= high) & np.isfinite(values)
             if good.all() and (not self._whole or (values == np.rint(values)).all()):
                 self._answered_s = time_s
@@ -126,15 +126,13 @@ class StateCheck:
         return self._odd_taxels(state, age_s)
 
     def _odd_taxels(self, state: HandState, age_s: FloatArray) -> Violation | None:
-        """Some taxel does not answer, or is at fault: each by itself."""
+        """Return the violation of the first faulty taxel; None if missing taxels are the only fault."""
         options, cols = self._options, self._description.meta.sensor.cols
         for j in np.flatnonzero(~np.isnan(state.taxels)):
             name = f"taxel ({j // cols}, {j % cols})"
             value, age = float(state.taxels[j]), float(age_s[j])
             if not math.isfinite(value):
-                return Violation(
-                    "taxels", f"{name} is {value}; expected counts, or NaN where it does not answer"
-                )
+                return Violation("taxels", f"{name} is {value}; expected counts, or NaN without a reading")
             if not self._counts[0] <= value <= self._counts[1]:
                 low, high = self._counts
                 text = (
@@ -157,7 +155,7 @@ class StateCheck:
             self._answered_s = time_s
         if time_s - self._answered_s > options.taxel_age_s:
             silent_s = time_s - self._answered_s
-            text = f"no taxel has answered for {silent_s:.3g} s, the limit is {options.taxel_age_s:g} s"
+            text = f"no taxel has responded for {silent_s:.3g} s, the limit is {options.taxel_age_s:g} s"
             return Violation("taxels", text, value=silent_s, limit=options.taxel_age_s)
         return None
 
@@ -185,11 +183,11 @@ MEANINGS: tuple[tuple[HandErrorKind, str, str], ...] = (
     ("torque", "measured torque", "N m"),
     ("joint_limit", "desired angle", "rad"),
 )
-"""Kind of the error, name and unit of each of ``JOINT_FIELDS``."""
+"""Kind of error, name and unit of each of ``JOINT_FIELDS``."""
 
 
 def _bounds(description: HandDescription, options: GuardOptions) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest value of each of ``JOINT_FIELDS``, each (4, n)."""
+    """Return the lowest and highest allowed value of each of ``JOINT_FIELDS``, each (4, n)."""
     limits, margin = description.limits, options.joint_margin_rad
     lower, upper = limits.lower_rad - margin, limits.upper_rad + margin
     velocity = options.velocity_factor * limits.velocity_rad_per_s

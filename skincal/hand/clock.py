@@ -1,4 +1,4 @@
-"""The hand's clock against ours: it may not stand, go back, jump, run ahead or fall behind."""
+"""Check of the hand's clock against ours: it must not stop, go back, jump, run ahead or fall behind."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from skincal.hand.errors import Violation
 from skincal.hand.options import GuardOptions
 
 DRIFT = 1e-3
-"""Two clocks that run as fast as each other may differ by this share; cheap crystals keep a tenth of it."""
+"""Largest relative difference of two clocks that run equally fast; cheap crystals keep a tenth of it."""
 
 SLOWEST = 10.0
-"""A simulated clock may run so many times slower than ours while we wait for it, and as fast as it likes."""
+"""A simulated clock may be slower than ours by this factor while we wait for it, and faster without limit."""
 
 JUMP_S = 0.1
-"""Between two states the hand's clock may go on by so much more than ours, or by five periods: a bus delivers in
-bursts, and a computer that is busy looks late [s]."""
+"""Largest jump of the hand's clock over ours between two states, or five periods if that is more: a bus delivers in
+bursts, and a busy computer looks late [s]."""
 
 
 class ClockCheck:
-    """Checks the time of each state, one after the other.
+    """Checker of the time of each state, one after the other.
 
-    Lag is a leaky sum: what our clock went on between two states less what the hand's did, never below zero. So it is
-    the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session.
+    The lag is a leaky sum: the advance of our clock between two states less that of the hand's, never below zero. So it
+    is the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session.
 
     Args:
         options: limits.
         real_time: whether the hand's clock runs as fast as ours.
         period_s: time between two states [s].
-        recorded: whether the states are those of a record, which may have gaps.
+        recorded: whether the states come from a recording, which may have gaps.
     """
 
     def __init__(
@@ -37,21 +37,21 @@ class ClockCheck:
         self._options, self._real_time, self._recorded = options, real_time, recorded
         self._jump_s = max(JUMP_S, 5 * period_s)
         lag_s = math.inf if options.lag_s is None else options.lag_s
-        # Who waits longer for a simulated hand, over a bad network say, takes later states.
+        # Slow calls of a simulated hand, as over a bad network, allow later states.
         self._lag_s = lag_s if real_time else max(lag_s, options.timeout_s / 2)
         self._last_s = self._now_s = self._advanced_s = math.nan
         self._behind_s = self._ahead_s = 0.0
 
     def __call__(self, time_s: float, now_s: float, waited_s: float) -> Violation | None:
-        """What is wrong with the time of a state; None: nothing.
+        """Return the violation of a state's time; None if it is sound.
 
         Args:
             time_s: the hand's clock [s].
-            now_s: our clock when the state came [s].
-            waited_s: how long the driver took for it [s].
+            now_s: our clock at the arrival of the state [s].
+            waited_s: time that the driver took for it [s].
         """
         if not math.isfinite(time_s):
-            return Violation("clock", f"the hand's clock says {time_s}, no finite number", value=time_s)
+            return Violation("clock", f"the hand's clock says {time_s}, which is not finite", value=time_s)
         if math.isnan(self._last_s):
             self._last_s, self._now_s, self._advanced_s = time_s, now_s, now_s
             return None

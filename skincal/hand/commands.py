@@ -1,4 +1,4 @@
-"""What the guard looks at in a command before it goes: form, joint limits, and how far it steps in the time passed."""
+"""The guard's checks of a command before it is sent: form, joint limits, and step size for the time passed."""
 
 from __future__ import annotations
 
@@ -13,19 +13,49 @@ from skincal.hand.errors import HandError, Violation, shown
 FloatArray = NDArray[np.float64]
 
 ROUNDING_RAD = 1e-9
-"""What a command may pass a limit by, as sums of steps are not exact [rad]."""
+"""Tolerance of a command's limits, as sums of steps are not exact [rad]."""
+
+
+class Elapsed:
+    """The time that counts for the step of a command.
+
+    It is what has passed since the command before, on the rig's clock and on ours, whichever is less, and one period at
+    most: a state that comes early, twice or with a clock that leaps earns no larger step. A simulated clock has nothing
+    to do with ours, and counts alone. Before the first command the time is that since the first state.
+
+    Args:
+        real_time: whether the rig's clock runs as fast as ours.
+        period_s: time between two states [s].
+    """
+
+    def __init__(self, *, real_time: bool, period_s: float) -> None:
+        self._real_time, self._period_s = real_time, period_s
+        self._rig_s = self._sent_rig_s = self._sent_own_s = math.nan
+
+    def observed(self, rig_s: float, now_s: float) -> None:
+        """Takes the time of a sound state on the rig's clock [s]; it came at ``now_s`` on ours."""
+        self._rig_s = rig_s
+        if math.isnan(self._sent_rig_s):
+            self._sent_rig_s, self._sent_own_s = rig_s, now_s
+
+    def sent(self, now_s: float) -> None:
+        """A command has been sent; ``now_s`` is our clock after that [s]."""
+        self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
+
+    def passed_s(self, now_s: float) -> float:
+        """The time that counts since the last command [s]."""
+        own_s = now_s - self._sent_own_s if self._real_time else math.inf
+        return max(0.0, min(self._rig_s - self._sent_rig_s, own_s, self._period_s))
 
 
 class CommandCheck:
-    """Checks commands, one after the other.
+    """Checker of commands, one after the other.
 
-    A command may step from the one before by velocity times time at most. The time is what has passed since that one
-    was sent, on the hand's clock and on ours, whichever is less, and one period at most: a state that comes early,
-    twice or with a clock that leaps earns no larger step. A simulated clock has nothing to do with ours, and counts
-    alone. Before the first command the hand holds to what it says, and the time is that since the first state.
+    A command may step from the one before by velocity times time at most (:class:`Elapsed`). Before the first command
+    the hand holds to what it says.
 
     Args:
-        driver: the hand, connected.
+        driver: the connected hand.
     """
 
     def __init__(self, driver: HandDriver) -> None:
@@ -33,27 +63,24 @@ class CommandCheck:
         self._joints, self._limits = description.joints, description.limits
         self._low = self._limits.lower_rad - ROUNDING_RAD
         self._high = self._limits.upper_rad + ROUNDING_RAD
-        self._real_time, self._period_s = driver.real_time, driver.period_s
+        self._elapsed = Elapsed(real_time=driver.real_time, period_s=driver.period_s)
         self._base_rad: FloatArray | None = None
         self._sent = False
-        self._hand_s = self._sent_hand_s = self._sent_own_s = math.nan
 
     def observed(self, state: HandState, now_s: float) -> None:
         """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
-        self._hand_s = float(state.time_s)
-        if self._base_rad is None:
-            self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
+        self._elapsed.observed(float(state.time_s), now_s)
         if not self._sent:
             self._base_rad = state.q_desired_rad.copy()
 
     def sent(self, command: HandCommand, now_s: float) -> None:
-        """Takes a command that the driver has sent; ``now_s`` is our clock after that [s]."""
-        # A copy: whoever made the command may use its array again.
+        """Record a command that the driver has sent; ``now_s`` is our clock afterwards [s]."""
+        # Copy the array: the caller may reuse it.
         self._base_rad, self._sent = command.q_desired_rad.copy(), True
-        self._sent_hand_s, self._sent_own_s = self._hand_s, now_s
+        self._elapsed.sent(now_s)
 
     def __call__(self, command: HandCommand, now_s: float) -> Violation | None:
-        """What is wrong with a command that is to be sent now; None: nothing."""
+        """Return the violation of a command that is to be sent now; None if it is allowed."""
         before_rad = self._before()
         if not isinstance(command, HandCommand):  # pyright: ignore[reportUnnecessaryIsInstance]
             return Violation("command", f"expected a HandCommand; got {shown(command)}")
@@ -68,7 +95,7 @@ class CommandCheck:
         return self._named(q, np.abs(q - before_rad), largest, now_s)
 
     def nearest(self, q_rad: FloatArray, now_s: float) -> FloatArray:
-        """The angles (n,) [rad] that are nearest to ``q_rad`` of those allowed now, joint by joint."""
+        """Return the allowed angles (n,) [rad] nearest to ``q_rad``, joint by joint."""
         before_rad, step = self._before(), self._step_rad(now_s)
         near = np.clip(q_rad, before_rad - step, before_rad + step)
         return np.clip(near, self._limits.lower_rad, self._limits.upper_rad)
@@ -78,13 +105,8 @@ class CommandCheck:
             raise HandError("observe a state before the first command", "order")
         return self._base_rad
 
-    def _passed_s(self, now_s: float) -> float:
-        """The time that counts since the last command [s]."""
-        own_s = now_s - self._sent_own_s if self._real_time else math.inf
-        return max(0.0, min(self._hand_s - self._sent_hand_s, own_s, self._period_s))
-
     def _step_rad(self, now_s: float) -> FloatArray:
-        return self._limits.velocity_rad_per_s * self._passed_s(now_s)
+        return self._limits.velocity_rad_per_s * self._elapsed.passed_s(now_s)
 
     def _named(self, q: FloatArray, step: FloatArray, largest: FloatArray, now_s: float) -> Violation | None:
         for j, name in enumerate(self._joints):
@@ -96,7 +118,7 @@ class CommandCheck:
                 text = f"joint {name}: commanded angle {value:.4g} rad lies outside its limits [{low:.4g}, {high:.4g}]"
                 return Violation("command", text, name, value, low if value < low else high)
             if step[j] > largest[j] + ROUNDING_RAD:
-                speed, passed_s = float(self._limits.velocity_rad_per_s[j]), self._passed_s(now_s)
+                speed, passed_s = float(self._limits.velocity_rad_per_s[j]), self._elapsed.passed_s(now_s)
                 text = (
                     f"joint {name}: commanded angle steps by {step[j]:.4g} rad; at {speed:.4g} rad/s and "
                     f"{1e3 * passed_s:.3g} ms since the last command at most {largest[j]:.4g} rad are allowed"

@@ -1,9 +1,9 @@
-"""What every driver must do, as checks that are run against one.
+"""The contract of drivers, as checks that run against a driver.
 
-Each check makes a driver of its own, and moves no joint by more than ``step_rad``; a hand must be where it can move
-that far without touching anything. Calls are made as the guard makes them, so that one that hangs fails its check
-and nothing else; every state and command is checked as the guard does, the contact force too, and a hand that breaks a
-limit is stopped.
+Each check creates its own driver, and moves no joint by more than ``step_rad``; the hand must be able to move that far
+without touching anything. Calls are made as the guard makes them, so that a call that hangs fails only its own check.
+Every state and command is checked as by the guard, including the contact force, and a hand that breaks a limit is
+stopped.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 
 @dataclass(frozen=True)
 class ContractOptions:
-    """How a driver is tried.
+    """Options of the checks.
 
     Attributes:
         step_rad: largest motion of a joint [rad].
-        periods: states that are looked at in a row.
-        call_s: a call to the driver may take so long [s].
-        stop_s: ``stop`` may take so long [s].
-        move: whether the hand is moved at all.
-        beyond_limits: whether the limits of its description may pass those that any finger has.
-        contact_force: makes the function that tells the contact force of a state.
+        periods: number of states that are checked in a row.
+        call_s: largest duration of a call to the driver [s].
+        stop_s: largest duration of ``stop`` [s].
+        move: whether to move the hand.
+        beyond_limits: whether the limits of its description may exceed those of any finger.
+        contact_force: creates the function that computes the contact force of a state.
     """
 
     step_rad: float = 0.02
@@ -50,7 +50,7 @@ class ContractOptions:
 
     @property
     def guard(self) -> GuardOptions:
-        """Limits and times of the guard that the hand is tried under."""
+        """Return the options of the guard during the checks."""
         return GuardOptions(
             timeout_s=self.call_s, stop_timeout_s=self.stop_s, idle_s=None, beyond_limits=self.beyond_limits
         )
@@ -58,14 +58,14 @@ class ContractOptions:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """How one check went.
+    """Result of a check.
 
     Attributes:
         name: its name.
-        expected: what it looks for.
+        expected: the expected behaviour.
         status: ``passed``, ``failed`` or ``skipped``.
-        got: what came instead, or why it was skipped; what was measured where it passed.
-        time_s: how long it took [s].
+        got: the actual behaviour, the reason for skipping, or the measured values.
+        time_s: duration [s].
     """
 
     name: str
@@ -77,11 +77,11 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class ContractReport:
-    """All checks of one driver.
+    """Results of all checks of a driver.
 
     Attributes:
         driver: its name.
-        results: one a check, in order.
+        results: one per check, in order.
     """
 
     driver: str
@@ -89,11 +89,11 @@ class ContractReport:
 
     @property
     def ok(self) -> bool:
-        """Whether none failed."""
+        """True if no check failed."""
         return all(result.status != FAILED for result in self.results)
 
     def count(self, status: str) -> int:
-        """How many checks have this status."""
+        """Return the number of checks with a status."""
         return sum(result.status == status for result in self.results)
 
 
@@ -103,13 +103,13 @@ def run_contract(
     options: ContractOptions | None = None,
     told: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Runs every check against a driver.
+    """Run every check against a driver.
 
     Args:
         name: the driver's name, for the report.
-        make: makes a driver that is not connected; called once a check.
-        options: how it is tried.
-        told: is told every result as it comes.
+        make: creates a driver that is not connected; called once per check.
+        options: options of the checks.
+        told: callback with every result.
     """
     results: list[CheckResult] = []
     for check in CHECKS:
@@ -143,7 +143,7 @@ def _run(
     except KeyboardInterrupt as interrupt:
         with held_back() as came:
             trouble = "" if trial is None else trial.end(HURRY_S)
-            # It ends already, and what there is to say must be said.
+            # The process is ending already, and the result must be reported.
             came.clear()
         if trouble:
             raise HandError(f"interrupted; {trouble}", "driver", stopped=False) from interrupt

@@ -1,4 +1,4 @@
-"""The checks of the contract: the name of a function is the check's, its docstring what is expected."""
+"""The checks of the contract. A function's name is the check's name, and its docstring the expected behaviour."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import numpy as np
 from skincal.errors import SkincalError
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.guard import LONGEST_PERIOD_S, GuardedHand
+from skincal.hand.guard import GuardedHand
+from skincal.hand.guarded import LONGEST_PERIOD_S
 from skincal.hand.trial import CONNECT_S, FailedCheckError, SkippedCheckError, Trial, expect
 from skincal.hand.worker import CallTimeoutError
 
@@ -66,7 +67,7 @@ def states_are_sound(trial: Trial) -> str:
 
 
 def clock_keeps_the_period(trial: Trial) -> str:
-    """period_s is above zero, the hand's clock advances with every state, by a period within a half, and keeps pace."""
+    """period_s is above zero, the hand's clock advances by a period (within half of one) per state, and keeps pace."""
     trial.connect()
     period = trial.driver.period_s
     expect(0 < period <= LONGEST_PERIOD_S, f"a period of {period!r} s")
@@ -87,7 +88,7 @@ def clock_keeps_the_period(trial: Trial) -> str:
 
 
 def states_are_not_overwritten(trial: Trial) -> None:
-    """A state that was handed out does not change when the next one comes."""
+    """A state that was returned does not change when the next one comes."""
     trial.connect()
     first = trial.observe()
     kept = {name: getattr(first, name).copy() for name in ARRAYS}
@@ -97,7 +98,7 @@ def states_are_not_overwritten(trial: Trial) -> None:
 
 
 def connecting_does_not_move(trial: Trial) -> str:
-    """After connect() the hand holds the angles that it has."""
+    """After connect() the hand holds its present angles."""
     trial.connect()
     q = np.array([state.q_rad for state in trial.states(trial.options.periods)])
     half = len(q) // 2
@@ -109,7 +110,7 @@ def connecting_does_not_move(trial: Trial) -> str:
 
 
 def commands_are_followed(trial: Trial) -> str:
-    """Each joint in turn goes a small step and back; desired and measured angles follow."""
+    """Each joint in turn makes a small step and returns; desired and measured angles follow."""
     if not trial.options.move:
         raise SkippedCheckError("the hand is not to be moved")
     if not _follows(trial):
@@ -150,7 +151,7 @@ def acting_does_not_wait(trial: Trial) -> str:
 
 
 def stop_is_quick_and_can_be_repeated(trial: Trial) -> str:
-    """stop() returns in time, a second time too, and the hand stays where it is."""
+    """stop() returns in time, also a second time, and the hand stays where it is."""
     trial.connect()
     trial.states(5)
     longest = max(trial.stop(), trial.stop())
@@ -158,7 +159,7 @@ def stop_is_quick_and_can_be_repeated(trial: Trial) -> str:
 
 
 def a_stopped_hand_stays(trial: Trial) -> str:
-    """After stop() no joint moves on by more than the small step, and no torque grows beyond what was there."""
+    """After stop() no joint moves on by more than the small step, and no torque grows beyond its present size."""
     trial.connect()
     before = np.array([s.tau_nm for s in trial.states(10)])
     trial.stop()
@@ -188,7 +189,7 @@ def stop_comes_from_another_thread(trial: Trial) -> str:
             for _ in range(10):
                 trial.driver.observe()
         except SkincalError:
-            # A driver may say that it has been stopped.
+            # A driver may report that it has been stopped.
             return
         except BaseException as error:
             errors.append(error)
@@ -212,7 +213,7 @@ def close_can_be_repeated(trial: Trial) -> None:
 
 
 def a_with_block_stops_on_an_error(trial: Trial) -> None:
-    """An error in a with block goes on, and stop() and close() are called."""
+    """An error in a with block propagates, and stop() and close() are called."""
     driver, calls = trial.driver, list[str]()
     stop, close = driver.stop, driver.close
 
@@ -223,7 +224,7 @@ def a_with_block_stops_on_an_error(trial: Trial) -> None:
 
         return call
 
-    # Set on the object, so that whatever __exit__ calls is seen.
+    # Patch the object, so that every call of __exit__ is seen.
     driver.stop, driver.close = noted("stop", stop), noted("close", close)
 
     def block() -> None:
@@ -268,7 +269,7 @@ CHECKS: tuple[Callable[[Trial], str | None], ...] = (
     the_hand_can_be_taken_again,
     commands_are_followed,
 )
-"""In this order: the hand is not moved before everything else is known to work."""
+"""The checks in this order: the hand does not move before everything else is known to work."""
 
 
 def _follows(trial: Trial) -> bool:
@@ -276,7 +277,7 @@ def _follows(trial: Trial) -> bool:
 
 
 def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandState:
-    """Holds to a goal for some periods, at the speed that is allowed; the angles of the last third are medians."""
+    """Move to a goal for some periods, at the allowed speed; return a state with median angles of the last third."""
     states: list[HandState] = []
     for _ in range(periods):
         states.append(hand.observe())

@@ -1,4 +1,4 @@
-"""Text of a command line, read as an annotation says."""
+"""Conversion of command-line text to the annotated type."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
 def converted(value: Any, kind: Any) -> Any:
-    """A value of this type; what is no text is taken as it is.
+    """Return a value of a type; anything but text is accepted as it is.
 
     Text is read as ``int``, ``float``, ``bool``, ``str``, ``Path`` or one of a ``Literal``; ``tuple[T, ...]`` and
     ``Sequence[T]`` as ``A,B,C``, ``Mapping[str, T]`` as ``NAME=A,NAME=B``, and ``T | None`` as T, or ``none``.
 
     Raises:
-        ValueError: it cannot be read; the text says what was expected.
+        ValueError: the text cannot be converted; the message says what was expected.
     """
     if not isinstance(value, str) or kind is str or kind is Any:
         return value
@@ -37,7 +37,7 @@ def converted(value: Any, kind: Any) -> Any:
 
 
 def type_text(kind: Any) -> str:
-    """An annotation as a person reads it."""
+    """Return the readable name of an annotation."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         return " or ".join(type_text(a) for a in arguments)
@@ -52,7 +52,7 @@ def type_text(kind: Any) -> str:
 
 
 def is_text(kind: Any) -> bool:
-    """Whether a value of this type can be given as text; others are for programs."""
+    """Return whether a value of this type can be given as text; other types are for programs."""
     if get_origin(kind) in (Union, types.UnionType):
         return any(is_text(a) for a in get_args(kind) if a is not type(None))
     plain = kind in (int, float, bool, str, Path, Any) or get_origin(kind) is Literal
@@ -63,7 +63,7 @@ def _one_of(value: str, kinds: Sequence[Any]) -> Any:
     if type(None) in kinds and value.lower() == "none":
         return None
     expected: list[str] = []
-    # Text can be read as text in any case: other readings go first.
+    # Every text can be read as text: try the other types first.
     for kind in sorted((k for k in kinds if k is not type(None)), key=lambda k: k in (str, Path)):
         try:
             return converted(value, kind)

@@ -1,7 +1,7 @@
-"""What a hand is to skincal: connect, observe, act, stop.
+"""The driver interface of a hand: connect, observe, act, stop.
 
-A driver is a thin thing: it moves values between a hand and these types. It enforces nothing and waits for nobody;
-limits and time-outs are ours (:mod:`skincal.hand.guard`), so that a driver that forgets them does no harm.
+A driver is thin: it moves values between a hand and these types. It enforces no limits and needs no time-outs; the
+guard (:mod:`skincal.hand.guard`) has them, so that a driver that forgets them does no harm.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HandState:
-    """What a hand says of itself at one moment.
+    """State of a hand at one moment.
 
     Attributes:
-        time_s: clock of the joints [s]; it never goes back. A simulated hand has a clock of its own, that may run
+        time_s: clock of the joints [s]; it never goes back. A simulated hand has its own clock, which may run
             faster than ours.
         q_rad: measured joint angles (n,) [rad], in the order of the description's joints.
         dq_rad_per_s: joint velocities (n,) [rad/s].
         tau_nm: measured joint torques (n,) [N m]: positive accelerates the joint towards growing angles.
-        q_desired_rad: the angles that the hand's controller now holds to (n,) [rad].
-        taxels: taxel values (rows * cols,) [counts], flat index r * cols + c; NaN where a taxel does not answer.
-        taxel_time_s: the moment at which each taxel was read (rows * cols,) [s], on the clock of `time_s`.
-        temperature_c: temperature at the skin [deg C]; NaN where it is not measured.
+        q_desired_rad: present target angles of the hand's controller (n,) [rad].
+        taxels: taxel values (rows * cols,) [counts], flat index r * cols + c; NaN for a taxel that does not respond.
+        taxel_time_s: time at which each taxel was read (rows * cols,) [s], on the clock of `time_s`.
+        temperature_c: temperature at the skin [deg C]; NaN if not measured.
     """
 
     time_s: float
@@ -47,19 +47,19 @@ class HandState:
 
 @dataclass(frozen=True, eq=False)
 class HandCommand:
-    """What a hand is asked to do until the next command.
+    """Command of a hand until the next one.
 
     Attributes:
-        q_desired_rad: joint angles to hold to (n,) [rad]; the hand's own joint impedance controller follows them.
+        q_desired_rad: target joint angles (n,) [rad]; the hand's own joint impedance controller follows them.
     """
 
     q_desired_rad: FloatArray
 
 
 class HandDriver(ABC):
-    """A hand: a context manager that is observed and acted upon.
+    """A hand: a context manager that is observed and commanded.
 
-    The loop of a user is ``state = hand.observe(); hand.act(command(state))``, once every :attr:`period_s` of the
+    A user's loop is ``state = hand.observe(); hand.act(command(state))``, once every :attr:`period_s` of the
     hand's clock.
 
     Calls come from one thread, but :meth:`stop` may come from another while a call hangs.
@@ -69,10 +69,10 @@ class HandDriver(ABC):
     """The name under which the driver is registered."""
 
     follows_commands: bool = True
-    """Whether the hand does what it is told; one that plays a recording does not."""
+    """Whether the hand follows commands; one that plays a recording does not."""
 
     real_time: bool = True
-    """Whether the hand's clock runs as fast as ours; that of a simulated or a recorded hand runs as it likes."""
+    """Whether the hand's clock runs as fast as ours; that of a simulated or recorded hand runs at any speed."""
 
     @property
     @abstractmethod
@@ -86,47 +86,47 @@ class HandDriver(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Takes the hand; it holds the angles it has.
+        """Connect to the hand, which holds its present angles.
 
         Raises:
-            WorkError: the hand does not answer.
+            WorkError: the hand does not respond.
         """
 
     @abstractmethod
     def observe(self) -> HandState:
-        """Waits for the next state and returns it. A simulated hand moves on by one period."""
+        """Wait for the next state and return it. A simulated hand advances by one period."""
 
     @abstractmethod
     def act(self, command: HandCommand) -> None:
-        """Sends a command; returns without waiting for its effect."""
+        """Send a command; return without waiting for its effect."""
 
     def object_position_m(self) -> FloatArray | None:
-        """Where the object between the fingers truly is: patch coordinates of its place on the sensor (2,) [m].
+        """Return the true position of the object between the fingers, in patch coordinates of the sensor (2,) [m].
 
-        None: the hand has nothing that sees it, as most hands have not.
+        None if the hand cannot see it, as most hands cannot.
         """
         return None
 
     @abstractmethod
     def stop(self) -> None:
-        """Brings the hand to a halt, with no more force than it exerts now.
+        """Stop the hand, with no more force than it exerts now.
 
         May be called twice, at any time, and from any thread.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Gives the hand back. May be called twice."""
+        """Release the hand. May be called twice."""
 
     def __enter__(self) -> Self:
-        """Connects."""
+        """Connect."""
         self.connect()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, whatever happened, and gives it back."""
+        """Stop the hand, whatever happened, and release it."""
         try:
             self.stop()
         finally:

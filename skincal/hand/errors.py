@@ -1,4 +1,4 @@
-"""What goes wrong with a hand: one error, whose kind a program can act on."""
+"""Errors of a hand: one class, with a kind that programs can act on."""
 
 from __future__ import annotations
 
@@ -28,42 +28,42 @@ HandErrorKind = Literal[
     "stopped",
     "end",
 ]
-"""What happened.
+"""Kinds of errors.
 
 ``state``: a state has a wrong type or shape, or holds NaN. ``clock``: the hand's clock went back or stands still.
-``taxels``: taxel values or their time stamps are of no use. ``joint_limit``, ``velocity``, ``torque``, ``force``: a
-measured value is above its limit. ``command``: a command was not sent, as it breaks a limit. ``timeout``: a call took
-too long. ``driver``: the driver raised. ``lost``: the connection is gone. ``refused``: the hand's side said no.
-``idle``: nobody moved the hand for too long. ``order``: a call at a time at which it means nothing. ``stopped``: the
-hand has been stopped before. ``end``: a recorded session is over.
+``taxels``: taxel values or their time stamps are invalid. ``joint_limit``, ``velocity``, ``torque``, ``force``: a
+measured value exceeds its limit. ``command``: a command was not sent because it breaks a limit. ``timeout``: a call
+took too long. ``driver``: the driver raised. ``lost``: the connection is lost. ``refused``: the server side refused.
+``idle``: the hand was not commanded for too long. ``order``: a call at an invalid time. ``stopped``: the hand has been
+stopped before. ``end``: a recorded session has ended.
 """
 
 KINDS: tuple[str, ...] = get_args(HandErrorKind)
 
 ADVICE: dict[HandErrorKind, str] = {
-    "state": "See what the driver hands out: `skincal hand test`.",
-    "clock": "See that the hand is still running, and which clock the driver hands out.",
-    "taxels": "See that the sensor is connected, and which clock stamps its values.",
-    "joint_limit": "See where the finger is before connecting again, and the limits in hand.toml.",
-    "velocity": "See what moves the finger, and the limits in hand.toml.",
-    "torque": "See what the finger pushes against, and the limits in hand.toml.",
-    "force": "See what the fingers press on, and max_force_n in hand.toml.",
+    "state": "Check the states of the driver: `skincal hand test`.",
+    "clock": "Check that the hand is still running, and which clock the driver reports.",
+    "taxels": "Check that the sensor is connected, and which clock stamps its values.",
+    "joint_limit": "Check the finger's position before connecting again, and the limits in hand.toml.",
+    "velocity": "Check what moves the finger, and the limits in hand.toml.",
+    "torque": "Check what the finger pushes against, and the limits in hand.toml.",
+    "force": "Check what the fingers press on, and max_force_n in hand.toml.",
     "command": "The command was not sent.",
-    "timeout": "See that the hand is still running and can be reached.",
+    "timeout": "Check that the hand is still running and can be reached.",
     "driver": "The fault lies in the driver or in the hand.",
-    "lost": "See that the hand is still running and can be reached, and connect again.",
+    "lost": "Check that the hand is still running and can be reached, then connect again.",
     "refused": "",
-    "idle": "Whoever moves a hand calls it in every period; connect again.",
+    "idle": "Call the hand in every period; connect again.",
     "order": "",
     "stopped": "",
     "end": "",
 }
-"""What to do about it, by kind."""
+"""Advice by kind of error."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """One thing that may not be, as :class:`HandError` tells it."""
+    """A violation, in the terms of :class:`HandError`."""
 
     kind: HandErrorKind
     text: str
@@ -73,14 +73,14 @@ class Violation:
 
 
 class HandError(WorkError):
-    """A hand cannot go on.
+    """Error after which a hand cannot continue.
 
     Attributes:
-        kind: what happened, for programs.
-        joint: name of the joint that it happened to; None: no single one.
-        value: what was measured or commanded; None where it is no number.
-        limit: what it had to keep.
-        stopped: whether the driver's ``stop`` returned; None where none was asked for.
+        kind: kind of the error, for programs.
+        joint: name of the joint concerned; None: no single one.
+        value: measured or commanded value; None if it is not a number.
+        limit: limit of the value.
+        stopped: whether the driver's ``stop`` returned; None if it was not called.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class HandError(WorkError):
 
 
 def again(failure: HandError) -> HandError:
-    """The same error anew: one that is raised twice would grow by a traceback each time."""
+    """Return a copy of an error: an error that is raised twice would grow by a traceback each time."""
     joint, value, limit = failure.joint, failure.value, failure.limit
     return HandError(
         str(failure), failure.kind, joint=joint, value=value, limit=limit, stopped=failure.stopped
@@ -110,7 +110,7 @@ def again(failure: HandError) -> HandError:
 
 
 def described(what: str, error: BaseException | None) -> tuple[HandErrorKind, str]:
-    """Kind and text of what a driver raised in a call."""
+    """Return the kind and text of an exception of a driver's call."""
     if isinstance(error, HandError):
         return error.kind, str(error).rstrip(".")
     if isinstance(error, SkincalError):
@@ -120,7 +120,7 @@ def described(what: str, error: BaseException | None) -> tuple[HandErrorKind, st
 
 
 def shown(value: Any) -> str:
-    """A value of a wrong type or shape, briefly."""
+    """Return a short text for a value of wrong type or shape."""
     if isinstance(value, np.ndarray):
         array = cast(NDArray[Any], value)
         return f"an array of {array.dtype} of shape {array.shape}"

@@ -1,26 +1,9 @@
-"""The guard: what stands between a hand and whoever moves it.
-
-Every state is checked before it is handed on, every command before it is sent. Whatever goes wrong, the driver's
-``stop`` is called, and an error says what happened. A command that breaks a limit is *refused* and stops the hand; it
-is not cut down to what is allowed, because then the hand would do something that nobody asked for, and whoever asked
-would not know. Who wants the nearest allowed command asks for it: :meth:`GuardedHand.nearest`.
-
-That the hand was stopped is said when ``stop`` returned, and only then; else the error says to cut its power. Signals
-that would end the process wait until that is known.
-
-Times: from a bad state, a bad command or an exception to the call of ``stop`` a millisecond passes; from a call that
-hangs, ``timeout_s``. Python cannot leave a driver that hangs in foreign code without releasing the interpreter lock.
-"""
+"""The guard of a hand: what stands between a hand and whoever moves it (:mod:`skincal.hand.guarded`)."""
 
 from __future__ import annotations
 
-import atexit
-import sys
 import time
 from collections.abc import Callable
-from threading import Lock
-from types import TracebackType
-from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +11,15 @@ from numpy.typing import NDArray
 from skincal.hand.checks import ContactForce, StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
-from skincal.hand.halt import HURRY_S, STOPPED, halt, held_back
+from skincal.hand.guarded import Guarded
 from skincal.hand.options import GuardOptions
-from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 from skincal.robot import HandDescription, check_limits
 
 FloatArray = NDArray[np.float64]
 
-LONGEST_PERIOD_S = 1.0
-"""A hand that is commanded less often than this is not controlled [s]."""
 
-
-class GuardedHand:
+class GuardedHand(Guarded[HandState, HandCommand]):
     """A hand that is safe to move: used as a driver is, within a ``with`` block, for one connection.
-
-    Calls to the driver are made by one thread of the guard's own, except for ``stop``.
 
     Args:
         driver: the hand.
@@ -52,6 +28,8 @@ class GuardedHand:
         clock: our clock [s].
     """
 
+    rig = "hand"
+
     def __init__(
         self,
         driver: HandDriver,
@@ -59,290 +37,22 @@ class GuardedHand:
         contact_force: ContactForce | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._driver = driver
-        self._options = options or GuardOptions()
-        self._contact_force = contact_force
-        self._clock = clock
-        self._worker: Worker | None = None
-        self._lock = Lock()
-        self._failure: HandError | None = None
-        self._halted = False
-        self._closed = False
-
-    @property
-    def name(self) -> str:
-        """The driver's name."""
-        return getattr(self._driver, "name", type(self._driver).__name__)
+        super().__init__(driver, options, clock)
+        self._driver, self._contact_force = driver, contact_force
 
     @property
     def description(self) -> HandDescription:
         """The hand."""
         return self._driver.description
 
-    @property
-    def period_s(self) -> float:
-        """Time between two states [s], on the hand's clock."""
-        return self._driver.period_s
-
-    @property
-    def real_time(self) -> bool:
-        """Whether the hand's clock runs as fast as ours."""
-        return self._driver.real_time
-
-    @property
-    def failure(self) -> HandError | None:
-        """Why the hand was stopped by the guard; None while all is well."""
-        return self._failure
-
-    def connect(self) -> None:
-        """Takes the hand.
-
-        Raises:
-            InputError: the limits of its description are beyond those of any finger.
-            HandError: it does not answer, or has been connected before.
-        """
-        if self._worker is not None:
-            raise HandError(f"{self.name}: a guarded hand is connected once; make a new one", "order")
-        options = self._options
-        check_limits(self._driver.description, beyond=options.beyond_limits)
-        self._worker = Worker(f"hand {self.name}", options.idle_s, self._idle)
-        atexit.register(self._at_exit)
-        try:
-            self._call("connect", self._driver.connect, timeout_s=options.connect_timeout_s)
-            period_s = self._driver.period_s
-            if not 0 < period_s <= LONGEST_PERIOD_S:
-                text = (
-                    f"period_s: expected a time above 0 s, {LONGEST_PERIOD_S:g} s at most; got {period_s!r}"
-                )
-                self._fail("driver", text)
-            self._check_state = StateCheck(self._driver, options, self._contact_force)
-            self._check_command = CommandCheck(self._driver)
-        except BaseException as error:
-            # A `with` block that was not entered does not leave.
-            if isinstance(error, HandError) and error.stopped is not None:
-                self._leave(error, "")
-            else:
-                self.__exit__(type(error), error, None)
-            raise
-
-    def observe(self) -> HandState:
-        """Waits for the next state, checks it and returns it.
-
-        Raises:
-            HandError: something is wrong; the hand has been stopped.
-        """
-        start_s = self._clock()
-        state: HandState = self._call("observe", self._driver.observe, timeout_s=self._options.timeout_s)
-        now_s = self._clock()
-        violation = self._check_state(state, now_s, now_s - start_s)
-        if violation is not None:
-            self._violated(violation)
-        self._check_command.observed(state, now_s)
-        return state
-
-    def act(self, command: HandCommand) -> None:
-        """Checks a command and sends it.
-
-        Raises:
-            HandError: the command breaks a limit and was not sent, or the driver failed; the hand has been stopped.
-        """
-        self._ready("act")
-        if self._halted:
-            raise HandError(f"{self.name}: the hand has been stopped; connect anew to move it", "stopped")
-        violation = self._check_command(command, self._clock())
-        if violation is not None:
-            self._violated(violation)
-        self._call("act", self._send, command, timeout_s=self._options.timeout_s)
-        self._check_command.sent(command, self._clock())
-
     def nearest(self, q_desired_rad: FloatArray) -> HandCommand:
-        """The allowed command that is nearest to these angles (n,) [rad], within joint limits and speed."""
+        """Return the allowed command nearest to some angles (n,) [rad], within joint limits and speed."""
         self._ready("nearest")
-        return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
+        return HandCommand(self._commands.nearest(q_desired_rad, self._clock()))
 
-    def stop(self) -> None:
-        """Stops the hand; may be called at any time and from any thread. States can still be observed.
+    def _check_limits(self) -> None:
+        check_limits(self.description, beyond=self._options.beyond_limits)
 
-        Raises:
-            HandError: the driver's ``stop`` raised, or did not return.
-        """
-        trouble = self._halt()
-        if trouble:
-            raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
-
-    def close(self) -> None:
-        """Gives the hand back. May be called twice.
-
-        Raises:
-            HandError: the driver's ``close`` raised, or did not return; the hand is stopped.
-        """
-        if self._closed or self._worker is None:
-            return
-        error = self._give_back(self._worker)
-        if error is not None and self._failure is None:
-            raise error
-
-    def __enter__(self) -> Self:
-        """Connects."""
-        self.connect()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stops the hand, whatever happened, and gives it back. What ended the block has a note that it was stopped.
-
-        Raises:
-            HandError: it could not be stopped.
-        """
-        try:
-            with held_back() as came:
-                trouble = self._halt()
-                if trouble or isinstance(error, KeyboardInterrupt):
-                    try:
-                        self._leave(error, trouble)
-                    finally:
-                        # It ends already, and what there is to say must be said.
-                        came.clear()
-                    return
-        except KeyboardInterrupt as interrupt:
-            if not self._closed:
-                self._leave(interrupt, "")
-            raise
-        self._leave(error, trouble)
-
-    def _leave(self, error: BaseException | None, trouble: str) -> None:
-        """Gives the hand back, and tells whether it was stopped."""
-        told = isinstance(error, HandError) and error.stopped is False
-        try:
-            if not (trouble or told or isinstance(error, KeyboardInterrupt)):
-                self.close()
-            elif self._worker is not None and not self._closed:
-                # Whoever has to cut the power, or wants an end, is not kept waiting.
-                self._give_back(self._worker, min(self._options.connect_timeout_s, HURRY_S))
-        except HandError:
-            # What ended the block is the news, not that closing failed after it.
-            if error is None:
-                raise
-        except BaseException as interrupt:
-            self._tell(interrupt, trouble)
-            raise
-        self._tell(error, trouble)
-
-    def _tell(self, error: BaseException | None, trouble: str) -> None:
-        """Notes at what ends the block that the hand was stopped; where it was not, that is what ends it."""
-        if isinstance(error, HandError) and error.stopped is not None:
-            return
-        if trouble:
-            reason = (
-                "interrupted; "
-                if isinstance(error, KeyboardInterrupt)
-                else ""
-                if error is None
-                else f"{error}; "
-            )
-            raise HandError(f"{self.name}: {reason}{trouble}", "driver", stopped=False) from error
-        if error is not None:
-            error.add_note(STOPPED)
-
-    def _at_exit(self) -> None:
-        """At the end of a process that forgot its hand."""
-        trouble = self._halt()
-        if trouble:
-            print(f"{self.name}: {trouble}", file=sys.stderr)
-
-    def _ready(self, what: str) -> Worker:
-        """The worker, where the hand is connected and nothing has gone wrong."""
-        if self._failure is not None:
-            raise again(self._failure)
-        if self._worker is None or self._closed:
-            raise HandError(f"{self.name}: {what}() of a hand that is not connected", "order")
-        return self._worker
-
-    def _call(self, what: str, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Makes a call to the driver; whatever goes wrong, the hand is stopped."""
-        worker = self._ready(what)
-        try:
-            return worker.call(self._unless_failed, work, arguments, timeout_s=timeout_s)
-        except CallTimeoutError:
-            text = f"{what}() did not return within {timeout_s:g} s"
-            self._fail("timeout", text, value=timeout_s, limit=timeout_s)
-        except Exception as error:
-            if self._failure is not None:
-                raise again(self._failure) from None
-            raised = error.__cause__ if isinstance(error, CallExitError) else error
-            kind, text = described(what, raised)
-            own = error if isinstance(error, HandError) else HandError(text, kind)
-            self._fail(kind, text, own.joint, own.value, own.limit, cause=raised)
-        except BaseException:
-            self._halt()
-            raise
-
-    def _unless_failed(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """In the worker: nothing is sent after the hand was stopped while the call waited for its turn."""
-        if self._failure is not None:
-            raise self._failure
-        return work(*arguments)
-
-    def _send(self, command: HandCommand) -> None:
-        """In the worker: nothing is sent after the hand was stopped while the command waited for its turn."""
-        if self._halted:
-            raise HandError("the hand has been stopped; the command was not sent", "stopped")
-        self._driver.act(command)
-
-    def _violated(self, violation: Violation) -> NoReturn:
-        self._fail(violation.kind, violation.text, violation.joint, violation.value, violation.limit)
-
-    def _fail(
-        self,
-        kind: HandErrorKind,
-        text: str,
-        joint: str | None = None,
-        value: float | None = None,
-        limit: float | None = None,
-        cause: BaseException | None = None,
-    ) -> NoReturn:
-        """Stops the hand, and raises what happened; the first failure is the one that counts."""
-        trouble = self._halt()
-        end = trouble or f"The hand was stopped. {ADVICE[kind]}"
-        error = HandError(
-            f"{self.name}: {text}. {end}", kind, joint=joint, value=value, limit=limit, stopped=not trouble
-        )
-        with self._lock:
-            self._failure = self._failure or error
-        raise error from cause
-
-    def _halt(self) -> str:
-        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
-        self._halted = True
-        return halt(self._driver.stop, self._options.stop_timeout_s, self.name)
-
-    def _idle(self) -> None:
-        """In the worker: nobody has called for ``idle_s``."""
-        if self._closed or self._halted:
-            return
-        try:
-            self._fail("idle", f"no call for {self._options.idle_s:g} s", limit=self._options.idle_s)
-        except HandError:
-            # The next call raises it.
-            return
-
-    def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
-        """Closes the driver and lets the worker end. Returns what went wrong."""
-        self._closed = True
-        atexit.unregister(self._at_exit)
-        options = self._options
-        timeout_s = timeout_s or options.connect_timeout_s
-        hung = self._failure is not None and self._failure.kind == "timeout"
-        try:
-            # Behind a call that hangs there is no closing, and nothing to wait for.
-            worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)
-            worker.call(self._driver.close, timeout_s=timeout_s)
-        except CallTimeoutError:
-            return HandError(f"{self.name}: close() did not return within {timeout_s:g} s", "timeout")
-        except Exception as error:
-            raised = error.__cause__ if isinstance(error, CallExitError) else error
-            return HandError(f"{self.name}: {described('close', raised)[1]}", "driver")
-        finally:
-            worker.end()
-        return None
+    def _checks(self) -> tuple[StateCheck, CommandCheck]:
+        self._commands = CommandCheck(self._driver)
+        return StateCheck(self._driver, self._options, self._contact_force), self._commands

@@ -1,4 +1,4 @@
-"""Stopping a hand so that nothing cuts it short, and saying truly whether it was stopped."""
+"""Stopping a hand, or another rig, so that nothing cuts it short, and saying truly whether it was stopped."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ from types import FrameType
 
 from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 
-STOPPED = "The hand was stopped."
-POWER = "Cut the hand's power."
+
+def stopped(rig: str) -> str:
+    """What is said of a rig whose ``stop`` returned, and of no other."""
+    return f"The {rig} was stopped."
+
+
+STOPPED = stopped("hand")
 
 HURRY_S = 2.0
-"""Closing may take so long where somebody waits for the end [s]."""
+"""Longest time for closing while somebody waits for the end [s]."""
 
 _OTHERS = {
     *(signal.SIGKILL, signal.SIGSTOP),  # cannot be caught
@@ -30,17 +35,17 @@ _OTHERS = {
 }
 
 ENDING: tuple[int, ...] = tuple(sorted(signal.valid_signals() - _OTHERS))
-"""Every signal that ends a process or suspends it, if nobody does anything about it, and that can be caught."""
+"""All catchable signals that end or suspend a process that does not handle them."""
 
 
 @contextmanager
 def held_back() -> Generator[list[int]]:
-    """Keeps signals that would end the process, or interrupt it, from cutting a piece of work short.
+    """Hold back signals that would end or interrupt the process while a block runs.
 
-    They come after it, to whoever handles them. The work must have an end of its own.
+    They are delivered afterwards to their handlers. The block must end by itself.
 
     Yields:
-        The signals that have come; those that the work takes out do not come after it.
+        The signals received so far; those that the block removes are not delivered.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
@@ -63,21 +68,21 @@ def held_back() -> Generator[list[int]]:
             signal.raise_signal(number)
 
 
-def halt(stop: Callable[[], None], timeout_s: float, name: str) -> str:
+def halt(stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> str:
     """Calls a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
 
     Returns:
-        What went wrong with it; empty: it returned, the hand is stopped.
+        What went wrong with it; empty: it returned, the rig is stopped.
     """
-    trouble = ""
+    trouble, power = "", f"Cut the {rig}'s power."
     with held_back():
         for _ in range(2):
             try:
                 call_and_leave(stop, timeout_s, f"stop {name}")
                 return ""
             except CallTimeoutError:
-                return f"stop() did not return within {timeout_s:g} s! {POWER}"
+                return f"stop() did not return within {timeout_s:g} s! {power}"
             except Exception as error:
                 raised = error.__cause__ if isinstance(error, CallExitError) else error
-                trouble = f"stop() failed! {type(raised).__name__}: {raised}. {POWER}"
+                trouble = f"stop() failed! {type(raised).__name__}: {raised}. {power}"
     return trouble

@@ -1,4 +1,4 @@
-"""Which hand is meant, and the contact force that its joints tell of."""
+"""Lookup of a hand by name or file, and the contact force inferred from its joints."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from skincal.robot import (
 
 
 def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
-    """The description of a hand: the name of one that comes with skincal, or a ``hand.toml``, or its folder.
+    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder.
 
     Raises:
-        InputError: there is none of that name, or the file is wrong.
+        InputError: there is no hand of that name, or the file is invalid.
     """
     path = Path(hand).expanduser()
     return read_hand(path) if path.exists() or path.suffix or len(path.parts) > 1 else bundled_hand(str(hand))
 
 
 def joint_contact_force(description: HandDescription) -> Callable[[HandState], float]:
-    """The size of the contact force [N] as a function of a state, from joint angles and torques.
+    """Return a function that computes the size of the contact force [N] of a state from joint angles and torques.
 
-    It is the whole force, not its normal part alone: a hand that presses sideways presses, too.
+    It is the full force, not only its normal part: a hand that presses sideways presses, too.
     """
     kinematics = Kinematics(description)
 

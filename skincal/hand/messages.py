@@ -1,39 +1,39 @@
-"""What a remote hand and its user say to each other: small JSON objects, one a message.
+"""Messages between a remote hand and its client: small JSON objects, one per message.
 
 Every message is one ZeroMQ frame of UTF-8 JSON, at most 64 KiB, and holds
 
 ``v``
     ``"skincal-hand/1"``; another version is refused.
 ``kind``
-    what it is, see below.
+    the kind, see below.
 ``id``
-    whole number: a request's, which counts up in a session; a reply has that of its request.
+    whole number: requests count up within a session; a reply has that of its request.
 ``session``
-    text: the session that it belongs to, chosen by the client at random.
+    text: the session, chosen at random by the client.
 
 and, by kind, of requests:
 
 ``hello``
     ``digest``: SHA-256 of the hand's description; ``hand``: its name.
 ``observe``, ``stop``, ``bye``
-    nothing more.
+    no further fields.
 ``act``
     ``q_desired_rad``; ``answers``: the ``id`` of the ``observe`` whose state the command answers.
 
 and of replies:
 
 ``welcome``
-    ``period_s``; ``watchdog_s``: a client that is silent for so long loses the hand; ``real_time``: false where the
+    ``period_s``; ``watchdog_s``: a client that is silent for this long loses the hand; ``real_time``: false where the
     hand's clock does not run as fast as ours, as it is simulated; true where it is left out.
 ``state``
     the fields of a :class:`~skincal.hand.driver.HandState`.
 ``done``, ``wait``
-    nothing more; ``wait`` answers a request that is being worked on and came a second time.
+    no further fields; ``wait`` answers a repeated request that is still in progress.
 ``refused``
     ``error``: the kind of a :class:`~skincal.hand.errors.HandError`; ``text``; ``joint``, ``value``, ``limit`` or null.
 
-A number that is NaN is ``null``. A client that sends a request again, with the same id, gets the same answer; nothing
-is done twice. Nothing here is ever executed or unpickled.
+NaN is sent as ``null``. A client that repeats a request, with the same id, gets the same answer; nothing is done
+twice. No content is ever executed or unpickled.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ ARRAYS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_t
 
 
 class MessageError(ValueError):
-    """Bytes that are no message; the text says what was expected and what came."""
+    """Bytes that are not a message; the text says what was expected and what came."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class Message:
     Attributes:
         kind: one of ``REQUESTS`` or ``REPLIES``.
         number: the field ``id``.
-        session: the session that it belongs to.
-        body: the fields that belong to its kind.
+        session: session of the message.
+        body: fields of its kind.
     """
 
     kind: str
@@ -83,16 +83,16 @@ class Message:
 
 
 def encode(message: Message) -> bytes:
-    """A message as bytes."""
+    """Return a message as bytes."""
     head = {"v": VERSION, "kind": message.kind, "id": message.number, "session": message.session}
     return json.dumps({**head, **message.body}, allow_nan=False, separators=(",", ":")).encode()
 
 
 def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
-    """Bytes as a message of one of these kinds.
+    """Return bytes as a message of one of some kinds.
 
     Raises:
-        MessageError: they are none.
+        MessageError: the bytes are not such a message.
     """
     if len(data) > MAX_BYTES:
         raise MessageError(f"expected at most {MAX_BYTES} bytes; got {len(data)}")
@@ -117,16 +117,16 @@ def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
 
 
 def state_body(state: HandState) -> dict[str, Any]:
-    """The fields of a ``state`` message."""
+    """Return the fields of a ``state`` message."""
     body: dict[str, Any] = {name: _nulls(getattr(state, name)) for name in ARRAYS}
     return {"time_s": _null(state.time_s), "temperature_c": _null(state.temperature_c), **body}
 
 
 def state_of(message: Message) -> HandState:
-    """The state of a ``state`` message; its shapes are for the guard to check.
+    """Return the state of a ``state`` message; the guard checks its shapes.
 
     Raises:
-        MessageError: a field is missing or no number.
+        MessageError: a field is missing or not a number.
     """
     arrays = {name: numbers(message, name) for name in ARRAYS}
     return HandState(
@@ -135,13 +135,13 @@ def state_of(message: Message) -> HandState:
 
 
 def refusal_body(error: HandError) -> dict[str, Any]:
-    """The fields of a ``refused`` message."""
+    """Return the fields of a ``refused`` message."""
     value, limit = (None if x is None else _null(x) for x in (error.value, error.limit))
     return {"error": error.kind, "text": str(error), "joint": error.joint, "value": value, "limit": limit}
 
 
 def refusal_of(message: Message) -> HandError:
-    """The error of a ``refused`` message."""
+    """Return the error of a ``refused`` message."""
     body = message.body
     kind, joint = body.get("error"), body.get("joint")
     value, limit = (
@@ -157,7 +157,7 @@ def refusal_of(message: Message) -> HandError:
 
 
 def number(message: Message, name: str) -> float:
-    """A number of a message's body; null is NaN."""
+    """Return a number of a message's body; null is NaN."""
     value = message.body.get(name, MISSING)
     if not _is_number(value):
         raise _wrong(message, name, "a number or null")
@@ -165,7 +165,7 @@ def number(message: Message, name: str) -> float:
 
 
 def numbers(message: Message, name: str) -> FloatArray:
-    """A list of numbers of a message's body, as an array (k,); null is NaN."""
+    """Return a list of numbers of a message's body, as an array (k,); null is NaN."""
     value = message.body.get(name, MISSING)
     if not isinstance(value, list) or not all(_is_number(item) for item in cast(list[Any], value)):
         raise _wrong(message, name, "a list of numbers or nulls")
@@ -173,7 +173,7 @@ def numbers(message: Message, name: str) -> FloatArray:
 
 
 def text(message: Message, name: str) -> str:
-    """A text of a message's body."""
+    """Return a text of a message's body."""
     value = message.body.get(name, MISSING)
     if not isinstance(value, str):
         raise _wrong(message, name, "a text")
@@ -192,7 +192,7 @@ def _wrong(message: Message, name: str, expected: str) -> MessageError:
 def _is_number(value: Any) -> bool:
     if value is None or isinstance(value, float):
         return True
-    # A whole number of a thousand digits is JSON, but no float.
+    # A whole number of a thousand digits is valid JSON, but not a float.
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53
 
 
@@ -207,4 +207,4 @@ def _nulls(values: FloatArray) -> list[float | None]:
 
 
 def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")

@@ -1,4 +1,4 @@
-"""What the guard allows, and how long it waits."""
+"""Options of the guard: limits and time-outs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from skincal.errors import InputError, Problem
 
 @dataclass(frozen=True)
 class GuardOptions:
-    """Limits beside those of the hand's description, and times.
+    """Limits in addition to those of the hand's description, and time-outs.
 
     Attributes:
         timeout_s: a call to the driver that takes longer is left, and the hand stopped [s].
-        connect_timeout_s: the same for connecting and for closing [s].
+        connect_timeout_s: the same for connecting and for closing [s]; a simulated hand may take ten times as long
+            to connect.
         stop_timeout_s: ``stop`` is waited for so long [s].
         idle_s: the hand is stopped when nobody calls for so long [s]; None: never.
         stale_s: the hand's clock must advance within this time, on our clock [s].
@@ -24,10 +25,10 @@ class GuardOptions:
         taxel_ahead_s: a taxel's time stamp may lie so far in the future, for clocks that do not quite agree [s].
         joint_margin_rad: a measured angle may pass a joint limit by so much (offsets, overshoot) [rad]; commands
             may not.
-        velocity_factor: a measured velocity may be so many times the limit of commanded ones.
-        torque_factor: a measured torque may be so many times its limit.
+        velocity_factor: largest measured velocity, relative to the limit of commanded ones.
+        torque_factor: largest measured torque, relative to its limit.
         max_force_n: largest contact force [N]; None: that of the hand's description.
-        beyond_limits: whether the limits of the hand's description may pass those that any finger has.
+        beyond_limits: whether the limits of the hand's description may exceed those of any finger.
     """
 
     timeout_s: float = 1.0

@@ -1,12 +1,12 @@
-"""Where drivers are found: entry points of the group ``skincal.drivers``, or ``module:Class``.
+"""Registry of drivers: entry points of the group ``skincal.drivers``, or ``module:Class``.
 
-A lab's own package names its driver in its ``pyproject.toml``, and skincal finds it there::
+A lab's own package names its driver in its ``pyproject.toml``, where skincal finds it::
 
     [project.entry-points."skincal.drivers"]
     my-hand = "my_package.my_hand:MyHand"
 
-The keyword parameters of the driver's class are its options. Their annotations say how the text of a command line is
-read, and what ``Annotated`` adds to them is their help.
+The keyword parameters of the driver's class are its options. Their annotations define how the text of a command line
+is converted, and what ``Annotated`` adds to them is their help.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ GROUP = "skincal.drivers"
 
 @dataclass(frozen=True)
 class DriverOption:
-    """One option of a driver.
+    """An option of a driver.
 
     Attributes:
         name: its name.
         kind: its annotation.
         default: its default; ``inspect.Parameter.empty``: it must be given.
-        text: what it means; empty where its class does not say.
+        text: help text; may be empty.
     """
 
     name: str
@@ -45,61 +45,61 @@ class DriverOption:
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """True if the option must be given."""
         return self.default is inspect.Parameter.empty
 
 
 def driver_names() -> tuple[str, ...]:
-    """Names of all drivers that are installed, in alphabetical order."""
+    """Return the names of all installed drivers, in alphabetical order."""
     return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
 
 
 def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
-    """The class of a driver, or the function that makes one.
+    """Return the class of a driver, or its factory function.
 
     Args:
         name: a registered name, or ``module:Class``.
 
     Raises:
-        InputError: there is none of that name, or two.
+        InputError: there is no driver of that name, or two.
         WorkError: it cannot be imported.
     """
     found = [EntryPoint(name, name, GROUP)] if ":" in name else list(entry_points(group=GROUP, name=name))
     if not found:
         choices = ", ".join(driver_names()) or "none is installed"
-        fix = f"An entry point of the group {GROUP} makes a driver known."
+        fix = f"Register a driver by an entry point of the group {GROUP}."
         raise InputError([Problem("driver", f"module:Class or one of: {choices}", f'"{name}"', fix)])
     values = {point.value for point in found}
     if len(values) > 1:
-        fix = "Name the one that is meant as module:Class, or uninstall the other."
+        fix = "Give the intended one as module:Class, or uninstall the other."
         raise InputError([Problem(f'driver "{name}"', "one entry point", " and ".join(sorted(values)), fix)])
     return _loaded(name, found[0])
 
 
 def driver_options(name: str) -> tuple[DriverOption, ...]:
-    """The options of a driver, in the order of its class."""
+    """Return the options of a driver, in the order of its class."""
     return _options(driver_class(name))
 
 
 def create_driver(name: str, /, **options: Any) -> HandDriver:
-    """Makes the driver of a hand; it is not connected yet. See :func:`create_rig`."""
+    """Create the driver of a hand, not connected yet. See :func:`create_rig`."""
     driver = create_rig(name, **options)
     if isinstance(driver, StageDriver):
-        got = "one of a stage; `skincal collect` and `skincal hand test` take it"
+        got = "one of a stage; use it with `skincal collect` or `skincal hand test`"
         raise InputError([Problem(f'driver "{name}"', "the driver of a hand", got)])
     return driver
 
 
 def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
-    """Makes a driver, of a hand or of a stage; it is not connected yet.
+    """Create a driver of a hand or of a stage, not connected yet.
 
     Args:
         name: a registered name, or ``module:Class``.
-        options: the driver's options. Text is read as the option's annotation says, anything else taken as it is.
+        options: the driver's options. Text is converted to the annotated type, anything else is passed on.
 
     Raises:
-        InputError: a name or an option that is not known, an option that is missing, or a value that cannot be read.
-        WorkError: the driver cannot be imported or made.
+        InputError: an unknown name or option, a missing option, or an invalid value.
+        WorkError: the driver cannot be imported or created.
     """
     made = driver_class(name)
     known = {option.name: option for option in _options(made)}
@@ -124,7 +124,7 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     except SkincalError:
         raise
     except (Exception, SystemExit) as error:
-        raise WorkError(f'driver "{name}" cannot be made: {type(error).__name__}: {error}') from error
+        raise WorkError(f'driver "{name}" cannot be created: {type(error).__name__}: {error}') from error
     if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver or StageDriver"
         raise InputError([Problem(f'driver "{name}"', expected, type(driver).__name__)])
@@ -132,10 +132,10 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
 
 
 def parse_options(texts: list[str]) -> dict[str, str]:
-    """Options from a command line, each ``KEY=VALUE``; a dash in a key is an underscore.
+    """Return options of a command line, each ``KEY=VALUE``; a dash in a key becomes an underscore.
 
     Raises:
-        InputError: a text without ``=``, or a key that is given twice.
+        InputError: a text lacks ``=``, or a key is given twice.
     """
     options: dict[str, str] = {}
     for text in texts:

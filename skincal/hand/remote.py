@@ -1,8 +1,8 @@
-"""A hand on another computer, through the messages of :mod:`skincal.hand.messages`.
+"""Driver of a hand on another computer, by the messages of :mod:`skincal.hand.messages`.
 
-A request that is not answered is sent again, with its number; the hand's side answers it again and does nothing
-twice. Answers to earlier requests are thrown away. When nothing at all comes for ``silence_s``, the hand is lost; its
-side stops it by its own watchdog.
+A request without an answer is repeated with the same number; the server answers it again and does nothing twice.
+Answers to earlier requests are discarded. If nothing arrives for ``silence_s``, the hand is lost; the server's
+watchdog then stops it.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
     import zmq
 
 RESEND_S = 0.2
-"""A request that is not answered for so long is sent again [s]."""
+"""Time after which an unanswered request is repeated [s]."""
 
 CALL_S, CONNECT_S, STOP_S = 5.0, 30.0, 0.4
-"""What a call, connecting and stopping may take in all, while the hand's side says that it is at work [s]."""
+"""Longest duration of a call, of connecting and of stopping while the server reports that it is busy [s]."""
 
 
 class RemoteDriver(HandDriver):
-    """The hand behind an address.
+    """The hand at an address.
 
     Args:
-        address: where the hand's side listens.
-        hand: description of the hand; it must be the same as on the other side.
-        keys: folder with the keys of a client; needed for any address that is not of this computer.
-        silence_s: the hand counts as lost when nothing comes from it for so long [s].
+        address: address of the server.
+        hand: description of the hand; the server must have the same.
+        keys: folder with the keys of a client; needed for addresses of other computers.
+        silence_s: time without an answer after which the hand is lost [s].
 
     Raises:
-        InputError: the address needs keys, or a file is wrong.
+        InputError: the address needs keys, or a file is invalid.
         WorkError: pyzmq is not installed.
     """
 
@@ -56,11 +56,11 @@ class RemoteDriver(HandDriver):
 
     def __init__(
         self,
-        address: Annotated[str, "where the hand's side listens"] = "tcp://127.0.0.1:5555",
+        address: Annotated[str, "address of the server"] = "tcp://127.0.0.1:5555",
         *,
-        hand: Annotated[str, "the hand: its name, or its hand.toml; the same as there"] = "dlr_hand_2",
+        hand: Annotated[str, "name of the hand, or its hand.toml; the same as the server's"] = "dlr_hand_2",
         keys: Annotated[Path | None, "folder client/ of a key pair, for other computers"] = None,
-        silence_s: Annotated[float, "lost when nothing comes for so long [s]"] = 0.8,
+        silence_s: Annotated[float, "time without an answer after which the hand is lost [s]"] = 0.8,
     ) -> None:
         self._zmq = zmq_module()
         self._address = checked_address(address, keys=keys is not None, what="address")
@@ -78,18 +78,18 @@ class RemoteDriver(HandDriver):
 
     @property
     def description(self) -> HandDescription:
-        """The hand, as it is described here."""
+        """The hand by the client's description."""
         return self._description
 
     @property
     def period_s(self) -> float:
-        """Time between two states [s]; the hand's side says it on connecting."""
+        """Time between two states [s]; the server reports it on connecting."""
         if self._period_s is None:
             raise HandError("period_s is known once the hand is connected", "order")
         return self._period_s
 
     def connect(self) -> None:
-        """Takes the hand, if nobody else has it and it is the one that is described here."""
+        """Connect to the hand, if it is free and has the same description."""
         self._shut()
         self._context = context = self._zmq.Context()
         self._session, self._number, self._gone = secrets.token_hex(16), 0, False
@@ -107,7 +107,7 @@ class RemoteDriver(HandDriver):
             raise
 
     def observe(self) -> HandState:
-        """The next state; the hand's side waits for it."""
+        """Return the next state, for which the server waits."""
         reply = self._ask("observe", {}, "state")
         try:
             state = state_of(reply)
@@ -117,12 +117,12 @@ class RemoteDriver(HandDriver):
         return state
 
     def act(self, command: HandCommand) -> None:
-        """Sends a command; the hand's side refuses it where the state that it answers is no longer fresh."""
+        """Send a command; the server refuses it if the state that it answers is no longer fresh."""
         angles = [float(q) for q in command.q_desired_rad]
         self._ask("act", {"q_desired_rad": angles, "answers": self._observed}, "done")
 
     def stop(self) -> None:
-        """Stops the hand over a connection of its own, so that it comes through while another call waits."""
+        """Stop the hand over a separate connection, so that it works while another call waits."""
         if not self._session:
             return
         context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
@@ -142,7 +142,7 @@ class RemoteDriver(HandDriver):
             context.term()
 
     def close(self) -> None:
-        """Gives the hand back, if its side still answers."""
+        """Release the hand, if the server still responds."""
         try:
             if self._socket is not None and not self._gone:
                 self._ask("bye", {}, "done")
@@ -164,13 +164,13 @@ class RemoteDriver(HandDriver):
         try:
             socket.connect(self._address)
         except BaseException:
-            # One that is left open keeps its context from ending, for ever.
+            # An open socket would keep its context from ending, for ever.
             socket.close()
             raise
         return socket
 
     def _ask(self, kind: str, body: dict[str, Any], expected: str, *, limit_s: float = CALL_S) -> Message:
-        """Sends a request over the session's own connection and waits for its answer."""
+        """Send a request over the session's connection and wait for the answer."""
         if self._socket is None:
             raise HandError(f"{kind}: the hand is not connected", "order")
         self._number += 1
@@ -181,7 +181,7 @@ class RemoteDriver(HandDriver):
     def _exchange(
         self, socket: zmq.Socket[bytes], request: Message, expected: str, limit_s: float
     ) -> Message:
-        """Sends a request until it is answered, and returns the answer."""
+        """Repeat a request until it is answered; return the answer."""
         start = heard = now = time.monotonic()
         silence_s = min(self._silence_s, limit_s)
         data = encode(request)
@@ -196,7 +196,7 @@ class RemoteDriver(HandDriver):
                 return reply
             if reply is not None:
                 heard = now
-                # It is at work: asking again at once would only keep it from that.
+                # It is busy: repeating the request at once would only slow it down.
                 time.sleep(min(RESEND_S / 4, limit_s))
             if now - heard >= silence_s or now - start >= limit_s:
                 self._gone = request.kind != "stop"
@@ -206,11 +206,11 @@ class RemoteDriver(HandDriver):
         try:
             socket.send(data, self._zmq.NOBLOCK)
         except self._zmq.Again:
-            # The queue is full, as nobody takes from it: the silence tells.
+            # The queue is full because nobody reads it: treat it as silence.
             return
 
     def _answer(self, socket: zmq.Socket[bytes], request: Message, wait_s: float) -> Message | None:
-        """The answer to a request; earlier answers, and those of other sessions, are thrown away."""
+        """Return the answer to a request; discard earlier answers, and those of other sessions."""
         deadline = time.monotonic() + wait_s
         while (left_s := deadline - time.monotonic()) > 0:
             if not socket.poll(max(1, int(left_s * 1e3))):
@@ -218,7 +218,9 @@ class RemoteDriver(HandDriver):
             try:
                 reply = decode(socket.recv(), REPLIES)
             except MessageError as error:
-                raise HandError(f"{self._address} does not speak our language: {error}", "refused") from error
+                raise HandError(
+                    f"{self._address} does not speak this protocol: {error}", "refused"
+                ) from error
             own = (reply.number, reply.session) == (request.number, request.session)
             if own or reply.session == "-":
                 return reply
@@ -228,5 +230,5 @@ class RemoteDriver(HandDriver):
         keys = "without keys" if self._keys is None else "with these keys"
         text = f"{self._address} has not answered {kind} for {silent_s:.2g} s"
         if kind == "hello":
-            text += f": nobody listens there, or nobody who admits a client {keys}"
+            text += f": no server listens there, or none that admits a client {keys}"
         return HandError(text, "lost")

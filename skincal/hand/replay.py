@@ -1,4 +1,4 @@
-"""A recorded session as a hand: what moved it then can be tried again, or watched, without it."""
+"""A recorded session as a hand: programs can be tried on it, or it can be watched, without the hand."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ FloatArray = NDArray[np.float64]
 
 
 class ReplayDriver(HandDriver):
-    """Plays the frames of a dataset as states, one a call.
+    """Driver that plays the frames of a dataset as states, one per call.
 
-    Needed are frames with ``q_0 ..`` and ``tau_0 ..``, one of each for every joint of the hand. Where they are there,
+    The frames need ``q_0 ..`` and ``tau_0 ..``, one of each for every joint of the hand. If present,
     ``dq_0 ..`` are its velocities (else differences of the angles), ``q_desired_0 ..`` its desired angles (else the
     measured ones), ``taxel_time_s`` the time stamps of the taxels (else those of the frames), and ``temperature_c``.
 
-    Commands have no effect; they are kept in ``commands``, each with the time of the state that it answered.
+    Commands have no effect; they are stored in ``commands``, each with the time of the state that it answered.
 
     Args:
         dataset: folder of the dataset.
@@ -43,7 +43,7 @@ class ReplayDriver(HandDriver):
         self,
         dataset: Annotated[Path, "folder of the dataset to play"],
         *,
-        hand: Annotated[str, "the hand it was recorded with: its name, or its hand.toml"] = "dlr_hand_2",
+        hand: Annotated[str, "name of the hand it was recorded with, or its hand.toml"] = "dlr_hand_2",
     ) -> None:
         self._description = hand_named(hand)
         self._place = str(dataset)
@@ -65,15 +65,15 @@ class ReplayDriver(HandDriver):
         return self._period_s
 
     def connect(self) -> None:
-        """Begins at the first frame."""
+        """Start at the first frame."""
         self._next = 0
         self._connected = True
 
     def observe(self) -> HandState:
-        """The next frame.
+        """Return the next frame.
 
         Raises:
-            HandError: the record is over (kind ``end``), or not connected.
+            HandError: the recording has ended (kind ``end``), or is not connected.
         """
         self._check_connected("observe")
         if self._next == len(self._states):
@@ -84,16 +84,16 @@ class ReplayDriver(HandDriver):
         return self._states[self._next - 1]
 
     def act(self, command: HandCommand) -> None:
-        """Keeps the command; a record does not follow it."""
+        """Store the command, which has no effect."""
         self._check_connected("act")
         time_s = self._states[max(self._next - 1, 0)].time_s
         self.commands.append((time_s, HandCommand(np.array(command.q_desired_rad, dtype=float))))
 
     def stop(self) -> None:
-        """Nothing moves."""
+        """Do nothing: a recording does not move."""
 
     def close(self) -> None:
-        """Ends the replay."""
+        """End the replay."""
         self._connected = False
 
     def _check_connected(self, what: str) -> None:
@@ -108,9 +108,9 @@ def _states(folder: Path, description: HandDescription) -> list[HandState]:
         raise InputError([Problem(str(folder), "a dataset with frames, to play them", "none", fix)])
     taxels, expected = data.meta.sensor.taxels, description.meta.sensor.taxels
     if taxels != expected:
-        fix = "Name the hand that it was recorded with: --driver-option hand=..."
+        fix = "Give the hand that it was recorded with: --driver-option hand=..."
         raise InputError([Problem(str(folder), f"{expected} taxels, as the hand has", str(taxels), fix)])
-    # A clock that stands still is no state of its own.
+    # Repeated times are not new states.
     rows = np.flatnonzero(np.diff(data.frames.time_s, prepend=-np.inf) > 0)
     if len(rows) < 2:
         raise InputError([Problem(str(folder), "two frames or more", str(len(rows)))])
@@ -157,5 +157,5 @@ def _needed(folder: Path, frames: Frames, name: str, joints: int) -> FloatArray:
     if found is None:
         there = ", ".join(n for n in frames.columns if n.startswith(f"{name}_")) or "none of them"
         place = f"{folder}, frames"
-        raise InputError([Problem(place, f"columns {name}_0 to {name}_{joints - 1}, one a joint", there)])
+        raise InputError([Problem(place, f"columns {name}_0 to {name}_{joints - 1}, one per joint", there)])
     return found

@@ -1,7 +1,7 @@
-"""The hand's side of a remote hand: one client at a time, behind a guard of its own.
+"""The server of a remote hand: one client at a time, behind its own guard.
 
-The guard here keeps the limits a second time, next to the hand, and is the watchdog: when no request has come for
-``watchdog_s`` - the client died, hangs, or the network is gone - the hand is stopped and given back.
+The guard here enforces the limits a second time, next to the hand, and is the watchdog: if no request has come for
+``watchdog_s`` - the client died or hangs, or the network is gone - the hand is stopped and released.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from skincal.robot import HandDescription, check_limits
 
 POLL_MS = 100
 MAKE_S = 10.0
-"""Making a driver may take so long, for a second client and later ones [s]."""
+"""Longest time to create a driver for later clients [s]."""
 
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """How a hand is served.
+    """Options of the server.
 
     Attributes:
-        watchdog_s: the hand is stopped when its client sends nothing for so long [s].
-        command_age_s: a command that answers a state which was sent longer ago is refused [s].
+        watchdog_s: time of a client's silence after which the hand is stopped [s].
+        command_age_s: largest age of the state that a command answers; later commands are refused [s].
         guard: limits and times of the guard; its ``idle_s`` is the watchdog's.
     """
 
@@ -45,19 +45,19 @@ class ServeOptions:
 
     @property
     def guard_options(self) -> GuardOptions:
-        """Those of the guard, with the watchdog."""
+        """Return the options of the guard, with the watchdog."""
         return replace(self.guard, idle_s=self.watchdog_s)
 
 
 class HandServer:
-    """Serves a hand until told to end; a context manager that binds and unbinds.
+    """Server of a hand: a context manager that binds and unbinds.
 
     Args:
-        make: makes the driver; called anew for every client, so that each finds the hand fresh.
+        make: creates the driver; called for every client, so that each finds a fresh hand.
         bind: address to listen at; ``tcp://127.0.0.1:*`` takes any free port.
-        keys: keys of the hand's side; needed for any address that is not of this computer.
+        keys: keys of the server; needed for addresses of other computers.
         options: times.
-        contact_force: makes the function that tells the contact force; None: it is not checked here.
+        contact_force: creates the function that computes the contact force; None: not checked here.
 
     Raises:
         InputError: the address needs keys, or the limits of the hand are beyond those of any finger.
@@ -88,14 +88,14 @@ class HandServer:
         self.address = bind
 
     def __enter__(self) -> Self:
-        """Binds."""
+        """Bind."""
         zmq = self._zmq
         self._context = zmq.Context()
         try:
             if self._keys is not None:
                 self._authenticator = zmq.auth.thread.ThreadAuthenticator(self._context)
                 self._authenticator.start()
-                self._authenticator.configure_curve(domain="*", location=str(self._keys.allowed))
+                self._authenticator.configure_curve_callback(domain="*", credentials_provider=self._keys)
             self._socket = prepared(self._context, zmq.ROUTER, self._keys)
             self._socket.bind(self._bind)
             self._wake = self._context.socket(zmq.PULL)
@@ -109,7 +109,7 @@ class HandServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stops the hand, gives it back, and unbinds."""
+        """Stop the hand, release it, and unbind."""
         try:
             if self._session is not None:
                 self._session.end()
@@ -117,7 +117,7 @@ class HandServer:
             self._unbind()
 
     def run(self, *, sessions: int | None = None) -> None:
-        """Serves until :meth:`end` is called, or so many sessions are over."""
+        """Serve until :meth:`end` is called, or until a number of sessions have ended."""
         poller = self._zmq.Poller()
         poller.register(self._socket, self._zmq.POLLIN)
         poller.register(self._wake, self._zmq.POLLIN)
@@ -134,7 +134,7 @@ class HandServer:
                 return
 
     def end(self) -> None:
-        """Lets :meth:`run` return; from any thread."""
+        """Make :meth:`run` return; callable from any thread."""
         self._ended.set()
 
     def _handle(self, client: bytes, data: bytes) -> None:
@@ -149,16 +149,16 @@ class HandServer:
         if message.kind == "hello" and not mine:
             self._welcome(client, message)
         elif session is None or not mine or not session.takes(message):
-            text = "there is no such session: it is over, or the hand's side has been started anew"
+            text = "there is no such session: it is over, or the server was restarted"
             self._refuse(client, message, text, "lost")
         else:
             session.request(client, message)
 
     def _welcome(self, client: bytes, message: Message) -> None:
-        """Begins a session, if the hand is free and it is the same hand."""
+        """Start a session, if the hand is free and the descriptions agree."""
         digest, description = message.body.get("digest"), self._description
         if self._session is not None and not self._session.over:
-            text = "another client has the hand; it is free when that one closes it or falls silent"
+            text = "another client has the hand; it is free when that client closes it or falls silent"
             self._refuse(client, message, text)
             return
         if digest != description.digest:
@@ -171,7 +171,7 @@ class HandServer:
         try:
             driver, self._driver = self._driver or self._made(), None
         except (SkincalError, CallTimeoutError, CallExitError) as error:
-            self._refuse(client, message, str(error) or f"the driver was not made within {MAKE_S:g} s")
+            self._refuse(client, message, str(error) or f"the driver was not created within {MAKE_S:g} s")
             return
         force = None if self._contact_force is None else self._contact_force(description)
         self.sessions += 1
@@ -180,7 +180,7 @@ class HandServer:
         self._session.request(client, message)
 
     def _made(self) -> HandDriver:
-        """Another driver; whatever its making does, the loop goes on."""
+        """Return another driver; the loop continues whatever happens meanwhile."""
         worker = Worker("make a driver")
         try:
             return worker.call(self._make, timeout_s=MAKE_S)
@@ -202,7 +202,7 @@ class HandServer:
         try:
             self._socket.send_multipart([reply.client, encode(reply.message)], self._zmq.NOBLOCK)
         except self._zmq.ZMQError:
-            # The client is gone, or takes nothing: it asks again, or the watchdog stops the hand.
+            # The client is gone, or does not read: it repeats the request, or the watchdog stops the hand.
             return
 
     def _unbind(self) -> None:

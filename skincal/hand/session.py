@@ -1,4 +1,4 @@
-"""One client's session at the hand's side: its requests, in order, each done once."""
+"""A client's session at the server: its requests, in order, each done once."""
 
 from __future__ import annotations
 
@@ -18,19 +18,23 @@ if TYPE_CHECKING:
     from skincal.hand.serve import ServeOptions
 
 
+MOST_WAITING = 8
+"""Requests of a client that wait for their turn; a client that waits for its answers has one."""
+
+
 @dataclass(frozen=True)
 class Reply:
-    """A message, and the connection that it goes to."""
+    """A message with its destination."""
 
     client: bytes
     message: Message
 
 
 class Outbox:
-    """Replies on their way to the loop that sends them, which it wakes.
+    """Replies for the loop that sends them, which they wake.
 
     Args:
-        replies: where the loop takes them from.
+        replies: queue of the loop.
         context: a ZeroMQ context.
         zmq: the module.
     """
@@ -40,11 +44,11 @@ class Outbox:
         self._wake: Any = None
 
     def put(self, reply: Reply) -> None:
-        """Adds a reply, from the loop's own thread."""
+        """Add a reply, from the loop's own thread."""
         self._replies.put(reply)
 
     def put_and_wake(self, reply: Reply) -> None:
-        """Adds a reply from another thread, always the same."""
+        """Add a reply from another thread, always the same."""
         self._replies.put(reply)
         try:
             if self._wake is None:
@@ -57,20 +61,20 @@ class Outbox:
             return
 
     def close(self) -> None:
-        """Nothing more comes from that other thread."""
+        """Close the outbox to the other thread."""
         if self._wake is not None:
             self._wake.close()
 
 
 class Session:
-    """Does the requests of one client in a thread of its own, so that a stop comes through at any time.
+    """Executor of one client's requests, in a separate thread, so that a stop gets through at any time.
 
     Args:
-        token: the text that the client chose for it.
+        token: name of the session, chosen by the client.
         driver: the hand.
-        options: times.
-        contact_force: tells the contact force; None: not checked.
-        replies: where replies go.
+        options: time-outs.
+        contact_force: computes the contact force; None: not checked.
+        replies: collects the replies.
     """
 
     def __init__(
@@ -99,18 +103,20 @@ class Session:
         self._thread.start()
 
     def takes(self, message: Message) -> bool:
-        """Whether there is an answer to a request: one that is over has only the last one, and can always stop."""
+        """Return whether a request is answered: a finished session answers only its last request and stop."""
         with self._lock:
             return not self.over or message.kind == "stop" or message.number <= self._number
 
     def request(self, client: bytes, message: Message) -> None:
-        """Takes a request: new ones are done, the last one is answered again, older ones came late and are not."""
+        """Handle a request: do a new one, answer the last one again, ignore late older ones."""
         self._heard_s = time.monotonic()
         if message.kind == "stop":
             self._stop(client, message)
             return
         with self._lock:
             self._client = client
+            if message.number > self._number and self._requests.qsize() >= MOST_WAITING:
+                return  # nobody asks for more before an answer; what is dropped is asked for again
             if message.number > self._number:
                 self._number, self._last = message.number, None
                 self._requests.put(message)
@@ -119,7 +125,7 @@ class Session:
                 self._replies.put(Reply(client, again))
 
     def end(self, wait_s: float = 3.0) -> None:
-        """Stops the hand and gives it back."""
+        """Stop the hand and release it."""
         try:
             self._hand.stop()
         finally:
@@ -149,9 +155,9 @@ class Session:
             self._replies.close()
 
     def _next(self) -> Message | None:
-        """The next request; None: the session is over, or its client has fallen silent.
+        """Return the next request; None if the session is over, or its client has fallen silent.
 
-        The guard's watchdog sees nobody's silence once the hand has been stopped; so the session looks for itself.
+        The guard's watchdog no longer acts once the hand has been stopped; so the session checks for silence itself.
         """
         while True:
             try:
@@ -162,7 +168,7 @@ class Session:
                     return None
 
     def _done(self, message: Message) -> Message:
-        """Does a request, and says how it went."""
+        """Do a request; return the reply."""
         try:
             kind, body = self._do(message)
             return Message(kind, message.number, self.token, body)
@@ -190,13 +196,13 @@ class Session:
             self._check_fresh(message)
             hand.act(HandCommand(numbers(message, "q_desired_rad")))
         if message.kind == "bye":
-            # The hand is free for the next client when this one is told so.
+            # The hand is free for the next client when this client receives the reply.
             self._give_back()
             self.over = True
         return "done", {}
 
     def _check_fresh(self, message: Message) -> None:
-        """A command that was long under way answers a state that is no more."""
+        """Refuse a command whose state is too old, such as one that was delayed on its way."""
         answers, (observed, sent_s) = number(message, "answers"), self._observed
         age_s, limit_s = time.monotonic() - sent_s, self._options.command_age_s
         if answers != observed:
@@ -210,7 +216,7 @@ class Session:
             raise HandError(text, "command", value=age_s, limit=limit_s)
 
     def _give_back(self) -> None:
-        """Stops the hand and closes it; a second time does nothing."""
+        """Stop the hand and close it; a second call does nothing."""
         if self._given_back:
             return
         self._given_back = True
@@ -218,11 +224,11 @@ class Session:
         try:
             self._hand.close()
         except HandError:
-            # The reply, or the failure of the guard, has told what happened.
+            # The reply, or the failure of the guard, has reported this.
             return
 
     def _answer_rest(self) -> None:
-        """Answers what came in while the session was ending."""
+        """Answer the requests that came in while the session was ending."""
         with self._lock:
             self.over = True
             while not self._requests.empty():
@@ -236,7 +242,7 @@ class Session:
                 self._replies.put_and_wake(Reply(self._client, self._last))
 
     def _stop_quietly(self) -> None:
-        """Stops a hand whose client is told of something else, or nothing; that this fails is told to its own stop."""
+        """Stop the hand without reporting a failure; the client's own stop reports it."""
         try:
             self._hand.stop()
         except HandError:

@@ -1,4 +1,4 @@
-"""The simulated hand as a driver: every later step can be tried without a hand."""
+"""Driver of the simulated hand, with which every step can be tried without a hand."""
 
 from __future__ import annotations
 
@@ -19,41 +19,42 @@ from skincal.hand.errors import HandError
 from skincal.hand.hands import hand_named
 from skincal.robot.description import HandDescription
 from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
+from skincal.sim.bullet import check_engine
 
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1
 
 LATEST_S = 1e6
-"""The hand's clock begins before this [s]."""
+"""Lead time of the hand's clock before the start [s]."""
 
 BREAK_S = 1.0
-"""A hand whose skin remembers goes on this long after the last that it remembers [s]."""
+"""Gap between the last remembered contact of a skin and the start of a resumed session [s]."""
 
 
 class SimDriver(HandDriver):
-    """A simulated hand with a reference skin whose truth is drawn by the seed.
+    """A simulated hand with a reference skin whose true parameters are drawn by the seed.
 
-    Its clock runs as fast as the computer allows: a call of :meth:`observe` moves it on by one period. The same seed,
+    Its clock runs as fast as the computer allows: a call of :meth:`observe` advances it by one period. The same seed,
     hand, effects and commands give the same states, bit for bit.
 
     Args:
-        seed: draws the truth and all noise.
+        seed: seed of the truth and of all noise.
         effects: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
-        hand: name of a hand that comes with skincal, or the path of a ``hand.toml``.
-        calibration: folder of a calibration of this hand's sensor: the skin is its, effects included. Without it pose,
+        hand: name of a bundled hand, or the path of a ``hand.toml``.
+        calibration: folder of a calibration of this hand's sensor, whose skin and effects are used. Without it pose,
             E and S are drawn.
         truth_path: file for the truth (JSON), written when the hand is connected, and again at the end of the session.
-        rate_hz: states and commands [Hz].
-        start_s: where the hand's clock begins [s], for a session that goes on: its noise is new, and it drifts on.
-        indenter_radius_m: radius of the sphere on the cap [m]; None: the hand's own. The description stays as it is.
-        memory_path: file in which what touches the skin is kept. Where it is there, the skin remembers that, and the
-            clock goes on after it.
-        options: physics.
+        rate_hz: rate of states and commands [Hz].
+        start_s: start of the hand's clock [s], for a resumed session: its noise is new, and drifts continue.
+        indenter_radius_m: radius of the sphere on the cap [m]; None: the hand's own. The description does not change.
+        memory_path: file with the skin's contact history. If it exists, the skin remembers its contacts, and the
+            clock continues after them.
+        options: options of the physics.
         truth_options: ranges of the truth.
 
     Raises:
-        InputError: a rate that does not fit the physics, a sphere without a size, a hand or a calibration that cannot
-            be read or do not fit each other, or an effect that is not known.
+        InputError: the rate does not fit the physics, the sphere has no size, the hand or calibration cannot
+            be read or do not fit each other, or an effect is unknown.
     """
 
     name = "sim"
@@ -62,18 +63,19 @@ class SimDriver(HandDriver):
     def __init__(
         self,
         *,
-        seed: Annotated[int, "draws the hidden truth and all noise"] = 0,
-        effects: Annotated[Mapping[str, float] | None, "strengths of effects, 1 is a typical case"] = None,
-        hand: Annotated[str, "the hand: its name, or its hand.toml"] = "dlr_hand_2",
-        calibration: Annotated[Path | None, "a calibration whose skin the hand has"] = None,
+        seed: Annotated[int, "seed of the hidden truth and of all noise"] = 0,
+        effects: Annotated[Mapping[str, float] | None, "strengths of effects; 1 is a typical case"] = None,
+        hand: Annotated[str, "name of the hand, or its hand.toml"] = "dlr_hand_2",
+        calibration: Annotated[Path | None, "calibration whose skin the hand has"] = None,
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
-        start_s: Annotated[float, "where the hand's clock begins [s]"] = 0.0,
+        start_s: Annotated[float, "start of the hand's clock [s]"] = 0.0,
         indenter_radius_m: Annotated[float | None, "radius of another sphere on the cap [m]"] = None,
-        memory_path: Annotated[Path | None, "file that lets a session which goes on remember"] = None,
+        memory_path: Annotated[Path | None, "file with the contact history of a resumed session"] = None,
         options: SimOptions | None = None,
         truth_options: TruthOptions | None = None,
     ) -> None:
+        check_engine()
         self._options = options or SimOptions()
         if not 0 < rate_hz <= self._options.physics_hz or self._options.physics_hz % rate_hz:
             expected = f"a divisor of the physics' {self._options.physics_hz} Hz"
@@ -110,7 +112,7 @@ class SimDriver(HandDriver):
 
     @property
     def simulated(self) -> SimulatedHand:
-        """The hand behind the driver, for tests and studies: it knows what truly touches.
+        """The hand behind the driver, for tests and studies: it knows the true contact.
 
         Raises:
             HandError: not connected.
@@ -120,7 +122,7 @@ class SimDriver(HandDriver):
         return self._hand
 
     def connect(self) -> None:
-        """Begins a session: the hand stands at its home angles, at time 0 but for a first image."""
+        """Start a session: the hand stands at its home angles, at time 0 apart from a first image."""
         self._halted.clear()
         if self._hand is None:
             description = self._capped()
@@ -134,7 +136,7 @@ class SimDriver(HandDriver):
                 self._write_truth(self._truth_path, self._hand)
 
     def observe(self) -> HandState:
-        """Moves the hand on by one period and says what its sensors say."""
+        """Advance the hand by one period and return its state."""
         hand = self.simulated
         with self._moving:
             if self._halted.is_set():
@@ -152,14 +154,14 @@ class SimDriver(HandDriver):
         )
 
     def act(self, command: HandCommand) -> None:
-        """Holds to other angles from now on. A hand that has been stopped stays so until it is connected again."""
+        """Set the target angles. A hand that has been stopped stays so until it is connected again."""
         if not self._halted.is_set():
             self.simulated.command(command.q_desired_rad)
 
     def stop(self) -> None:
-        """Holds to where the motors are, which lets go of what they exert."""
+        """Hold the motors where they are, which releases the forces."""
         self._halted.set()
-        # While a period runs, it is that call that lets go before the next one.
+        # While a period is running, that call releases them before the next one.
         if self._hand is not None and self._moving.acquire(blocking=False):
             try:
                 self._hand.hold()
@@ -167,7 +169,7 @@ class SimDriver(HandDriver):
                 self._moving.release()
 
     def close(self) -> None:
-        """Ends the session; the truth is told anew, with what the session's contacts say of the positions."""
+        """End the session; write the truth again, with the position errors of the session's contacts."""
         hand, self._hand = self._hand, None
         if hand is None:
             return
@@ -176,14 +178,14 @@ class SimDriver(HandDriver):
         hand.close()
 
     def _capped(self) -> HandDescription:
-        """The hand with the cap that it wears."""
+        """Return the hand with its mounted cap."""
         hand, radius_m = self._description, self._indenter_radius_m
         if radius_m is None:
             return hand
         return replace(hand, meta=replace(hand.meta, indenter=replace(hand.meta.indenter, radius_m=radius_m)))
 
     def truth_dict(self) -> dict[str, object]:
-        """What is hidden from the fit, as plain numbers, lists and texts."""
+        """Return what is hidden from the fit, as plain numbers, lists and texts."""
         return self._truth_dict(self.simulated)
 
     def _truth_dict(self, hand: SimulatedHand) -> dict[str, object]:

@@ -1,21 +1,23 @@
-"""ZeroMQ sockets for a remote hand: loopback as they are, anything else with a key pair on both sides.
+"""ZeroMQ sockets for a remote hand: loopback without keys, any other address with a key pair on both sides.
 
 Keys are CURVE certificates in two folders. ``hand/`` stays on the hand's computer: its own key ``hand.key_secret``,
-and in ``allowed/`` the public key of everyone who may move it. ``client/`` goes to who moves it: ``client.key_secret``,
-and the public key of the hand, ``hand.key``.
+and in ``allowed/`` the public keys of all clients that may move it. ``client/`` goes to the client, with its own key
+``client.key_secret`` and the public key of the hand, ``hand.key``.
 """
 
 from __future__ import annotations
 
 import importlib
 import ipaddress
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skincal.bounded import UnreadableError, read_bytes
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import check_input, whole_folder
+from skincal.files import reason, whole_folder
 from skincal.hand.messages import MAX_BYTES
 
 if TYPE_CHECKING:
@@ -25,10 +27,10 @@ INSTALL = "pip install 'skincal[remote]'"
 
 
 def zmq_module() -> Any:
-    """The module ``zmq``.
+    """Return the module ``zmq``.
 
     Raises:
-        WorkError: it is not installed.
+        WorkError: pyzmq is not installed.
     """
     try:
         zmq = importlib.import_module("zmq")
@@ -40,27 +42,31 @@ def zmq_module() -> Any:
 
 @dataclass(frozen=True)
 class Keys:
-    """Whose secret key this is, and whom it trusts.
+    """Keys of one side, and those that it trusts.
 
     Attributes:
         public: own public key.
         secret: own secret key.
         server: public key of the hand, at a client; None at the hand.
-        allowed: folder with the public keys of the clients, at the hand; None at a client.
+        allowed: public keys of the clients, at the hand.
     """
 
     public: bytes
     secret: bytes
     server: bytes | None = None
-    allowed: Path | None = None
+    allowed: frozenset[bytes] = frozenset()
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        """Whether a client may come in; ZeroMQ asks."""
+        return key in self.allowed
 
 
 def make_keys(folder: Path, *, force: bool = False) -> None:
-    """Writes a key pair for a hand and one for a client that it knows.
+    """Write a key pair for a hand and one for a client that it trusts.
 
     Args:
-        folder: where ``hand/`` and ``client/`` shall be.
-        force: whether earlier keys there are replaced.
+        folder: folder for ``hand/`` and ``client/``.
+        force: whether to replace earlier keys.
 
     Raises:
         InputError: the folder exists.
@@ -72,7 +78,7 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
         (hand / "allowed").mkdir(parents=True)
         client.mkdir()
         for place, name in ((hand, "hand"), (client, "client")):
-            # create_certificates writes the secret with the process's mask; nobody else may read it even for a moment.
+            # create_certificates writes the secret with the process's mask; nobody else may read it, even for a moment.
             place.chmod(0o700)
             _, secret = auth.create_certificates(place, name)
             Path(secret).chmod(0o600)
@@ -82,42 +88,40 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
 
 
 def hand_keys(folder: Path) -> Keys:
-    """The keys of the hand's side, from its folder.
+    """Return the keys of the server from its folder.
 
     Raises:
-        InputError: a file in it is no key.
+        InputError: a file in it is not a key.
     """
     public, secret = _key_pair(folder / "hand.key_secret")
     allowed = folder / "allowed"
     clients = sorted(allowed.glob("*.key"))
     if not clients:
-        fix = "Put the public key (NAME.key) of everyone there who may move the hand."
+        fix = "Put the public key (NAME.key) of every client that may move the hand there."
         raise InputError([Problem(str(allowed), "at least one public key of a client", "none", fix)])
-    for path in clients:
-        _certificate(path)
-    return Keys(public, secret, allowed=allowed)
+    return Keys(public, secret, allowed=frozenset(_certificate(path)[0] for path in clients))
 
 
 def client_keys(folder: Path) -> Keys:
-    """The keys of a client, from its folder.
+    """Return the keys of a client from its folder.
 
     Raises:
-        InputError: a file in it is no key.
+        InputError: a file in it is not a key.
     """
     public, secret = _key_pair(folder / "client.key_secret")
     return Keys(public, secret, server=_certificate(folder / "hand.key")[0])
 
 
 def checked_address(address: str, *, keys: bool, what: str) -> str:
-    """An address, if it may be used.
+    """Return an address after checking it.
 
     Args:
         address: ``tcp://HOST:PORT`` or ``ipc://FILE``.
         keys: whether there is a key pair.
-        what: the option that it comes from.
+        what: name of the option, for errors.
 
     Raises:
-        InputError: it is no such address, or would need keys.
+        InputError: the address is invalid, or would need keys.
     """
     scheme, _, rest = address.partition("://")
     host, colon, port = rest.rpartition(":")
@@ -133,7 +137,7 @@ def checked_address(address: str, *, keys: bool, what: str) -> str:
 
 
 def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
-    """A socket that keeps nothing when it is closed, takes no large messages, and uses the keys if there are any."""
+    """Return a socket that drops pending messages when closed, refuses large messages, and uses the keys, if any."""
     socket = context.socket(kind)
     try:
         socket.linger = 0
@@ -146,7 +150,7 @@ def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | No
             else:
                 socket.curve_serverkey = keys.server
     except BaseException:
-        # One that is left open keeps its context from ending, for ever.
+        # An open socket would keep its context from ending, for ever.
         socket.close()
         raise
     return socket
@@ -162,7 +166,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _key_pair(path: Path) -> tuple[bytes, bytes]:
-    """Public and secret key, which belong to each other."""
+    """Return a public and secret key that belong to each other."""
     public, secret = _certificate(path)
     if secret is None:
         raise _no_key(path, "a key file with a secret key", "a public key alone")
@@ -172,22 +176,33 @@ def _key_pair(path: Path) -> tuple[bytes, bytes]:
 
 
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
-    """Public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang."""
+    """Public and secret key of a file, each of the form that ZeroMQ takes: with others its sockets fail, or hang.
+
+    It is read here, as pyzmq's own reader opens pipes and devices too.
+    """
     try:
-        if check_input(path).stat().st_size > MAX_BYTES:
-            raise _no_key(path, "a key file", "a large one")
-        keys = zmq_module().auth.load_certificate(path)
-    except (OSError, ValueError, IndexError) as error:
-        raise _no_key(path, "a key file", str(error)) from None
-    for name, key in zip(("public-key", "secret-key"), keys, strict=True):
-        if key is not None and not _is_z85(key):
+        content = read_bytes(path, MAX_BYTES)
+    except UnreadableError:
+        raise _no_key(path, "a key file", "a large one") from None
+    except OSError as error:
+        raise _no_key(path, "a key file", reason(error)) from None
+    keys = {
+        name: key
+        for line in content.splitlines()
+        if (found := _KEY.match(line))
+        for name, key in [found.groups()]
+    }
+    for name, key in keys.items():
+        if not _is_z85(key):
             got = f"{len(key)} letters" if len(key) != KEY_LENGTH else "others"
-            raise _no_key(path, f"a {name} of {KEY_LENGTH} letters of Z85", got)
-    return keys
+            raise _no_key(path, f"a {name.decode()}-key of {KEY_LENGTH} letters of Z85", got)
+    if b"public" not in keys:
+        raise _no_key(path, "a key file", "no public key in it")
+    return keys[b"public"], keys.get(b"secret")
 
 
 def _is_z85(key: bytes) -> bool:
-    """Whether these bytes are a key of 32 bytes in Z85 (ZeroMQ RFC 32)."""
+    """Return whether bytes are a key of 32 bytes in Z85 (ZeroMQ RFC 32)."""
     try:
         importlib.import_module("zmq.utils.z85").decode(key)
     except (ValueError, KeyError, struct.error):
@@ -202,12 +217,15 @@ def _no_key(path: Path, expected: str, got: str) -> InputError:
 
 KEY_LENGTH = 40
 
+_KEY = re.compile(rb"""\s*(public|secret)-key\s*=[ \t'"]*(.*?)[ \t'"]*$""")
+"""A line of a CURVE certificate (ZPL) that holds a key."""
+
 README = """Keys of a remote hand, made by `skincal hand keys`.
 
 hand/    stays on the hand's computer:   skincal serve-hand --bind tcp://ADDRESS:PORT --keys hand
-client/  goes to who moves the hand:     --driver remote --driver-option address=tcp://ADDRESS:PORT
+client/  goes to the client's computer:  --driver remote --driver-option address=tcp://ADDRESS:PORT
                                          --driver-option keys=client
 
-Copy client/ by a way that nobody else can read, and keep the files *.key_secret to yourself. Whoever has a public
-key in hand/allowed may move the hand; remove the file, and start serve-hand anew, to take that back.
+Copy client/ over a private channel, and keep the files *.key_secret secret. Every client whose public
+key is in hand/allowed may move the hand; to revoke this, remove the file and restart serve-hand.
 """

@@ -1,7 +1,7 @@
-"""What a stage is to skincal: an indenter that is moved over a sensor on a bench, with a load cell behind it.
+"""The driver interface of a stage: an indenter that is moved over a sensor on a bench, with a load cell.
 
-A rig without joints: where the indenter's tip is and how hard it presses are measured as they are. A driver moves
-values between the stage and these types; limits and time-outs are ours (:mod:`skincal.hand.stage_guard`).
+A rig without joints: the position of the indenter's tip and its force are measured directly. A driver moves values
+between the stage and these types; the guard (:mod:`skincal.hand.stage_guard`) has limits and time-outs.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StageDescription:
-    """A stage with its sensor.
+    """Description of a stage with its sensor.
 
     Attributes:
-        name: of the rig.
-        meta: what a dataset of it says of sensor, surface (a plane), indenter, mount, position.
-        lower_m: least x, y, z of the indenter's tip (3,), in the frame of the dataset [m].
-        upper_m: greatest (3,) [m].
-        max_speed_m_per_s: the tip is commanded to go no faster [m/s].
-        max_force_n: the load cell must never read more [N].
+        name: name of the rig.
+        meta: metadata of its datasets: sensor, surface (a plane), indenter, mount, position.
+        lower_m: smallest x, y, z of the indenter's tip (3,), in the frame of the dataset [m].
+        upper_m: largest x, y, z (3,) [m].
+        max_speed_m_per_s: largest commanded speed of the tip [m/s].
+        max_force_n: largest allowed reading of the load cell [N].
     """
 
     name: str
@@ -40,13 +40,13 @@ class StageDescription:
 
 @dataclass(frozen=True, eq=False)
 class StageState:
-    """What a stage says of itself at one moment.
+    """State of a stage at one moment.
 
     Attributes:
         time_s: clock of the stage [s]; it never goes back.
-        position_m: measured place of the indenter's tip (3,), in the frame of the dataset [m].
-        force_n: what the load cell reads along the normal, positive when pressing [N].
-        taxels: taxel values (rows * cols,), flat index r * cols + c; NaN where a taxel does not answer.
+        position_m: measured position of the indenter's tip (3,), in the frame of the dataset [m].
+        force_n: reading of the load cell along the normal, positive when pressing [N].
+        taxels: taxel values (rows * cols,), flat index r * cols + c; NaN for a taxel that does not respond.
     """
 
     time_s: float
@@ -56,7 +56,7 @@ class StageState:
 
 
 class StageDriver(ABC):
-    """A stage: it is observed, and told where the indenter's tip shall be next.
+    """A stage: it is observed, and commanded to the next position of the indenter's tip.
 
     ``state = stage.observe(); stage.act(position)``, once every :attr:`period_s`. Calls come from one thread, but
     :meth:`stop` may come from another.
@@ -64,6 +64,9 @@ class StageDriver(ABC):
 
     name: str
     """The name under which the driver is registered."""
+
+    real_time: bool = True
+    """Whether the clock of the stage runs as fast as ours; that of a simulated one does not."""
 
     @property
     @abstractmethod
@@ -77,24 +80,24 @@ class StageDriver(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Takes the stage; it stays where it is.
+        """Connect to the stage, which stays where it is.
 
         Raises:
-            WorkError: it does not answer.
+            WorkError: the stage does not respond.
         """
 
     @abstractmethod
     def observe(self) -> StageState:
-        """Waits for the next state and returns it."""
+        """Wait for the next state and return it."""
 
     @abstractmethod
     def act(self, position_m: FloatArray) -> None:
-        """Sets where the indenter's tip shall be (3,) [m]; returns without waiting."""
+        """Set the target of the indenter's tip (3,) [m]; return without waiting."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Brings the stage to a halt. May be called twice, at any time, and from any thread."""
+        """Stop the stage. May be called twice, at any time, and from any thread."""
 
     @abstractmethod
     def close(self) -> None:
-        """Gives the stage back. May be called twice."""
+        """Release the stage. May be called twice."""

@@ -1,4 +1,4 @@
-"""What every driver of a stage must do, as checks that are run against one."""
+"""The contract of drivers of a stage, as checks that run against a driver."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from skincal.hand.stage import StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
 
 STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
-"""The tip is moved by so much [m]; so many states are looked at; ``stop`` may take so long [s]."""
+"""Motion of the tip [m]; number of states that are checked; longest duration of ``stop`` [s]."""
 
 
 def states(stage: StageDriver) -> str:
-    """Finite states of the right shape, whose clock goes on, within travel and force."""
+    """Finite states of the right shape, whose clock advances, within travel and force."""
     with GuardedStage(stage) as guarded:
         seen = [guarded.observe() for _ in range(PERIODS)]
     periods = np.diff([state.time_s for state in seen])
@@ -24,7 +24,7 @@ def states(stage: StageDriver) -> str:
 
 
 def moves(stage: StageDriver) -> str:
-    """A commanded step up is made, and one back."""
+    """The tip makes a commanded step up, and one back."""
     with GuardedStage(stage) as guarded:
         start = guarded.observe().position_m
         rig = stage.description
@@ -39,28 +39,25 @@ def moves(stage: StageDriver) -> str:
                 state = guarded.observe()
             off = float(np.linalg.norm(state.position_m - target))
             if off > 0.5 * STEP_M:
-                raise AssertionError(f"the tip is {1e3 * off:.3g} mm from where it was sent")
+                raise AssertionError(f"the tip is {1e3 * off:.3g} mm from its target")
     return f"{1e3 * STEP_M:g} mm and back"
 
 
 def stops(stage: StageDriver) -> str:
     """``stop`` returns at once, twice in a row, and nothing moves afterwards."""
-    stage.connect()
-    try:
-        before = stage.observe()
+    with GuardedStage(stage) as guarded:
+        before = guarded.observe()
         begin = time.monotonic()
-        stage.stop()
-        stage.stop()
+        guarded.stop()
+        guarded.stop()
         took = time.monotonic() - begin
-        after: StageState = [stage.observe() for _ in range(5)][-1]
-    finally:
-        stage.close()
-        stage.close()
+        after: StageState = [guarded.observe() for _ in range(5)][-1]
+    stage.close()
     if took > STOP_S:
         raise AssertionError(f"stop() took {took:.3g} s")
     moved = float(np.linalg.norm(after.position_m - before.position_m))
     if moved > STEP_M:
-        raise AssertionError(f"the tip went on by {1e3 * moved:.3g} mm")
+        raise AssertionError(f"the tip moved on by {1e3 * moved:.3g} mm")
     return f"within {1e3 * took:.3g} ms"
 
 
@@ -83,13 +80,13 @@ def run_stage_checks(
     move: bool = True,
     told: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Runs every check against a driver of a stage.
+    """Run every check against a driver of a stage.
 
     Args:
         name: the driver's name, for the report.
-        make: makes a driver that is not connected; called once a check.
-        move: whether the stage is moved at all.
-        told: is told every result as it comes.
+        make: creates a driver that is not connected; called once per check.
+        move: whether to move the stage.
+        told: callback with every result.
     """
     results: list[CheckResult] = []
     for check in (describes, states, moves, stops):
@@ -100,7 +97,7 @@ def run_stage_checks(
             begin = time.monotonic()
             try:
                 status, got = PASSED, check(make())
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 status, got = FAILED, f"{type(error).__name__}: {error}"
             results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
         told(results[-1])

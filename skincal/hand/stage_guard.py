@@ -1,182 +1,228 @@
-"""The guard of a stage: every state and every command is checked, and whatever goes wrong stops the stage."""
+"""The guard of a stage: it checks every state and every command, and stops the stage on any fault."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import Any, NoReturn, Self
 
 import numpy as np
 
-from skincal.hand.errors import HandError, HandErrorKind, described
+from skincal.errors import InputError, Problem
+from skincal.hand.clock import ClockCheck
+from skincal.hand.commands import Elapsed
+from skincal.hand.errors import HandError, HandErrorKind, Violation, shown
+from skincal.hand.guarded import Guarded
 from skincal.hand.options import GuardOptions
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
-from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
 
 ROUNDING_M = 1e-9
-"""A command may pass a limit by so much, for rounding [m]."""
+"""Tolerance of a command's limits, for rounding [m]."""
 
 BEYOND_M = 0.5e-3
-"""A measured place may pass the travel by so much, for overshoot [m]."""
+"""Tolerance of a measured position beyond the travel, for overshoot [m]."""
+
+MOST_TRAVEL_M, MOST_SPEED_M_PER_S, MOST_FORCE_N = 1.0, 0.5, 200.0
+"""Largest limits that are taken without being asked for: what a bench has no room for, the speed of an arm that is
+moved beside a person (0.25 m/s, ISO 10218-1) twice over, and ten times the force that a skin is pressed with."""
 
 
-class GuardedStage:
+class GuardedStage(Guarded[StageState, FloatArray]):
     """A stage that is safe to move: limits of travel, speed and force, and calls that return in time.
 
     Args:
         driver: the stage.
         options: times; ``max_force_n`` replaces that of the description.
+        clock: our clock [s].
     """
 
-    def __init__(self, driver: StageDriver, options: GuardOptions | None = None) -> None:
-        self._driver, self._options = driver, options or GuardOptions()
-        self._limit_n = self._options.max_force_n or driver.description.max_force_n
-        self._worker: Worker | None = None
-        self._failed: HandError | None = None
-        self._last: StageState | None = None
-        self._sent: FloatArray | None = None
+    rig = "stage"
+
+    def __init__(
+        self,
+        driver: StageDriver,
+        options: GuardOptions | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(driver, options, clock)
+        self._driver = driver
 
     @property
     def description(self) -> StageDescription:
         """The rig."""
         return self._driver.description
 
-    @property
-    def period_s(self) -> float:
-        """Time between two states [s]."""
-        return self._driver.period_s
+    def nearest(self, position_m: FloatArray) -> FloatArray:
+        """The allowed place that is nearest to this one (3,) [m], within travel and speed."""
+        self._ready("nearest")
+        return self._commands.nearest(position_m, self._clock())
 
-    def __enter__(self) -> Self:
-        """Connects.
+    def _check_limits(self) -> None:
+        check_stage(self.description, beyond=self._options.beyond_limits)
 
-        Raises:
-            HandError: the stage does not answer, or has been connected before.
-        """
-        if self._worker is not None:
-            raise HandError(
-                f"{self._driver.name}: a guarded stage is connected once; make a new one", "order"
-            )
-        self._worker = Worker(f"stage {self._driver.name}")
-        try:
-            self._call("connect", self._driver.connect, timeout_s=self._options.connect_timeout_s)
-        except BaseException:
-            self._close()
-            raise
-        return self
+    def _checks(self) -> tuple[StageStateCheck, StageCommandCheck]:
+        self._commands = StageCommandCheck(self._driver)
+        return StageStateCheck(self._driver, self._options), self._commands
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stops the stage, whatever happened, and gives it back."""
-        trouble = self._halt()
-        self._close()
-        if trouble and error is None:
-            raise HandError(f"{self._driver.name}: {trouble}", "driver", stopped=False)
+    def _advice(self, kind: HandErrorKind) -> str:
+        return ""
 
-    def observe(self) -> StageState:
-        """Waits for the next state, checks it and returns it.
 
-        Raises:
-            HandError: something is wrong; the stage has been stopped.
-        """
-        state: StageState = self._call("observe", self._driver.observe, timeout_s=self._options.timeout_s)
-        rig, sensor = self.description, self.description.meta.sensor
-        place, taxels = np.asarray(state.position_m), np.asarray(state.taxels)
-        if place.shape != (3,) or not np.isfinite([*place, state.force_n, state.time_s]).all():
-            self._fail("state", f"expected a finite time, place (3,) and force; got {state}")
-        if taxels.shape != (sensor.rows * sensor.cols,):
-            self._fail("taxels", f"expected {sensor.rows * sensor.cols} taxel values; got {taxels.shape}")
-        if self._last is not None and state.time_s <= self._last.time_s:
-            self._fail("clock", f"expected a time after {self._last.time_s:.6g} s; got {state.time_s:.6g} s")
-        if abs(state.force_n) > self._limit_n:
-            text = f"the force is {state.force_n:.3g} N, above the limit of {self._limit_n:.3g} N"
-            self._fail("force", text)
-        if (place < rig.lower_m - BEYOND_M).any() or (place > rig.upper_m + BEYOND_M).any():
-            self._fail("joint_limit", f"the tip is at {_shown(place)}, outside its travel")
-        self._last = state
-        return state
+def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
+    """Refuses limits that are none, or that no bench has.
 
-    def act(self, position_m: FloatArray) -> None:
-        """Checks a command and sends it.
+    Args:
+        rig: the stage.
+        beyond: whether any limit is allowed, as somebody has said so.
 
-        Raises:
-            HandError: it leaves the travel or is too fast, and was not sent; the stage has been stopped.
-        """
-        if self._last is None:
-            raise HandError(f"{self._driver.name}: observe a state before the first command", "order")
-        place = np.array(position_m, dtype=np.float64)
-        rig, base = self.description, self._last.position_m if self._sent is None else self._sent
-        if place.shape != (3,) or not np.isfinite(place).all():
-            self._fail("command", f"expected a place (3,) of finite numbers; got {place}")
-        if (place < rig.lower_m - ROUNDING_M).any() or (place > rig.upper_m + ROUNDING_M).any():
-            self._fail("command", f"{_shown(place)} lies outside the travel")
-        step = float(np.linalg.norm(place - base))
-        longest = rig.max_speed_m_per_s * self.period_s
-        if step > longest + ROUNDING_M:
-            text = f"a step of {1e3 * step:.3g} mm in a period, and {1e3 * longest:.3g} mm is the most"
-            self._fail("command", text)
-        self._call("act", self._driver.act, place, timeout_s=self._options.timeout_s)
-        self._sent = place
+    Raises:
+        InputError: travel, speed or force are no numbers above zero, or above their bounds.
+    """
+    most = (MOST_TRAVEL_M, MOST_SPEED_M_PER_S, MOST_FORCE_N) if not beyond else (math.inf,) * 3
+    rows = (
+        ("travel (upper_m - lower_m)", np.subtract(rig.upper_m, rig.lower_m), most[0], "m"),
+        ("max_speed_m_per_s", np.array([rig.max_speed_m_per_s]), most[1], "m/s"),
+        ("max_force_n", np.array([rig.max_force_n]), most[2], "N"),
+    )
+    fix = "Correct it; if the stage really bears that, allow it with --beyond-limits."
+    problems = [
+        Problem(f"stage {rig.name}, {name}", f"above 0 {unit}, at most {bound:g} {unit}", f"{values}", fix)
+        for name, values, bound, unit in rows
+        if not ((values > 0) & np.isfinite(values) & (values <= bound)).all()
+    ]
+    if problems:
+        raise InputError(problems)
 
-    def stop(self) -> None:
-        """Stops the stage; may be called at any time and from any thread.
 
-        Raises:
-            HandError: the driver's ``stop`` raised, or did not return.
-        """
-        trouble = self._halt()
-        if trouble:
-            raise HandError(f"{self._driver.name}: {trouble}", "driver", stopped=False)
+class StageStateCheck:
+    """Checks states, one after the other.
 
-    def _call(self, what: str, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        if self._failed is not None:
-            raise self._failed
-        if self._worker is None:
-            raise HandError(f"{self._driver.name}: {what}() of a stage that is not connected", "order")
-        try:
-            return self._worker.call(work, *arguments, timeout_s=timeout_s)
-        except CallTimeoutError:
-            self._fail("timeout", f"{what}() did not return within {timeout_s:g} s")
-        except (Exception, SystemExit) as error:
-            kind, text = described(what, error)
-            self._fail(kind, text, error)
-        except BaseException:
-            self._halt()
-            raise
+    Args:
+        driver: the stage, connected.
+        options: limits and times.
+    """
 
-    def _fail(self, kind: HandErrorKind, text: str, cause: BaseException | None = None) -> NoReturn:
-        trouble = self._halt()
-        end = trouble or "The stage was stopped."
-        self._failed = HandError(f"{self._driver.name}: {text}. {end}", kind, stopped=not trouble)
-        raise self._failed from cause
+    def __init__(self, driver: StageDriver, options: GuardOptions) -> None:
+        self._rig = driver.description
+        self._limit_n = options.max_force_n or self._rig.max_force_n
+        self._clock = ClockCheck(options, real_time=driver.real_time, period_s=driver.period_s)
+        self._last_s = -math.inf
 
-    def _halt(self) -> str:
-        """Calls the driver's ``stop``, a second time if it raises; what went wrong with it, or nothing."""
-        trouble = ""
-        for _ in range(2):
-            try:
-                call_and_leave(self._driver.stop, self._options.stop_timeout_s, f"stop {self._driver.name}")
-                return ""
-            except CallTimeoutError:
-                return (
-                    f"stop() did not return within {self._options.stop_timeout_s:g} s! Cut the stage's power."
-                )
-            except (Exception, SystemExit) as error:
-                trouble = f"stop() failed! {type(error).__name__}: {error}. Cut the stage's power."
-        return trouble
+    def __call__(self, state: StageState, now_s: float, waited_s: float = 0.0) -> Violation | None:
+        """What is wrong with a state; None: nothing. Arguments as those of the check of a hand's."""
+        return (
+            self._form(state)
+            or self._goes_on(state)
+            or self._clock(float(state.time_s), now_s, waited_s)
+            or self._taxels(state)
+            or self._limits(state)
+        )
 
-    def _close(self) -> None:
-        if self._worker is None:
-            return
-        hung = self._failed is not None and self._failed.kind == "timeout"
-        timeout_s = self._options.stop_timeout_s if hung else self._options.connect_timeout_s
-        try:
-            self._worker.call(self._driver.close, timeout_s=timeout_s)
-        except (CallTimeoutError, Exception, SystemExit):
-            # What ended the session has been told; the stage is stopped.
-            return
-        finally:
-            self._worker.end()
+    def _form(self, state: object) -> Violation | None:
+        if not isinstance(state, StageState):
+            return Violation("state", f"expected a StageState; got {shown(state)}")
+        sensor = self._rig.meta.sensor
+        for name, shape in (("position_m", (3,)), ("taxels", (sensor.rows * sensor.cols,))):
+            value = getattr(state, name)
+            if type(value) is not np.ndarray or value.shape != shape or value.dtype.kind not in "fiu":
+                text = f"state, {name}: expected an array of numbers of shape {shape}; got {shown(value)}"
+                return Violation("taxels" if name == "taxels" else "state", text)
+        for name in ("time_s", "force_n"):
+            value = getattr(state, name)
+            if not isinstance(value, float | int | np.number) or isinstance(value, bool):
+                return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
+        if not np.isfinite([*state.position_m, state.force_n, state.time_s]).all():
+            return Violation("state", f"expected a finite time, place and force; got {state}")
+        return None
+
+    def _goes_on(self, state: StageState) -> Violation | None:
+        last_s, self._last_s = self._last_s, float(state.time_s)
+        if self._last_s > last_s:
+            return None
+        return Violation("clock", f"expected a time after {last_s:.6g} s; got {self._last_s:.6g} s")
+
+    def _taxels(self, state: StageState) -> Violation | None:
+        sensor, values = self._rig.meta.sensor, state.taxels[~np.isnan(state.taxels)]
+        low = -math.inf if sensor.value_min is None else sensor.value_min
+        high = math.inf if sensor.value_max is None else sensor.value_max
+        good = (values >= low) & (values <= high) & np.isfinite(values)
+        if sensor.integer:
+            good &= values == np.rint(values)
+        if good.all():
+            return None
+        whole = "whole numbers " if sensor.integer else ""
+        text = f"a taxel is {values[~good][0]:.6g}; the converter gives {whole}from {low:g} to {high:g}"
+        return Violation("taxels", text)
+
+    def _limits(self, state: StageState) -> Violation | None:
+        force_n, place = float(state.force_n), state.position_m
+        if abs(force_n) > self._limit_n:
+            text = f"the force is {force_n:.3g} N, above the limit of {self._limit_n:.3g} N"
+            return Violation("force", text, value=force_n, limit=self._limit_n)
+        if (place < self._rig.lower_m - BEYOND_M).any() or (place > self._rig.upper_m + BEYOND_M).any():
+            return Violation("joint_limit", f"the tip is at {_shown(place)}, outside its travel")
+        return None
+
+
+class StageCommandCheck:
+    """Checks commands, one after the other: travel, and how far they step in the time passed (:class:`Elapsed`).
+
+    Before the first command the tip holds to where it is.
+
+    Args:
+        driver: the stage, connected.
+    """
+
+    def __init__(self, driver: StageDriver) -> None:
+        self._rig = driver.description
+        self._elapsed = Elapsed(real_time=driver.real_time, period_s=driver.period_s)
+        self._base: FloatArray | None = None
+        self._sent = False
+
+    def observed(self, state: StageState, now_s: float) -> None:
+        """Takes a state that is sound, which came at ``now_s`` on our clock [s]."""
+        self._elapsed.observed(float(state.time_s), now_s)
+        if not self._sent:
+            self._base = np.array(state.position_m, dtype=np.float64)
+
+    def sent(self, position_m: FloatArray, now_s: float) -> None:
+        """Takes a command that the driver has been sent; ``now_s`` is our clock after that [s]."""
+        self._base, self._sent = np.array(position_m, dtype=np.float64), True
+        self._elapsed.sent(now_s)
+
+    def __call__(self, position_m: FloatArray, now_s: float) -> Violation | None:
+        """What is wrong with a command that is to be sent now; None: nothing."""
+        base = self._before()
+        if (
+            not isinstance(position_m, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
+            or position_m.shape != (3,)
+            or position_m.dtype != np.float64
+            or not np.isfinite(position_m).all()
+        ):
+            return Violation("command", f"expected a place (3,) of finite numbers; got {shown(position_m)}")
+        rig = self._rig
+        if (position_m < rig.lower_m - ROUNDING_M).any() or (position_m > rig.upper_m + ROUNDING_M).any():
+            return Violation("command", f"{_shown(position_m)} lies outside the travel")
+        step_m, longest_m = float(np.linalg.norm(position_m - base)), self._longest_m(now_s)
+        if step_m <= longest_m + ROUNDING_M:
+            return None
+        text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"
+        return Violation("command", text, value=step_m, limit=longest_m)
+
+    def nearest(self, position_m: FloatArray, now_s: float) -> FloatArray:
+        """The place (3,) [m] that is nearest to this one of those allowed now."""
+        base, rig = self._before(), self._rig
+        inside = np.clip(position_m, rig.lower_m, rig.upper_m)
+        step_m, longest_m = float(np.linalg.norm(inside - base)), self._longest_m(now_s)
+        return inside if step_m <= longest_m else base + (inside - base) * (longest_m / step_m)
+
+    def _before(self) -> FloatArray:
+        if self._base is None:
+            raise HandError("observe a state before the first command", "order")
+        return self._base
+
+    def _longest_m(self, now_s: float) -> float:
+        return self._rig.max_speed_m_per_s * self._elapsed.passed_s(now_s)
 
 
 def _shown(place: FloatArray) -> str:

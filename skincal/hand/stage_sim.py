@@ -1,4 +1,4 @@
-"""A simulated stage: a sphere on a load cell above a flat pad, as an example of a driver and to try the work with."""
+"""A simulated stage: a sphere on a load cell above a flat pad; an example of a driver, for trials without a rig."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from skincal.model import (
 )
 from skincal.units import deg, rad
 
+TRUTH_FORMAT = "skincal-stage-truth/1"
 PERIOD_S = 0.01
 LAG_S = 0.015
-"""The tip follows its commands with this time constant [s]."""
+"""Time constant with which the tip follows its commands [s]."""
 
 NOISE_COUNTS, NOISE_N, NOISE_M = 0.8, 0.004, 3e-6
 RADIUS_M = 0.004
@@ -42,19 +43,20 @@ META = DatasetMeta(
 
 
 class StageSim(StageDriver):
-    """See the module. The same seed and commands give the same states.
+    """The simulated stage. The same seed and commands give the same states.
 
     Args:
-        seed: draws where the pad lies on the bench, its elasticity and scale, and all noise.
-        truth_path: file for what was drawn (JSON), written when the stage is connected.
+        seed: seed of the pad's position on the bench, its elasticity and scale, and all noise.
+        truth_path: file for the drawn values (JSON), written when the stage is connected.
     """
 
     name = "stage-sim"
+    real_time = False
 
     def __init__(
         self,
         *,
-        seed: Annotated[int, "draws the hidden truth and all noise"] = 0,
+        seed: Annotated[int, "seed of the hidden truth and of all noise"] = 0,
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
     ) -> None:
         rng = np.random.default_rng([seed, 0])
@@ -78,11 +80,11 @@ class StageSim(StageDriver):
         return PERIOD_S
 
     def connect(self) -> None:
-        """The tip stands above the pad, at time 0."""
+        """Connect: place the tip above the pad, at time 0."""
         layout = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
         parameters = SkinParameters(self.elasticity_pa_per_m, self.scale_per_n)
         self._skin = Skin(Patch.build(Plane(), layout, self.pose), parameters, Converter.none())
-        # Force by depth, from the skin itself: in its middle, as far as a press goes.
+        # Force by depth, from the skin itself: in its middle, up to the depth of a press.
         forces = np.geomspace(1e-3, 40.0, 60)
         middle = np.tile([self.pose.x_m, self.pose.y_m, 0.0], (len(forces), 1))
         up = np.tile([0.0, 0.0, 1.0], (len(forces), 1))
@@ -92,11 +94,12 @@ class StageSim(StageDriver):
         self._time_s, self._tip = 0.0, np.array([0.0, 0.0, 0.01])
         self._wanted, self._halted = self._tip.copy(), False
         if self._truth_path is not None:
-            with whole_file(self._truth_path, force=True) as file:
-                file.write_text(json.dumps(self.truth(), indent=2) + "\n", encoding="utf-8")
+            with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
+                truth = {"format": TRUTH_FORMAT, **self.truth()}
+                file.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
 
     def truth(self) -> dict[str, float]:
-        """What is hidden from the fit."""
+        """Return what is hidden from the fit."""
         return {
             "x_m": self.pose.x_m,
             "y_m": self.pose.y_m,
@@ -106,7 +109,7 @@ class StageSim(StageDriver):
         }
 
     def observe(self) -> StageState:
-        """Moves the stage on by one period and says what its sensors say."""
+        """Advance the stage by one period and return its state."""
         if self._skin is None:
             raise HandError("stage-sim: connect first", "order")
         if not self._halted:
@@ -126,14 +129,14 @@ class StageSim(StageDriver):
         )
 
     def act(self, position_m: FloatArray) -> None:
-        """Goes to another place from now on."""
+        """Set the target position."""
         if not self._halted:
             self._wanted = np.array(position_m, dtype=np.float64)
 
     def stop(self) -> None:
-        """Stays where it is."""
+        """Hold the present position."""
         self._halted = True
 
     def close(self) -> None:
-        """Ends the session."""
+        """End the session."""
         self._skin = None

@@ -1,4 +1,4 @@
-"""A driver on trial: calls that may hang can be left, and what a check finds."""
+"""A driver under test: its calls may hang and be abandoned, and checks report their findings."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from skincal.hand.contract import ContractOptions
 
 CONNECT_S = 30.0
-"""Connecting and closing may take so long [s]."""
+"""Longest time for connecting and closing [s]."""
 
 
 class FailedCheckError(Exception):
-    """A check failed; the text says what came."""
+    """A failed check; the text says what was found."""
 
 
 class SkippedCheckError(Exception):
-    """A check does not apply; the text says why."""
+    """A check that does not apply; the text says why."""
 
 
 class Trial:
-    """A driver on trial: calls that may hang can be left, and every state and command is checked as the guard does.
+    """A driver under test: calls that hang are abandoned, and every state and command is checked as by the guard.
 
     Args:
         driver: a fresh driver.
-        options: how it is tried.
-        make: makes another one.
+        options: options of the checks.
+        make: creates another driver.
     """
 
     def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
@@ -46,7 +46,7 @@ class Trial:
         self._check_command: CommandCheck | None = None
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
-        """Makes a call in the trial's thread."""
+        """Make a call in the thread of the trial."""
         try:
             return self._worker.call(work, *arguments, timeout_s=timeout_s or self.options.call_s)
         except CallTimeoutError:
@@ -54,14 +54,14 @@ class Trial:
             raise
 
     def connect(self) -> None:
-        """Connects the driver."""
+        """Connect the driver."""
         self.call(self.driver.connect, timeout_s=CONNECT_S)
         force = self.options.contact_force(self.driver.description)
         self._check_state = StateCheck(self.driver, self.options.guard, force)
         self._check_command = CommandCheck(self.driver)
 
     def observe(self) -> HandState:
-        """The next state, if it is sound; else the hand is stopped."""
+        """Return the next state if it is sound; else stop the hand."""
         start = time.monotonic()
         state = self.call(self.driver.observe)
         now = time.monotonic()
@@ -71,7 +71,7 @@ class Trial:
         return state
 
     def act(self, command: HandCommand) -> None:
-        """Sends a command, if it is allowed; else the hand is stopped."""
+        """Send a command if it is allowed; else stop the hand."""
         if self._check_command is not None:
             self._refuse(self._check_command(command, time.monotonic()))
             self._check_command.sent(command, time.monotonic())
@@ -82,11 +82,11 @@ class Trial:
             raise FailedCheckError(f"{violation.text}. {self.halt() or STOPPED}")
 
     def states(self, count: int) -> list[HandState]:
-        """That many states in a row."""
+        """Return a number of consecutive states."""
         return [self.observe() for _ in range(count)]
 
     def stop(self) -> float:
-        """Stops the hand from another thread; returns how long that took [s]."""
+        """Stop the hand from another thread; return the duration [s]."""
         start = time.monotonic()
         try:
             call_and_leave(self.driver.stop, self.options.stop_s, "trial stop")
@@ -95,20 +95,20 @@ class Trial:
         return time.monotonic() - start
 
     def halt(self) -> str:
-        """Stops the hand. Returns what went wrong with that; empty: it was stopped."""
+        """Stop the hand; return the failure to do so, or ''."""
         return halt(self.driver.stop, self.options.stop_s, self.driver.name)
 
     def end(self, close_s: float = CONNECT_S) -> str:
-        """Stops the hand and gives it back, whatever state it is in. Returns what went wrong with stopping it."""
+        """Stop the hand and release it, in whatever state it is; return the failure to stop, or ''."""
         trouble = self.halt()
         with suppress(Exception):
-            # Behind a call that hangs there is no closing, and nothing to wait for.
+            # A driver with a hanging call cannot be closed; do not wait.
             self.call(self.driver.close, timeout_s=min(close_s, self._close_s))
         self._worker.end()
         return trouble
 
 
 def expect(good: bool, got: str) -> None:
-    """Fails the check, saying what came, where it is not as it should be."""
+    """Fail the check with what was found, if a condition does not hold."""
     if not good:
         raise FailedCheckError(got)

@@ -1,4 +1,4 @@
-"""Calls that may hang: a thread that makes them, so that whoever waits can leave."""
+"""A worker thread for calls that may hang, so that the caller can abandon them."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from threading import Thread
 from typing import Any
 
 SLICE_S = 0.02
-"""A Ctrl-C that comes just before a wait begins does not end it; waits of this length do [s]."""
+"""Length of a single wait [s]: a Ctrl-C just before a wait does not end it, but the next one can."""
 
 
 class CallTimeoutError(Exception):
-    """A call did not come back in time; it may still be going on."""
+    """A call that did not return in time; it may still be running."""
 
 
 class CallExitError(Exception):
-    """A call raised what is to end the process (``SystemExit``, ``KeyboardInterrupt``), which is its cause.
+    """A call that raised an exception to end the process (``SystemExit``, ``KeyboardInterrupt``), which is its cause.
 
-    So that a driver that raises it is told from a person who presses Ctrl-C.
+    This distinguishes a driver that raises it from a user who presses Ctrl-C.
     """
 
 
 class Worker:
-    """One daemon thread that makes all calls to a driver, in order.
+    """A daemon thread that makes all calls to a driver, in order.
 
-    A call that hangs is left behind: the thread waits in it, and dies with the process.
+    A call that hangs is abandoned: the thread waits in it, and ends with the process.
 
     Args:
         name: name of the thread.
-        idle_s: after so long without a call ``on_idle`` is called, in the thread, once [s]; None: never.
-        on_idle: what to do then.
+        idle_s: time without a call after which ``on_idle`` is called once in the thread [s]; None: never.
+        on_idle: callback for that case.
     """
 
     def __init__(
@@ -46,11 +46,11 @@ class Worker:
         self._thread.start()
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Makes a call, and waits for it.
+        """Make a call, and wait for it.
 
         Raises:
-            CallTimeoutError: it did not return within ``timeout_s``.
-            CallExitError: the call raised what is no ``Exception``.
+            CallTimeoutError: the call did not return within ``timeout_s``.
+            CallExitError: the call raised anything but an ``Exception``.
             Exception: what the call raised.
         """
         self._ticket += 1
@@ -67,12 +67,12 @@ class Worker:
                 continue
             if done == ticket:
                 break
-            # The answer of an earlier call, which was left.
+            # The answer to an earlier call, which was abandoned.
         _raise(error)
         return value
 
     def end(self, wait_s: float = 0.0) -> None:
-        """Lets the thread end after the calls that it has; waits for that at most ``wait_s``."""
+        """Let the thread end after its pending calls; wait for that at most ``wait_s``."""
         self._jobs.put(None)
         if wait_s > 0.0:
             self._thread.join(wait_s)
@@ -97,11 +97,11 @@ class Worker:
 
 
 def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None:
-    """Makes one call in a thread of its own, and leaves it if it does not return in time.
+    """Make one call in a separate thread, and abandon it if it does not return in time.
 
     Raises:
-        CallTimeoutError: it did not return within ``timeout_s``.
-        CallExitError: the call raised what is no ``Exception``.
+        CallTimeoutError: the call did not return within ``timeout_s``.
+        CallExitError: the call raised anything but an ``Exception``.
         Exception: what the call raised.
     """
     done: SimpleQueue[BaseException | None] = SimpleQueue()
@@ -116,7 +116,7 @@ def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None
     try:
         Thread(target=run, name=name, daemon=True).start()
     except RuntimeError:
-        # The interpreter is shutting down, or there are no threads left: better a call that may hang than none.
+        # The interpreter is shutting down, or there are no threads left: a call that may hang is better than none.
         run()
     try:
         error = done.get(timeout=timeout_s)

@@ -1,4 +1,4 @@
-"""Recordings of others, CSV files and ROS bags, turned into datasets by a mapping file."""
+"""Importers: recordings in CSV files and ROS bags become datasets by a mapping file."""
 
 from skincal.imports.assembly import Imported
 from skincal.imports.recording import Dropped, ReadFile

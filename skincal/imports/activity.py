@@ -1,4 +1,4 @@
-"""Contacts told by the taxels, for recordings without a force: weights laid on by hand, say. Pure numerics."""
+"""Contacts detected from the taxels, for recordings without a force (weights placed by hand). Pure numerics."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from skincal.imports.recording import FloatArray
 from skincal.imports.series import Cut, Series
 
 ON_SIGMAS, OFF_SIGMAS = 8.0, 4.0
-"""A contact lifts the sum of the taxels by so many standard deviations of its noise at rest, and ends below so many."""
+"""Thresholds of the sum of the taxels, in standard deviations of its noise at rest, for start and end of a contact."""
 
 LEAST_PART: Final = 0.1
-"""And by this part of what the strongest contacts do (a tolerance for creep and crosstalk of rests)."""
+"""And as a part of the strongest contacts (a tolerance for creep and crosstalk of rests)."""
 
 
 def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
-    """The contacts of a series, by how far the taxels are from their level at rest.
+    """Return the contacts of a series, by the distance of the taxels from their level at rest.
 
     Args:
-        series: the time series; its force is not looked at.
+        series: the time series; its force is not used.
         images: the taxels, shape (M, J).
-        rules: of the hold; ``on_n`` and ``off_n`` do not count.
+        rules: rules of the hold; ``on_n`` and ``off_n`` are not used.
     """
     activity = taxel_activity(images)
     low = activity <= np.quantile(activity, 0.95) / 2
@@ -38,13 +38,13 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
 
 
 def taxel_activity(images: FloatArray) -> FloatArray:
-    """Sum over the taxels of how far each is above its lowest tenth, its level at rest, shape (M,)."""
+    """Return the sum over the taxels of their distance above rest, the lowest tenth of their values, shape (M,)."""
     rest = np.nanquantile(images, 0.1, axis=0)
     return np.nansum(np.maximum(images - rest, 0.0), axis=1)
 
 
 def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
-    """A force that was not measured, where there is contact, and 0 elsewhere; a measured one as it is [N], (M,)."""
+    """Return the force [N] (M,); one that was not measured is kept during contact and set to 0 elsewhere."""
     quantity = mapping.quantity("force_n")
     if quantity is None or quantity.constant is None:
         return force_n

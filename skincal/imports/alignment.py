@@ -1,8 +1,8 @@
-"""The offset of two clocks from what both devices saw: the lag at which force and taxels go together. Pure numerics.
+"""The offset of two clocks, estimated by correlation of the force with the taxels. Pure numerics.
 
-The masked normalised cross-correlation of the force with the activity of the taxels gives the lag to a step of a
-common grid; then it is refined on the line between samples, and found again in parts of the recording. How these
-scatter is the uncertainty; where they follow a line, the clocks run at different rates, and that line is taken.
+The masked normalised cross-correlation of the force with the activity of the taxels gives the lag to one step of a
+common grid. The lag is then refined by interpolation, and estimated again in parts of the recording. The scatter of
+these is the uncertainty. If they follow a line, the clocks run at different rates, and the line is used.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from skincal.imports.clock import usual_step
 from skincal.imports.recording import FloatArray
 
 LEAST_OVERLAP: Final = 0.5
-"""Lags are looked for at which this part of the shorter recording lies within the other."""
+"""Smallest overlap of the recordings, as a part of the shorter one, at which lags are searched."""
 
 LEAST_CORRELATION: Final = 0.6
-"""Below this the two recordings do not show the same contacts (set by eye; random traces reach 0.3)."""
+"""Correlation below which the recordings do not show the same contacts (set by eye; random traces reach 0.3)."""
 
 ALIKE: Final = 1.2
-"""Another lag explains the data as well where its residual variance is no larger than this times the best one's."""
+"""Another lag is equally good if its residual variance is at most this times that of the best one."""
 
 PARTS: Final = 12
 SIGMAS: Final = 4.0
@@ -34,26 +34,26 @@ MOST_SAMPLES: Final = 1 << 20
 
 
 class NoOffsetError(ValueError):
-    """The recordings do not tell the offset of their clocks; the text says why."""
+    """The recordings do not determine the offset of their clocks; the text says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedClock:
-    """How the clock of one file was put on that of the taxels: ``t + offset_s + rate (t - middle_s)``.
+    """Alignment of a file's clock with that of the taxels: ``t + offset_s + rate (t - middle_s)``.
 
     Attributes:
-        name: of the file's table in the mapping.
-        offset_s: what was added to its times [s].
-        sigma_s: standard deviation of that [s]; NaN where it was given.
-        rate: how much faster the clock of the taxels runs, as a share of one; 0 where that cannot be told.
-        middle_s: about which the rate turns [s].
+        name: name of the file's table in the mapping.
+        offset_s: time added to the file's times [s].
+        sigma_s: standard deviation of the offset [s]; NaN if it was given.
+        rate: relative rate by which the clock of the taxels runs faster; 0 if unknown.
+        middle_s: time at which the rate has no influence [s].
         estimated: whether the offset was found by correlation.
-        by: the column that was compared with the taxels.
-        correlation: of the two at that offset.
-        lags_s: lags round the best [s], shape (n,); empty where nothing was compared.
+        by: the column that was correlated with the taxels.
+        correlation: correlation at the offset.
+        lags_s: lags around the best [s], shape (n,); empty without an estimate.
         correlations: at these lags, shape (n,).
         time_s: times of the two traces below, on the clock of the taxels [s], shape (m,).
-        traces: activity of the taxels, and the column, as shares of their ranges, shape (2, m).
+        traces: activity of the taxels, and the column, each relative to its range, shape (2, m).
     """
 
     name: str
@@ -70,14 +70,14 @@ class JoinedClock:
     traces: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
 
     def onto(self, time_s: FloatArray) -> FloatArray:
-        """Times of the file on the clock of the taxels."""
+        """Return times of the file on the clock of the taxels."""
         return time_s + self.offset_s + self.rate * (time_s - self.middle_s)
 
 
 def activities(images: FloatArray) -> list[FloatArray]:
-    """Signals that follow the force on a skin, each of shape (M,): the sum of the taxels, and their distance from rest.
+    """Return signals that follow the force, each (M,): the sum of the taxels, and their distance from rest.
 
-    The second serves sensors whose channels differ in sign.
+    The second serves sensors with channels of different signs.
     """
     rest = np.nanmedian(images, axis=0)
     apart = np.nan_to_num(images - rest)
@@ -92,20 +92,20 @@ def estimate_offset(
     columns: Mapping[str, FloatArray],
     within_s: float = np.inf,
 ) -> JoinedClock:
-    """The offset of a file's clock.
+    """Return the estimated alignment of a file's clock.
 
     Args:
-        name: of the file.
+        name: name of the file.
         taxels_s: times of the taxels, ascending [s], shape (M,).
         images: their readings, shape (M, J).
         file_s: times of the file, ascending [s], shape (n,).
-        columns: what the file says, force or positions, each (n,); the one that goes best with the taxels is taken.
-        within_s: only offsets up to this are looked at [s]; presses that recur evenly need such a bound.
+        columns: force or positions of the file, each (n,); the column with the best correlation is used.
+        within_s: largest offset that is searched [s]; evenly spaced presses need such a bound.
 
     Raises:
-        NoOffsetError: nothing goes with the taxels, or several offsets do alike.
+        NoOffsetError: no column correlates with the taxels, or several offsets are equally good.
     """
-    # Seconds since 1970 would take the last digits from the search.
+    # Subtract the start: seconds since 1970 would cost the search the last digits.
     zeros = float(taxels_s[0]), float(file_s[0])
     apart = zeros[0] - zeros[1]
     taxels_s, file_s = taxels_s - zeros[0], file_s - zeros[1]
@@ -126,7 +126,7 @@ def estimate_offset(
                 best = peak, lags, found, activity, values, column
     if best is None or best[0] < LEAST_CORRELATION:
         reached = "nothing in it changes" if best is None else f"a correlation of {best[0]:.2f} at most"
-        raise NoOffsetError(f"no lag at which {', '.join(columns)} goes with the taxels ({reached})")
+        raise NoOffsetError(f"no lag at which {', '.join(columns)} correlates with the taxels ({reached})")
     peak, lags, found, activity, values, column = best
     at = int(np.nanargmax(np.abs(found)))
     _check_unique(lags + apart, np.abs(found), at)
@@ -155,7 +155,7 @@ def _share(values: Any) -> FloatArray:
 def _correlations(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Offsets of the clock of ``b``, and the correlations of its overlap with ``a`` there; NaN where that is short."""
+    """Return offsets of the clock of ``b``, and the correlations of its overlap with ``a``; NaN for a short overlap."""
     x = np.interp(np.arange(a_s[0], a_s[-1] + step / 2, step), a_s, a)
     y = np.interp(np.arange(b_s[0], b_s[-1] + step / 2, step), b_s, b)
     x, y = (x - x.mean()) / (x.std() or 1.0), (y - y.mean()) / (y.std() or 1.0)
@@ -180,7 +180,7 @@ def _correlations(
 
 
 def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
-    """Raises where a lag beyond the foot of the peak does nearly as well."""
+    """Raise if a lag outside the peak is nearly as good."""
     filled = np.nan_to_num(found)
     left, right = at, at
     half = filled[at] / 2
@@ -193,15 +193,15 @@ def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
     second = int(others.argmax())
     if 1 - others[second] ** 2 < ALIKE * (1 - filled[at] ** 2) + 1e-9:
         raise NoOffsetError(
-            f"two offsets fit alike, {lags[at]:.4g} s and {lags[second]:.4g} s (correlations {filled[at]:.3f} and "
-            f"{others[second]:.3f}): the presses are too much alike; within_s narrows the search"
+            f"offsets of {lags[at]:.4g} s and {lags[second]:.4g} s are equally good (correlations {filled[at]:.3f} and "
+            f"{others[second]:.3f}): the presses are too similar; within_s narrows the search"
         )
 
 
 def _refined(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, start: float, reach: float
 ) -> tuple[float, float]:
-    """The offset within ``reach`` of a first one at which the correlation is largest, and that correlation."""
+    """Return the offset within ``reach`` of a start with the largest correlation, and that correlation."""
 
     def lost(offset: float) -> float:
         inside = (a_s >= b_s[0] + offset) & (a_s <= b_s[-1] + offset)
@@ -218,7 +218,7 @@ def _refined(
 def _parts(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, offset: float, step: float
 ) -> tuple[float, float, float, float]:
-    """Standard deviation of the offset, the rate, its middle and the offset there, from parts of the recording."""
+    """Return the offset's standard deviation, the rate, its middle and the offset there, by parts of the recording."""
     start, stop = max(a_s[0], b_s[0] + offset), min(a_s[-1], b_s[-1] + offset)
     edges = np.linspace(float(start), float(stop), PARTS + 1).tolist()
     reach = max(6 * step, 3 * usual_step(b_s), 0.5)
@@ -227,7 +227,7 @@ def _parts(
     found: list[float] = []
     for low, high in pairwise(edges):
         inside = (a_s >= low) & (a_s < high)
-        # A part in which hardly anything happens says nothing.
+        # A part in which hardly anything happens is not informative.
         if inside.sum() < 8 or float(np.var(a[inside])) < 0.1 * total:
             continue
         part, correlation = _refined(a_s[inside], a[inside], b_s, b, offset, reach)

@@ -1,7 +1,7 @@
-"""Binary files of arrays: MATLAB, NumPy, HDF5 and Parquet, as named columns.
+"""Binary files of arrays (MATLAB, NumPy, HDF5, Parquet) as named columns.
 
-An array of one dimension is a column of its name. One of two dimensions gives the columns ``name[0]``, ``name[1]``, …,
-one of three ``name[0,0]``, …; the samples run down the first. Structures and groups are named with dots and slashes.
+A one-dimensional array is a column with its name. A two-dimensional one gives the columns ``name[0]``, ``name[1]``, …,
+a three-dimensional one ``name[0,0]``, …; samples run along the first axis. Dots and slashes join nested names.
 """
 
 from __future__ import annotations
@@ -13,75 +13,75 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.bounded import read_arrays
+from skincal.bounded import read_array, read_arrays
 from skincal.errors import WorkError
 from skincal.files import open_input
 from skincal.imports.columns_of import Columns
 
 
 def read_numpy(path: Path) -> Columns:
-    """The columns of a ``.npz`` or ``.npy`` file; the array of the latter is called ``data``.
+    """Return the columns of a ``.npz`` or ``.npy`` file; the array of the latter is called ``data``.
 
     Raises:
-        ValueError: it is damaged, or holds objects, which would run code.
+        ValueError: the file is damaged, or holds objects, which would run code.
     """
     with open_input(path) as file:
         zipped = file.read(2) == b"PK"
-        if zipped:
-            return _columns(read_arrays(path))
-        file.seek(0)
-        try:
-            arrays = {"data": np.load(file, allow_pickle=False)}
-        except MemoryError as error:
-            raise ValueError("an array larger than the file") from error
-    return _columns(arrays)
+    return _columns(read_arrays(path) if zipped else {"data": read_array(path)})
 
 
 def read_matlab(path: Path) -> Columns:
-    """The columns of a MATLAB file up to version 7.
+    """Return the columns of a MATLAB file up to version 7.
 
     Raises:
-        ValueError: it is damaged.
+        ValueError: the file is damaged.
     """
     from scipy.io import loadmat
 
     try:
         loaded = loadmat(path, simplify_cells=True)
+    except MemoryError:
+        raise
     except Exception as error:  # the library raises whatever its parsers raise
         raise ValueError(str(error)) from error
     return _columns({name: value for name, value in loaded.items() if not name.startswith("__")})
 
 
 def read_hdf5(path: Path) -> Columns:
-    """The columns of an HDF5 file, MATLAB 7.3 among them, whose arrays stand the other way.
+    """Return the columns of an HDF5 file, or of a MATLAB 7.3 file, whose arrays are transposed.
 
     Raises:
-        OSError: it is damaged.
+        ValueError: it is damaged.
         WorkError: the library h5py is not installed.
     """
     try:
         import h5py as library  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
     except ImportError as error:
         raise WorkError(
-            f"{path.name} is an HDF5 file, which is read by the library h5py: pip install skincal[hdf5]"
+            f"{path.name} is an HDF5 file; reading it needs the library h5py: pip install skincal[hdf5]"
         ) from error
     h5py: Any = library
     arrays: dict[str, Any] = {}
-    with h5py.File(path, "r") as file:
 
-        def take(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-                arrays[name] = item[()].T if "MATLAB_class" in item.attrs else item[()]
+    def take(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            arrays[name] = item[()].T if "MATLAB_class" in item.attrs else item[()]
 
-        file.visititems(take)
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(take)
+    except MemoryError:
+        raise
+    except Exception as error:  # the library raises whatever its parsers raise
+        raise ValueError(str(error)) from error
     return _columns(arrays)
 
 
 def read_parquet(path: Path) -> Columns:
-    """The columns of a Parquet file.
+    """Return the columns of a Parquet file.
 
     Raises:
-        ValueError: it is damaged.
+        ValueError: the file is damaged.
     """
     import pandas as pd
 
@@ -90,7 +90,7 @@ def read_parquet(path: Path) -> Columns:
 
 def _columns(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     flat = dict(_arrays(arrays, ""))
-    # Samples run along the axis that is as long as the columns of one dimension.
+    # Samples run along the axis that is as long as the one-dimensional columns.
     lengths = {
         array.size for array in flat.values() if array.ndim == 1 or (1 in array.shape[:2] and array.ndim == 2)
     }

@@ -1,4 +1,4 @@
-"""The last step of every import: one dataset, checked as any dataset is, that appears whole or not at all."""
+"""The last step of every import: a checked dataset that appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from skincal.imports.session import Session, session_of
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import has read, written and left out.
+    """Result of an import: what was read, written and left out.
 
     Attributes:
         folder: the dataset.
         presses: number of presses.
         frames: number of frames; 0 where there are none.
-        read: files and their rows, or messages.
-        dropped: what was left out, and why.
-        assumed: what was not measured but assumed.
-        warnings: what a person should know of the dataset.
-        notes: what was mended in the recording: clocks that wrap, stamps that are missing.
-        clocks: how the clocks of other files were put on that of the taxels.
+        read: files, with their rows or messages.
+        dropped: samples that were left out, with reasons.
+        assumed: quantities that were assumed, not measured.
+        warnings: warnings about the dataset.
+        notes: repairs of the recording: clocks that wrap, stamps that are missing.
+        clocks: alignment of the clocks of other files with that of the taxels.
     """
 
     folder: Path
@@ -55,17 +55,17 @@ class Imported:
 def assemble(
     recording: Recording, mapping: Mapping, out: Path, findings: Findings, *, force: bool
 ) -> Imported:
-    """Writes the dataset of a recording.
+    """Write the dataset of a recording.
 
     Args:
-        recording: as a reader returns it.
-        mapping: what becomes of it.
-        out: the folder to make.
-        findings: what has been found so far; errors are raised before anything is written.
-        force: whether an existing dataset there is replaced.
+        recording: the recording of a reader.
+        mapping: the mapping.
+        out: folder to create.
+        findings: problems so far; errors are raised before anything is written.
+        force: whether to replace an existing dataset.
 
     Raises:
-        InputError: the recording cannot be cut into presses, or what comes out is no valid dataset.
+        InputError: the recording cannot be cut into presses, or the result is not a valid dataset.
         OSError: the disk is full, or not writable.
     """
     findings.raise_errors()
@@ -104,7 +104,7 @@ def _dataset(session: Session, mapping: Mapping) -> Dataset:
 
 
 def _clock(session: Session, mapping: Mapping) -> ClockSpec | None:
-    """How well the clocks agree: what the mapping says, and what an estimated offset adds to that."""
+    """Return the agreement of the clocks: the mapping's sigma, combined with those of estimated offsets."""
     given = mapping.meta.clock
     found = [clock.sigma_s for clock in session.clocks if clock.estimated]
     if not found:
@@ -114,7 +114,7 @@ def _clock(session: Session, mapping: Mapping) -> ClockSpec | None:
 
 
 def assumed(mapping: Mapping) -> tuple[str, ...]:
-    """What the mapping says is assumed, and what it gives as a constant or moves onto the surface."""
+    """Return assumed quantities: those that the mapping lists, its constants, and positions moved onto the surface."""
     constant = [
         q.target for q in mapping.quantities if q.constant is not None and not isinstance(q.constant, str)
     ]
@@ -129,9 +129,9 @@ def assumed(mapping: Mapping) -> tuple[str, ...]:
 
 
 def _traced(problem: Problem, folder: Path, mapping: Mapping) -> Problem:
-    """A problem of the dataset with the place in the mapping that its column comes from.
+    """Return a problem of the dataset with the place in the mapping that its column comes from.
 
-    Where the dataset lay while it was checked is left out: it is not there any more.
+    The temporary folder is left out: it no longer exists.
     """
     problem = replace(problem, place=problem.place.removeprefix(f"{folder}/"))
     if problem.place.startswith(f"{FILE},"):
@@ -153,10 +153,10 @@ def _origin(quantity: Quantity) -> str:
 
 
 def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], what: str) -> list[Path]:
-    """The files to read: those of the command line, else those that the mapping lists.
+    """Return the files to read: those of the command line, else those in the mapping.
 
     Raises:
-        InputError: there are none at all, one does not exist, or the mapping lists one outside of its folder.
+        InputError: there are no files, a file does not exist, or the mapping lists one outside its folder.
     """
     files = list(named) or [beside(mapping, name, what) for name in listed]
     if not files:
@@ -169,10 +169,10 @@ def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], wha
 
 
 def beside(mapping: Mapping, name: str, what: str) -> Path:
-    """The place of a file, or of a bag's folder, that a mapping names.
+    """Return the path of a file, or of a bag's folder, that a mapping names.
 
     Raises:
-        InputError: it lies outside of the mapping's folder, or is neither a file nor a folder.
+        InputError: it lies outside the mapping's folder, or is neither a file nor a folder.
     """
     path = mapping.path.parent / name
     try:

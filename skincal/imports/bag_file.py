@@ -1,4 +1,4 @@
-"""Opens ROS bags by the library rosbags: topics, their types, and messages with their times of receipt."""
+"""ROS bags, opened with the library rosbags: topics, their types, and messages with their times of receipt."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skincal.dataset.findings import Findings, did_you_mean
 from skincal.errors import InputError, Problem, WorkError
 from skincal.files import check_input, open_input, reason
 
-MISSING = "ROS bags are read by the library rosbags, which is not installed: pip install skincal[ros]"
+MISSING = "reading ROS bags needs the library rosbags, which is not installed: pip install skincal[ros]"
 
 OTHER_ENCODINGS = ("json", "protobuf", "flatbuffer", "cbor", "msgpack")
 INDEX_BYTES = 1 << 20
-"""So much of the end of an MCAP file is looked at for its index."""
+"""Number of bytes at the end of an MCAP file that are searched for its index."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Bag:
 
     Attributes:
         path: the bag.
-        reader: of the library.
+        reader: reader of the library.
         types: type of the messages of each topic.
     """
 
@@ -35,7 +35,7 @@ class Bag:
     types: Mapping[str, str]
 
     def messages(self, topics: set[str]) -> Generator[tuple[str, int, Any]]:
-        """Topic, time of receipt [ns] and message, in the order of receipt.
+        """Yield topic, time of receipt [ns] and message, in the order of receipt.
 
         Raises:
             InputError: the bag is damaged, or holds a type that it does not define.
@@ -50,20 +50,22 @@ class Bag:
                 str(self.path), "types that the bag or the mapping defines", f"no type {error}", fix
             )
             raise InputError([problem]) from error
+        except MemoryError:
+            raise
         except Exception as error:  # the library raises whatever its parsers raise
             raise InputError([_damaged(self.path, error)]) from error
 
 
 @contextmanager
 def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
-    """An open bag: a ROS 1 file (``.bag``), a ROS 2 folder, or one ``.mcap`` or ``.db3`` of such a folder.
+    """Return an open bag: a ROS 1 file (``.bag``), a ROS 2 folder, or one ``.mcap`` or ``.db3`` of such a folder.
 
     Args:
         path: the bag.
-        definitions: files of message types by their names, for those that the bag does not define.
+        definitions: files of message types by their names, for types that the bag does not define.
 
     Raises:
-        InputError: it is no bag, or a damaged one.
+        InputError: the path is not a bag, or the bag is damaged.
         WorkError: the library is not installed.
     """
     try:
@@ -82,9 +84,11 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
     with ExitStack() as stack:
         try:
             reader: Any = stack.enter_context(AnyReader([path], default_typestore=store))
+        except MemoryError:
+            raise
         except Exception as error:  # the library raises whatever its parsers raise
             raise InputError([_damaged(path, error)]) from error
-        # A bag may define some of its types and not others.
+        # A bag may define only some of its types.
         known = reader.typestore.fielddefs
         reader.typestore.register(
             {name: fields for name, fields in store.fielddefs.items() if name not in known}
@@ -93,12 +97,12 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
 
 
 def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> bool:
-    """Whether a bag has every topic; else errors that list those it has.
+    """Return whether a bag has every topic; for missing topics add errors that list those it has.
 
     Args:
         bag: the bag.
         wanted: place in the mapping of each topic.
-        findings: where errors go.
+        findings: collects the errors.
     """
     shown = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.types.items())) or "no topics"
     absent = [topic for topic in wanted if topic not in bag.types]
@@ -112,10 +116,10 @@ def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> boo
 
 
 def _types(name: str, file: Path) -> Any:
-    """Message types of a definition file, ``.msg`` or ``.idl``.
+    """Return the message types of a definition file, ``.msg`` or ``.idl``.
 
     Raises:
-        InputError: the file is not there, or defines nothing.
+        InputError: the file is missing, or defines nothing.
     """
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
@@ -126,7 +130,7 @@ def _types(name: str, file: Path) -> Any:
         return get_types_from_idl(text) if file.suffix == ".idl" else get_types_from_msg(text, full)
     except OSError as error:
         raise InputError([Problem(str(file), f"the definition of {name}", reason(error))]) from error
-    except Exception as error:  # the library raises whatever its parsers raise
+    except Exception as error:  # the library passes on any exception of its parsers
         got = " ".join(str(error).split())[:200]
         raise InputError([Problem(str(file), f"the definition of {name}", got)]) from error
 
@@ -146,7 +150,7 @@ def _damaged(path: Path, error: Exception) -> Problem:
 
 
 def _other_encodings(path: Path) -> list[str]:
-    """Encodings of messages in an MCAP file that are none of ROS; its index, at its end, names them in the open."""
+    """Return the message encodings of an MCAP file other than ROS; the index at its end names them uncompressed."""
     if path.suffix != ".mcap" or not path.is_file():
         return []
     with open_input(path) as file:

@@ -1,4 +1,4 @@
-"""ROS bags to a recording: every stream on the clock of the taxels' topic."""
+"""Reader of ROS bags: a recording with every stream on the clock of the taxels' topic."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
-from skincal.errors import InputError
+from skincal.errors import InputError, Problem
 from skincal.imports import targets
+from skincal.imports.apart import apart
 from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
 from skincal.imports.csv_source import joined
@@ -22,21 +24,25 @@ from skincal.imports.values import constant, length
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:
-    """Reads bags after a mapping.
+    """Read bags by a mapping.
 
     Args:
-        mapping: what their topics mean.
+        mapping: the mapping.
         bags: the bags, in the order of the session.
-        findings: where errors go.
+        findings: collects the errors.
 
     Returns:
-        One row a message of the taxels' topic; None, and errors, where something is wrong.
+        One row per message of the taxels' topic; None, with errors added, if something is wrong.
 
     Raises:
         InputError: a bag cannot be opened.
         WorkError: the library rosbags is not installed.
     """
-    collected = [_collect(mapping, path, findings) for path in bags]
+    collected: list[Collector] = []
+    for path in bags:
+        collector, errors = _collected(path, mapping)
+        collected.append(collector)
+        findings.errors.extend(errors)
     if findings.errors:
         return None
     stamps = [collector.streams[mapping.taxels.topic].stamps_ns for collector in collected]
@@ -57,9 +63,24 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
     return None if findings.errors else joined(parts)
 
 
-def _collect(mapping: Mapping, path: Path, findings: Findings) -> Collector:
+def _collected(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
+    """What a bag holds of what a mapping asks for, and what is wrong with it.
+
+    Raises:
+        InputError: it cannot be opened.
+        WorkError: the library rosbags is not installed.
+    """
+    try:
+        return apart(collect, path, mapping)
+    except UnreadableError as error:
+        raise InputError([Problem(str(path), error.expected, error.got, "Was it cut short?")]) from None
+
+
+def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
+    """Do as :func:`_collected` says, in this process."""
     form = mapping.source
     assert isinstance(form, BagFormat)
+    findings = Findings()
     collector = Collector(mapping, findings)
     definitions = {
         name: beside(mapping, file, f"the definition of {name}") for name, file in form.definitions.items()
@@ -67,7 +88,7 @@ def _collect(mapping: Mapping, path: Path, findings: Findings) -> Collector:
     with opened(path, definitions) as bag:
         if check_topics(bag, collector.places, findings):
             _read_messages(bag.messages(set(collector.places)), collector, findings)
-    return collector
+    return collector, findings.errors
 
 
 def _read_messages(
@@ -81,7 +102,7 @@ def _read_messages(
 
 
 def _recording(mapping: Mapping, part: int, file: str, collector: Collector, zero_ns: int) -> Recording:
-    """One bag; samples of the taxels without a force, or a place, at their time are left out."""
+    """Return one bag, without samples of the taxels that have no force or position at their time."""
     taxels = collector.streams[mapping.taxels.topic]
     time = taxels.times_s(zero_ns)
     order = np.argsort(time, kind="stable")
@@ -127,7 +148,7 @@ def _resampled(
     order = np.argsort(time, kind="stable")
     rules = stream.rules
     if targets.is_whole(target):
-        # Half of press 3 and half of press 4 is no press.
+        # A value between press 3 and press 4 belongs to neither.
         rules = type(rules)(rules.clock, "previous", rules.max_age_s, rules.lag_s)
     return resampled(time[order], np.array(samples, dtype=np.float64)[order], onto_s, rules)
 
@@ -157,7 +178,7 @@ def _why(target: str, mapping: Mapping) -> str:
 
 
 def _check_left(mapping: Mapping, parts: Sequence[Recording], findings: Findings) -> None:
-    """Adds an error for a bag whose streams never meet, most often for two clocks."""
+    """Add an error for a bag whose streams never meet, most often because of two clocks."""
     for recording in parts:
         if len(recording):
             continue

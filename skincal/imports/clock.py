@@ -1,7 +1,6 @@
-"""Stamps as devices write them, made into one ascending clock: wraps, equal and missing stamps. Pure numerics.
+"""Repair of stamps into one ascending clock: wraps, equal stamps and missing stamps. Pure numerics.
 
-The rows of a file are taken in the order in which they stand: it is the order of events, and the stamps are what may
-be wrong.
+The rows of a file are taken in their order: it is the order of events, and the stamps may be wrong.
 """
 
 from __future__ import annotations
@@ -16,19 +15,19 @@ from numpy.typing import NDArray
 from skincal.imports.recording import FloatArray
 
 BITS: Final = (8, 16, 24, 32)
-"""Widths of counters that are looked for."""
+"""Widths of counters that are tried [bit]."""
 
 DAY_S: Final = 86400.0
 CLOCK_PERIODS_S: Final = {"24 h": DAY_S, "12 h": DAY_S / 2}
-"""Periods of clocks on the wall."""
+"""Periods of wall clocks."""
 
 LARGEST_STEP: Final = 20.0
-"""A wrap is believed where the step that it leaves is at most so many usual steps (a tolerance), or this part of it:"""
+"""A wrap is accepted if the step it leaves is at most this many usual steps (a tolerance), or this part of it:"""
 
 SMALL_PART: Final = 0.02
 
 EPOCH_S: Final = (9.46e8, 4.1e9)
-"""Seconds since 1970 of the years 2000 and 2100: what stamps of today lie between."""
+"""Seconds since 1970 of the years 2000 and 2100, which bound today's stamps."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,8 @@ class Wraps:
     """The wraps of a clock.
 
     Attributes:
-        period: what the clock counts to, in the unit of the stamps.
-        words: what kind of clock counts so far; '' where the period was given.
+        period: period of the clock, in the unit of the stamps.
+        words: kind of clock with this period; '' if the period was given.
         rows: first row after each wrap.
     """
 
@@ -47,20 +46,20 @@ class Wraps:
 
 
 def steps_back(stamps: FloatArray) -> NDArray[np.int64]:
-    """Rows whose stamp is lower than that of the row before; stamps that are missing are passed over."""
+    """Return the rows whose stamp is lower than that of the row before, ignoring missing stamps."""
     given = np.flatnonzero(np.isfinite(stamps))
     return given[1:][np.diff(stamps[given]) < 0]
 
 
 def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
-    """The period that explains every step back of a clock; None where there is no step back, or no such period.
+    """Return the wraps that explain every step back of a clock; None without steps back, or without such a period.
 
-    A counter wraps where adding its period turns the step back into a small step on. Of several periods that do so
-    the one with the smallest steps is taken.
+    A counter has wrapped if adding its period turns the step back into a small step forward. Of several such periods,
+    the one with the smallest steps is chosen.
 
     Args:
-        stamps: in the order of events, NaN where one is missing, shape (n,).
-        unit_s: one unit of them [s].
+        stamps: stamps in the order of events, NaN where missing, shape (n,).
+        unit_s: unit of the stamps [s].
     """
     back = steps_back(stamps)
     if not back.size:
@@ -73,7 +72,7 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     for words, period in _periods(unit_s):
         step = period - fall
         allowed = max(LARGEST_STEP * usual, SMALL_PART * period)
-        # A clock shows nothing beyond its period, and falls by most of it.
+        # A clock shows nothing beyond its period, and falls back by most of it.
         if (
             span < period < 2 * fall.min()
             and (step >= 0).all()
@@ -85,14 +84,14 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
 
 
 def unwrapped(stamps: FloatArray, wraps: Wraps) -> FloatArray:
-    """The stamps with the period added once more from every wrap on."""
+    """Return the stamps with the period added once more from every wrap on."""
     turns = np.zeros(len(stamps))
     turns[wraps.rows] = wraps.period
     return stamps + np.cumsum(turns)
 
 
 def usual_step(stamps: FloatArray) -> float:
-    """Median step from row to row, of those that go on; 0 where there is none."""
+    """Return the median positive step from row to row; 0 without one."""
     given = np.flatnonzero(np.isfinite(stamps))
     steps = np.diff(stamps[given]) / np.diff(given)
     steps = steps[steps > 0]
@@ -100,9 +99,9 @@ def usual_step(stamps: FloatArray) -> float:
 
 
 def with_missing(stamps: FloatArray) -> FloatArray:
-    """The stamps with those that are missing put evenly between their neighbours, shape (n,).
+    """Return the stamps with missing ones placed evenly between their neighbours, shape (n,).
 
-    Beyond the first and the last that are given they go on at the usual step.
+    Before the first and after the last known stamp they continue at the usual step.
     """
     given = np.flatnonzero(np.isfinite(stamps))
     if given.size in (0, len(stamps)):
@@ -116,10 +115,10 @@ def with_missing(stamps: FloatArray) -> FloatArray:
 
 
 def spread_equal(time: FloatArray) -> FloatArray:
-    """Ascending times with rows of one stamp spread evenly up to the next stamp, shape (n,).
+    """Return ascending times with rows of equal stamps spread evenly up to the next stamp, shape (n,).
 
     Clocks of whole seconds, and rows that arrive in packets, give several rows the same stamp. A packet before a gap
-    is spread over no more than its rows take at the mean rate.
+    is spread over no more time than its rows take at the mean rate.
     """
     first = np.flatnonzero(np.concatenate([[True], np.diff(time) != 0]))
     size = np.diff(np.append(first, len(time)))
@@ -133,18 +132,18 @@ def spread_equal(time: FloatArray) -> FloatArray:
 
 
 def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str | None:
-    """The unit in which stamps are times since 1970 of this century; None where they are in no unit.
+    """Return the unit in which stamps are times since 1970 in this century; None if there is none.
 
     Args:
         stamps: shape (n,).
-        factors: names of units and what one of them is [s].
+        factors: names and lengths of units [s].
     """
     middle = float(np.nanmedian(stamps)) if np.isfinite(stamps).any() else 0.0
     return next((name for name, factor in factors if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
 
 
 def _periods(unit_s: float) -> list[tuple[str, float]]:
-    """Kinds of clocks and their periods in the unit of the stamps."""
+    """Return the kinds of clocks and their periods in the unit of the stamps."""
     counters = [
         (f"a counter of {bits} bits" + (f" divided by {divided}" if divided > 1 else ""), 2.0**bits / divided)
         for bits in BITS
@@ -154,6 +153,6 @@ def _periods(unit_s: float) -> list[tuple[str, float]]:
 
 
 def _last_given(stamps: FloatArray) -> FloatArray:
-    """At each row the last stamp that is not missing, up to there."""
+    """Return the last known stamp at or before each row."""
     rows = np.where(np.isfinite(stamps), np.arange(len(stamps)), 0)
     return stamps[np.maximum.accumulate(rows)]

@@ -1,4 +1,4 @@
-"""The columns that a mapping asks for, out of all that a file of arrays, or of frames, holds."""
+"""Selection of the columns that a mapping needs from a file of arrays or frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skincal.dataset.findings import Findings, did_you_mean
 from skincal.imports.text_table import SourceSheet, TextTable
 
 Columns = Mapping[str, NDArray[Any]]
-"""One-dimensional columns by name; they need not be of one length."""
+"""One-dimensional columns by name; their lengths may differ."""
 
 SHOWN = 12
 
@@ -21,17 +21,17 @@ def chosen(
     file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
     lines: NDArray[np.int64] | None = None, hint: str = "",
 ) -> TextTable | None:  # fmt: skip
-    """A table of the columns that are asked for; None, and errors, where one is missing or they differ in length.
+    """Return a table of the required columns; None, with errors, if some are missing or differ in length.
 
     Args:
         file: its name.
-        columns: all that it holds.
+        columns: all columns of the file.
         numbers: columns that hold numbers.
         texts: columns that hold words or dates.
         decimal: the decimal mark of cells that are text.
-        findings: where errors go.
-        lines: numbers of the lines of the rows, where the file is text.
-        hint: what to do where a column is missing and none has a name like it.
+        findings: collects the errors.
+        lines: line numbers of the rows of a text file.
+        hint: advice if a column is missing and none has a similar name.
     """
     wanted = [*dict.fromkeys((*numbers, *texts))]
     missing = [name for name in wanted if name not in columns]
@@ -46,7 +46,7 @@ def chosen(
     sizes = {len(columns[name]) for name in wanted}
     if len(sizes) > 1:
         got = ", ".join(f"{name}: {len(columns[name])}" for name in wanted[:SHOWN])
-        fix = "Columns of another length have a clock of their own: name the file in [files] as well."
+        fix = "Columns of another length have their own clock: add the file to [files] as well."
         findings.error(file, "columns of one length", got, fix)
         return None
     rows = sizes.pop() if sizes else max((len(column) for column in columns.values()), default=0)
@@ -59,7 +59,12 @@ def _column(column: NDArray[Any], *, text: bool) -> NDArray[Any]:
         return column.astype(np.float64)
     if column.dtype.kind == "M":
         column = np.datetime_as_string(column)
-    words = [
-        "" if cell is None else cell.decode() if isinstance(cell, bytes) else str(cell) for cell in column
-    ]
-    return np.array(words, dtype=object)
+    return np.array([_word(cell) for cell in column], dtype=object)
+
+
+def _word(cell: object) -> str:
+    if isinstance(cell, bytes):
+        return cell.decode(
+            errors="backslashreplace"
+        )  # said of it later, where a number or a date is expected
+    return "" if cell is None else str(cell)

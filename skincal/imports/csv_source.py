@@ -1,4 +1,4 @@
-"""Text files, and tables of other formats, to a recording: every mapped column in SI, every bad cell named."""
+"""Reader of text files, and of tables of other formats: a recording in SI, with every bad cell reported."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from skincal.imports.values import is_text, quantity_values
 
 
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
-    """Reads files after a mapping.
+    """Read files by a mapping.
 
     Args:
-        mapping: what their columns mean.
+        mapping: the mapping.
         files: the files, in the order of the session, those of ``[files]`` among them.
-        findings: where errors go.
+        findings: collects the errors.
 
     Returns:
-        One row a row of the files with the taxels; None where one cannot be read at all.
+        One row per row of the files with the taxels; None if a file cannot be read at all.
 
     Raises:
-        InputError: a file of ``[files]`` is not there.
+        InputError: a file of ``[files]`` is missing.
     """
     form = mapping.source
     assert isinstance(form, CsvFormat)
@@ -69,7 +69,7 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
 
 
 def joined(parts: Sequence[Recording]) -> Recording:
-    """Recordings one after the other."""
+    """Return recordings joined one after the other."""
     names = list(parts[0].columns)
     return Recording(
         {name: np.concatenate([part.columns[name] for part in parts]) for name in names},
@@ -81,7 +81,7 @@ def joined(parts: Sequence[Recording]) -> Recording:
 
 
 def summed(dropped: Sequence[Dropped]) -> tuple[Dropped, ...]:
-    """What was dropped for the same reason, added up."""
+    """Return the dropped samples, with equal reasons added up."""
     counts: dict[tuple[str, str], int] = {}
     for item in dropped:
         counts[item.what, item.why] = counts.get((item.what, item.why), 0) + item.count
@@ -89,7 +89,7 @@ def summed(dropped: Sequence[Dropped]) -> tuple[Dropped, ...]:
 
 
 def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
-    """One file; the clock of a time series is read by itself, from all files together."""
+    """Return one file; the clock of a time series is read separately, from all files together."""
     form = mapping.source
     assert isinstance(form, CsvFormat)
     series = mapping.rows == targets.SERIES
@@ -107,7 +107,7 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
     for quantity in own:
         if quantity.target in columns and _needed(mapping, quantity):
             missing = np.isnan(columns[quantity.target]) & _unreported(quantity, table)
-            expected = f"a number ({quantity.target} is needed in every row)"
+            expected = f"a number ({quantity.target} is required in every row)"
             fix = "drop_incomplete = true in [csv] leaves such rows out."
             name = ", ".join(quantity.sources)
             table.sheet.bad_rows(name, missing, np.full(table.rows, np.nan), expected, fix)
@@ -115,7 +115,7 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
 
 
 def _complete(recording: Recording, mapping: Mapping) -> Recording:
-    """The recording without rows that lack what is needed: from a joined file, or as ``drop_incomplete`` says."""
+    """Return the recording without incomplete rows, of a joined file or where ``drop_incomplete`` is set."""
     form = mapping.source
     assert isinstance(form, CsvFormat)
     kept = np.ones(len(recording), dtype=bool)
@@ -130,14 +130,14 @@ def _complete(recording: Recording, mapping: Mapping) -> Recording:
         own = [q.target for q in mapping.quantities if not q.topic and _needed(mapping, q)]
         gaps = {name: np.isnan(recording.columns[name]) & kept for name in own}
         lost = np.logical_or.reduce([np.zeros(len(recording), dtype=bool), *gaps.values()])
-        why = f"nothing in a column that is needed ({', '.join(name for name in gaps if gaps[name].any())})"
+        why = f"no value in a required column ({', '.join(name for name in gaps if gaps[name].any())})"
         dropped.append(Dropped(int(lost.sum()), "row", why))
         kept &= ~lost
     return recording if kept.all() else recording.select(kept, summed(dropped))
 
 
 def _needed(mapping: Mapping, quantity: Quantity) -> bool:
-    """Whether a column needs a value in every row; a clock is completed by itself."""
+    """Return whether a column needs a value in every row; a clock fills its own gaps."""
     if not quantity.sources or targets.is_text(quantity.target):
         return False
     if mapping.rows == targets.SERIES:
@@ -153,7 +153,7 @@ def _needed_of_joined(mapping: Mapping, quantity: Quantity) -> bool:
 
 
 def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
-    """Which rows hold no cell that has been reported already as no number."""
+    """Return which rows hold no cell that has been reported as not a number."""
     bad = np.zeros(table.rows, dtype=bool)
     for name in quantity.sources:
         cells = table.text(name)

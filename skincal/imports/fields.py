@@ -1,7 +1,7 @@
 """Paths to values inside messages: ``wrench.force.z``, ``position[2]``, ``transforms[child_frame_id=tip].transform``.
 
-A path is names with dots between. After a name, ``[3]`` takes an element, ``[key=word]`` the first element of a list
-whose own field ``key``, itself a path, is that word.
+A path consists of names with dots between. After a name, ``[3]`` takes an element, and ``[key=word]`` the first
+element of a list whose field ``key``, itself a path, is that word.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ _STEP = re.compile(r"(\w+)(?:\[([^\]]+)\])?(?:\.|$)")
 
 
 class FieldError(ValueError):
-    """A path that a message does not have; the text says where it ends and what would be there."""
+    """A path that a message does not have; the text says where it ends and what exists there."""
 
 
 class NotHereError(LookupError):
-    """A message of the right type that holds no such element: no sample, but no mistake."""
+    """A message of the right type without such an element: it gives no sample, and is not an error."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One name of a path, with an index, or a key and a word, after it."""
+    """One name of a path, with an optional index, or key and word."""
 
     name: str
     index: int | None = None
@@ -36,17 +36,17 @@ class Step:
 
 
 def parse_path(path: str) -> tuple[Step, ...]:
-    """The steps of a path.
+    """Return the steps of a path.
 
     Raises:
-        FieldError: it is none.
+        FieldError: the text is not a path.
     """
     steps: list[Step] = []
     at = 0
     while at < len(path):
         found = _STEP.match(path, at)
         if not found:
-            raise FieldError(f'no path from "{path[at:]}" on')
+            raise FieldError(f'invalid path from "{path[at:]}" on')
         name, inside = found[1], found[2]
         key, _, word = (inside or "").partition("=")
         if inside is None:
@@ -64,11 +64,11 @@ def parse_path(path: str) -> tuple[Step, ...]:
 
 
 def value_at(message: Any, steps: Sequence[Step]) -> Any:
-    """The value at a path.
+    """Return the value at a path.
 
     Raises:
-        FieldError: a name is not there.
-        NotHereError: an element is not there.
+        FieldError: a name does not exist.
+        NotHereError: an element does not exist.
     """
     for step in steps:
         fields = field_names(message)
@@ -80,11 +80,11 @@ def value_at(message: Any, steps: Sequence[Step]) -> Any:
 
 
 def number_at(message: Any, steps: Sequence[Step]) -> float:
-    """The number at a path.
+    """Return the number at a path.
 
     Raises:
-        FieldError: there is something else.
-        NotHereError: an element is not there.
+        FieldError: the value is not a number.
+        NotHereError: an element does not exist.
     """
     value = value_at(message, steps)
     if isinstance(value, bool | int | float | np.number):
@@ -93,11 +93,11 @@ def number_at(message: Any, steps: Sequence[Step]) -> float:
 
 
 def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
-    """The array of numbers at a path, flat.
+    """Return the array of numbers at a path, flat.
 
     Raises:
-        FieldError: there is something else.
-        NotHereError: an element is not there.
+        FieldError: the value is not an array of numbers.
+        NotHereError: an element does not exist.
     """
     value = value_at(message, steps)
     try:
@@ -109,7 +109,7 @@ def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
 
 
 def field_names(message: Any) -> list[str]:
-    """Names of the fields of a message; none for a plain value."""
+    """Return the names of the fields of a message; none for a plain value."""
     return list(getattr(message, "__dataclass_fields__", {}))
 
 

@@ -1,8 +1,8 @@
-"""Text that is no table: blocks of rows that are a frame each, and lines of ``name=value``.
+"""Text that is not a table: blocks of rows, one per frame, and lines of ``name=value``.
 
-Blocks are what Tekscan's ASCII export and serial monitors write: a line that names the frame, then its rows, perhaps
-with a name before each. Their cells are the columns ``1``, ``2``, … row by row; the line above a block is the column
-``label``, and numbers that it names are columns too (``Frame 12, t = 0.24``: ``frame``, ``t``).
+Tekscan's ASCII export and serial monitors write blocks: a line that names the frame, followed by its rows, perhaps
+with a name before each. Their cells are the columns ``1``, ``2``, … row by row. The line above a block is the column
+``label``, and numbers in it are columns too (``Frame 12, t = 0.24``: ``frame``, ``t``).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SHAPE = re.compile(r"^\W*shape\b\W*\d+\W+\d+\W*$", re.IGNORECASE)
 
 @dataclass
 class Block:
-    """Rows of numbers that follow each other, and what stood above and before them."""
+    """Consecutive rows of numbers, with the text above and before them."""
 
     line: int
     label: str
@@ -46,7 +46,7 @@ class Block:
 def read_blocks(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads blocks of rows, one a frame; None, and errors, where they are not of one shape."""
+    """Read blocks of rows, one per frame; None, with errors added, if their shapes differ."""
     lines = text_lines(path, form, findings, blank=True)
     if lines is None:
         return None
@@ -82,7 +82,7 @@ def read_blocks(
 def read_labelled(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads lines of ``name=value`` or ``name:value``; a time before them is the column ``time``."""
+    """Read lines of ``name=value`` or ``name:value``; a time before them is the column ``time``."""
     lines = text_lines(path, form, findings)
     if lines is None:
         return None
@@ -103,7 +103,7 @@ def read_labelled(
 
 
 def layout_hint(path: Path, form: CsvFormat) -> str:
-    """What to set where a file that is no table was read as one; '' where nothing is known."""
+    """Return the layout to set for a file that was read as a table but is none; '' if unknown."""
     lines = text_lines(path, CsvFormat("series", delimiter=form.delimiter, encoding=form.encoding), Findings(),
                        blank=True)  # fmt: skip
     filled = [(number, line) for number, line in lines or [] if line.strip()][:4000]
@@ -123,15 +123,15 @@ def layout_hint(path: Path, form: CsvFormat) -> str:
         (rows, cells), count = sizes.most_common(1)[0]
         if count >= 3 and rows > 1 and count > 0.8 * len(blocks):
             return (
-                f"It holds blocks of {rows} rows of {cells} cells, a frame each, from line {blocks[0].line} on: set "
+                f"It holds blocks of {rows} rows of {cells} cells, one per frame, from line {blocks[0].line} on: set "
                 f'layout = "blocks" in [csv]; taxels are then the columns "1" to "{rows * cells}". Without stamps, '
-                "rate_hz says how many frames there are a second."
+                "rate_hz gives the frames per second."
             )
     return ""
 
 
 def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
-    """Stretches of rows of numbers of one width; a name that comes again before a row begins another."""
+    """Return the stretches of rows of numbers of one width; a repeated name before a row starts a new stretch."""
     blocks: list[Block] = []
     label, open_ = "", False
     for number, line in lines:
@@ -155,7 +155,7 @@ def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
 
 
 def _row(line: str, form: CsvFormat) -> tuple[str, list[float]] | None:
-    """The name before a row, or '', and its cells; None for a line that is no row of numbers."""
+    """Return the name before a row, or '', and its cells; None if a line is not a row of numbers."""
     text = line.strip()
     mark = form.delimiter
     cells = text.split() if mark == "whitespace" or mark not in text else text.split(mark)

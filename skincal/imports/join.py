@@ -1,4 +1,4 @@
-"""Files with clocks of their own, joined to the taxels by time."""
+"""Joining of files with their own clocks to the taxels, by time."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from skincal.imports.stamps import Clock, Kind, read_clock
 from skincal.imports.values import is_text, quantity_values
 
 STEPS_OLD = 3.0
-"""A value of a joined file counts for so many of its own steps, where the mapping does not say how long."""
+"""Number of its own steps for which a value of a joined file is valid, if the mapping sets no time."""
 
 APART_SIGMAS, APART_STEPS, LOOKED_S = 4.0, 2.0, 5.0
-"""Clocks that are said to agree are called apart beyond so many sigmas and steps; only so near is looked [s]."""
+"""Clocks that should agree differ beyond this many sigmas and steps; the search is limited to [s]:"""
 
 
 ZONE_S = 900.0
-"""Zones of time differ by multiples of this [s]."""
+"""Time zones differ by multiples of this [s]."""
 
 
 def assigned(
     joined: Sequence[JoinedFile], given: Sequence[Path], folder: Path
 ) -> tuple[list[Path], dict[str, list[Path]]]:
-    """Which of the files on the command line hold the taxels, and which are whose of ``[files]``.
+    """Return the files of the command line that hold the taxels, and those of each table of ``[files]``.
 
     Args:
-        joined: the tables of ``[files]``.
-        given: the files that were named.
-        folder: of the mapping, where files that were not named are looked for.
+        joined: tables of ``[files]``.
+        given: files of the command line.
+        folder: folder of the mapping, which is searched for the other files.
 
     Raises:
-        InputError: a file of ``[files]`` was neither named nor lies beside the mapping.
+        InputError: a file of ``[files]`` is neither given nor next to the mapping.
     """
     rest = list(given)
     found: dict[str, list[Path]] = {}
@@ -52,7 +52,7 @@ def assigned(
         rest = [path for path in rest if path not in own]
         found[entry.name] = own or sorted(folder.glob(entry.file))
         if not found[entry.name]:
-            fix = "Name it on the command line, or lay it beside the mapping."
+            fix = "Give it on the command line, or put it next to the mapping."
             raise InputError([Problem(f"{entry.place} file", f"a file {entry.file}", "none", fix)])
     return rest, found
 
@@ -65,15 +65,15 @@ def join_file(
     mapping: Mapping,
     findings: Findings,
 ) -> Recording:
-    """The recording with the columns of one of ``[files]``, at the times of the taxels.
+    """Return the recording with the columns of one joined file at the times of the taxels.
 
     Args:
-        recording: with ``time_s`` as its clock says.
-        kind: of that clock.
+        recording: recording with ``time_s`` on its own clock.
+        kind: kind of that clock.
         entry: the file's table.
-        paths: the files: one for all of the recording, or, with clocks of their own, one for each of its files.
-        mapping: says what is taken from them.
-        findings: where errors go.
+        paths: files: one for the whole recording, or, with own clocks, one for each of its files.
+        mapping: mapping with the columns to take.
+        findings: collects the errors.
     """
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
     texts = {name for q in quantities for name in q.sources if is_text(q)}
@@ -123,10 +123,10 @@ def join_file(
 
 
 def _same_day(ours: FloatArray, kind: Kind, times: FloatArray, clock: Clock) -> tuple[FloatArray, str]:
-    """Times of a file on the day of the taxels, where one of the two, or both, have no date."""
+    """Return the times of a file moved to the day of the taxels, if one of the two, or both, have no date."""
     if "day" not in (kind, clock.kind):
         return times, ""
-    # The two start no more than half a day apart.
+    # The two start at most half a day apart.
     shift = DAY_S * np.rint((ours[0] - times[0]) / DAY_S)
     return times + shift, " (of the same day)"
 
@@ -135,7 +135,7 @@ def _aligned(
     entry: JoinedFile, ours: FloatArray, images: FloatArray, times: FloatArray, quantities: Sequence[Quantity],
     held: Sequence[Column], note: str, findings: Findings,
 ) -> JoinedClock | None:  # fmt: skip
-    """How the clock of a file goes on that of the taxels; None, and an error, where that cannot be told."""
+    """Return the alignment of a file's clock with that of the taxels; None, with an error, if it is unknown."""
     numbers = {
         q.target: column for q, column in zip(quantities, held, strict=True)
         if not is_text(q) and not targets.is_whole(q.target)
@@ -148,7 +148,7 @@ def _aligned(
         except NoOffsetError as error:
             findings.error(
                 f"{entry.place} offset_s",
-                "an offset that the recordings tell",
+                "an offset that the recordings determine",
                 str(error),
                 "Give it in seconds.",
             )
@@ -161,7 +161,7 @@ def _aligned(
         findings.error(
             f"{entry.place}", f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
             f"{onto[0]:.12g} s to {onto[-1]:.12g} s{note}",
-            f"Their clocks differ: give offset_s, what is to be added to its times{close}, or set "
+            f"Their clocks differ: give offset_s, the time to add to its stamps{close}, or set "
             'offset_s = "estimate".',
         )  # fmt: skip
         return None
@@ -177,8 +177,8 @@ def _aligned(
     if apart:
         findings.warn(
             f"{entry.place} offset_s", f"the clock of the taxels, with {entry.offset_s:g} s added",
-            f"{found.by} goes best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
-            "Is the skin so slow, or do the clocks differ? In the second case: offset_s = "
+            f"{found.by} correlates best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
+            "Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = "
             f'{entry.offset_s + found.offset_s:.6g}, or "estimate".',
         )  # fmt: skip
     return replace(found, offset_s=entry.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
@@ -187,15 +187,15 @@ def _aligned(
 def _onto(
     quantity: Quantity, entry: JoinedFile, times: FloatArray, column: Column, ours: FloatArray
 ) -> Column:
-    """A column of a file at the times of the taxels."""
+    """Return a column of a file at the times of the taxels."""
     age = STEPS_OLD * usual_step(times) if entry.max_age_s is None else entry.max_age_s
     whole = targets.is_whole(quantity.target) or column.dtype == object
-    # Half of press 3 and half of press 4 is no press.
+    # A value between press 3 and press 4 belongs to neither.
     rules = TopicRules("receive", "previous" if whole else entry.resample, age)
     if column.dtype == object:
         known = [*dict.fromkeys(column.tolist())]
         codes = resampled(times, np.array([known.index(word) for word in column], dtype=float), ours, rules)
         return np.array(["" if np.isnan(code) else known[int(code)] for code in codes], dtype=object)
-    # Where the file says nothing in a row, the row before counts for as long as it may.
+    # Where the file has no value in a row, the row before is valid for as long as it may.
     given = np.isfinite(column)
     return resampled(times[given], column[given], ours, rules)

@@ -1,4 +1,4 @@
-"""What a mapping file says, as frozen objects: where a recording lies, what its columns mean, how it is cut."""
+"""The content of a mapping file as frozen objects: files, meaning of columns, rules of cutting."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ Slides = Literal["cut", "keep", "refuse"]
 
 @dataclass(frozen=True)
 class Quantity:
-    """Where one column of the dataset comes from.
+    """Source of one column of the dataset.
 
-    A number is ``scale * x + offset`` in ``unit``, turned into SI after that.
+    A number is ``scale * x + offset`` in ``unit``, then converted to SI.
 
     Attributes:
-        target: the dataset's column.
-        place: of this entry in the mapping, for errors.
+        target: column of the dataset.
+        place: place of this entry in the mapping, for errors.
         sources: names of source columns, or field paths in a message; several: the length of that vector.
         topic: the topic of a bag, or the table of ``[files]``; '' for the file of the taxels and for a constant.
-        constant: in the place of a source, in SI where it is a number; None where it is measured.
-        unit: of the source.
+        constant: constant value instead of a source, in SI if it is a number; None if it is measured.
+        unit: unit of the source.
         scale: factor, with its sign.
-        offset: what is added after the factor.
-        words: what words of the source stand for; others are kept.
-        wraps_at: what the counter behind a time counts to, in the source's numbers; None: found from the steps back.
-        format: how dates are written, as ``strptime`` takes it; '' for ISO 8601.
+        offset: added after the factor.
+        words: meaning of words of the source; others are kept.
+        wraps_at: period of the counter behind a time, in the source's numbers; None: found from the steps back.
+        format: format of dates for ``strptime``; '' for ISO 8601.
     """
 
     target: str
@@ -58,28 +58,28 @@ class Quantity:
     format: str = ""
 
     def si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Numbers of the source in SI, of the same shape."""
-        # A factor of one and an offset of nothing leave every bit as it was.
+        """Return numbers of the source in SI, of the same shape."""
+        # A factor of one and a zero offset leave every bit unchanged.
         return (self.scale * values + self.offset) * self.unit.factor + self.unit.offset
 
 
 @dataclass(frozen=True)
 class Taxels:
-    """Where the image comes from.
+    """Source of the image.
 
     Attributes:
-        place: of this table in the mapping.
+        place: place of this table in the mapping.
         names: columns of the source in its own flat order; empty for a bag.
         topic: the topic of a bag; '' for a CSV file.
         field: path of the array in a message.
         order: for each of our taxels, in our flat order, its index in the source; shape (J,).
         scale: factor on the source's values.
-        offset: what is added after the factor [counts].
-        falling_from: what a sensor whose values fall with load is taken from; None: they grow.
+        offset: added after the factor [counts].
+        falling_from: reading without load of a sensor whose values fall with load; None: they grow.
         axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
-        word: ``uint16``, ``int16``, …: how readings of so many bits are to be taken; '' for as they are.
-        swap_bytes: whether the two bytes of each reading are exchanged.
-        rest_rows: with several axes, so many rows at the start of a file are at rest.
+        word: ``uint16``, ``int16``, …: word type as which readings are interpreted; '' for no change.
+        swap_bytes: whether to exchange the two bytes of each reading.
+        rest_rows: with several axes, number of rows at rest at the start of a file.
     """
 
     place: str
@@ -96,7 +96,7 @@ class Taxels:
     rest_rows: int = 0
 
     def counts(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Images of the source, shape (rows, columns of the source), as counts that grow with load, (rows, J)."""
+        """Return images of the source, (rows, source columns), as counts that grow with load, (rows, J)."""
         if self.swap_bytes:
             values = swapped(values)
         if self.word:
@@ -110,12 +110,12 @@ class Taxels:
 
 @dataclass(frozen=True)
 class Placement:
-    """How points of the source become points of the fingertip frame: ``p = R x + t``.
+    """Transformation of points of the source to the fingertip frame: ``p = R x + t``.
 
     Attributes:
         rotation: R, rows.
         translation_m: t [m].
-        project: whether points are moved to the nearest point of the surface.
+        project: whether to move points to the nearest point of the surface.
     """
 
     rotation: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -124,29 +124,29 @@ class Placement:
 
     @property
     def moves(self) -> bool:
-        """Whether it changes anything but by projection."""
+        """True if it changes anything except by projection."""
         return self != Placement(project=self.project)
 
 
 @dataclass(frozen=True)
 class CutRules:
-    """How a time series becomes presses.
+    """Rules for cutting a time series into presses.
 
     Attributes:
-        by: a contact is a press, by its force or by the taxels, a plateau is one, or a column numbers them.
+        by: what a press is: a contact by force or by taxels, a plateau, or a number in a column.
         on_n: a contact is a stretch above ``off_n`` that rises above this force [N].
         off_n: see ``on_n`` [N].
-        band: half the width of the hold, as a share of the force that is kept longest.
-        settle_s: how much of the start of a hold still counts as loading [s].
+        band: half width of the hold, relative to the force that is kept longest.
+        settle_s: time at the start of a hold that still counts as loading [s].
         min_hold_s: a press with a shorter hold is left out [s].
-        slope_n_per_s: force changes less on a plateau [N/s].
-        window_s: over which that slope is taken [s].
+        slope_n_per_s: largest change of force on a plateau [N/s].
+        window_s: window of that slope [s].
         start_at_zero: whether the session clock begins at the first sample.
-        own_clocks: whether each file has a clock of its own; then files follow each other.
-        gap_s: between such files [s].
-        slides: what becomes of a contact that slides in its hold: the hold is cut to where the contact rests, it is
+        own_clocks: whether each file has its own clock; then files follow each other.
+        gap_s: gap between such files [s].
+        slides: treatment of a contact that slides in its hold: the hold is cut to where the contact rests, or it is
             kept, or the import refuses.
-        still_m: how far a contact that rests moves at most [m]; None: sigma_m of the positions.
+        still_m: largest motion of a contact that rests [m]; None: sigma_m of the positions.
     """
 
     by: By = "force"
@@ -166,18 +166,18 @@ class CutRules:
 
 @dataclass(frozen=True)
 class JoinedFile:
-    """A file beside that of the taxels, with a clock of its own: a force gauge, a position log.
+    """A further file with its own clock: a force gauge, a position log.
 
     Attributes:
-        name: of its table in ``[files]``.
-        place: of that table in the mapping.
+        name: name of its table in ``[files]``.
+        place: place of that table in the mapping.
         file: its name, or a pattern of names; relative to the mapping.
         form: its layout.
-        time: its stamps; None where it has a rate.
-        resample: how its values come to the times of the taxels.
-        max_age_s: a value counts for so long [s]; None: three of its own steps.
-        offset_s: what is added to its times to be on the clock of the taxels [s]; None: found by correlation.
-        within_s: only offsets up to this are looked at then [s].
+        time: its stamps; None with a fixed rate.
+        resample: method of resampling at the times of the taxels.
+        max_age_s: validity of a value [s]; None: three of its own steps.
+        offset_s: offset from its clock to that of the taxels [s]; None: found by correlation.
+        within_s: largest offset that is searched then [s].
     """
 
     name: str
@@ -193,15 +193,15 @@ class JoinedFile:
 
 @dataclass(frozen=True)
 class CsvFormat:
-    """How text files are laid out.
+    """Layout of text files.
 
     Attributes:
-        rows: what a row is.
+        rows: meaning of a row.
         files: names of the files with the taxels, relative to the mapping.
-        layout: a table, blocks of rows that are a frame each, or lines of ``name=value``.
-        block_rows: rows of a block; 0: up to the next line that is no row.
-        rate_hz: rows a second, for files without stamps [Hz]; None: a column says the time.
-        order: of events: that of the rows, or that of the stamps.
+        layout: a table, blocks of rows (one per frame), or lines of ``name=value``.
+        block_rows: rows of a block; 0: up to the next line that is not a row.
+        rate_hz: rows per second, for files without stamps [Hz]; None: a column holds the time.
+        order: order of events: that of the rows, or that of the stamps.
         joined: other files, by their names in ``[files]``.
     """
 
@@ -235,14 +235,14 @@ class TopicRules:
 
 @dataclass(frozen=True)
 class BagFormat:
-    """How bags are read.
+    """Reading options of bags.
 
     Attributes:
-        default: clock and resampling of topics that have no rules of their own.
+        default: clock and resampling of topics without their own rules.
         files: bags, relative to the mapping.
         topics: rules of single topics.
-        definitions: message types that the bag does not define, with their files.
-        joints_topic: of ``sensor_msgs/JointState``; '' for none.
+        definitions: files of message types that the bag does not define.
+        joints_topic: topic of ``sensor_msgs/JointState``; '' for none.
         joints: names of the joints in the order of ``q_0``, ``q_1``...
     """
 
@@ -254,23 +254,23 @@ class BagFormat:
     joints: tuple[str, ...] = ()
 
     def rules(self, topic: str) -> TopicRules:
-        """Clock and resampling of a topic."""
+        """Return the clock and resampling of a topic."""
         return self.topics.get(topic, self.default)
 
 
 @dataclass(frozen=True)
 class Mapping:
-    """All of a mapping file.
+    """The content of a mapping file.
 
     Attributes:
-        path: the file; what it names is looked for beside it.
-        meta: what becomes ``dataset.toml``.
-        quantities: one a column of the dataset.
+        path: the file; paths in it are relative to its folder.
+        meta: content of ``dataset.toml``.
+        quantities: one per column of the dataset.
         taxels: the image.
-        placement: of positions.
-        cut: of time series.
-        source: of the recording, text files or bags.
-        positions: of taxels that form no grid.
+        placement: transformation of positions.
+        cut: rules for cutting time series.
+        source: options of the recording, text files or bags.
+        positions: positions of taxels that form no grid.
         meshes: content of mesh files by name.
     """
 
@@ -286,9 +286,9 @@ class Mapping:
 
     @property
     def rows(self) -> Rows:
-        """What a row of the source is."""
+        """Meaning of a row of the source."""
         return self.source.rows if isinstance(self.source, CsvFormat) else "series"
 
     def quantity(self, target: str) -> Quantity | None:
-        """Where a column comes from; None where it is not mapped."""
+        """Return the source of a column; None if it is not mapped."""
         return next((q for q in self.quantities if q.target == target), None)

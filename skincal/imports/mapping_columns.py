@@ -1,4 +1,4 @@
-"""``[columns]`` of a mapping file: where each column of the dataset comes from."""
+"""``[columns]`` of a mapping file: the source of each column of the dataset."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ AXES = ("x", "y", "z")
 
 
 def read_columns(table: StrictTable, source: str, rows: str, findings: Findings) -> tuple[Quantity, ...]:
-    """All of ``[columns]``.
+    """Return the quantities of ``[columns]``.
 
     Args:
         table: the table.
         source: ``csv`` or ``bag``.
-        rows: what a row of the source is.
-        findings: where errors go.
+        rows: meaning of a row of the source.
+        findings: collects the errors.
     """
     quantities: list[Quantity] = []
     for target, content in table.items().items():
@@ -40,7 +40,7 @@ def read_columns(table: StrictTable, source: str, rows: str, findings: Findings)
         quantities += read_quantities(entry, target, source)
     doubled = {q.target for q in quantities if sum(p.target == q.target for p in quantities) > 1}
     for target in sorted(doubled):
-        table.error(target, "each column once", "it stands alone and in a vector")
+        table.error(target, "each column once", "it occurs alone and in a vector")
     return tuple(quantities)
 
 
@@ -70,7 +70,7 @@ def _check_target(table: StrictTable, target: str, rows: str) -> None:
 
 
 def read_quantities(entry: StrictTable, target: str, source: str) -> list[Quantity]:
-    """The quantities of one entry: one, or the three of a vector."""
+    """Return the quantities of one entry: one, or the three of a vector."""
     parts = targets.VECTORS.get(target, (target,))
     unit = _unit(entry, parts[0])
     constants = _constants(entry, target, parts, unit)
@@ -120,7 +120,7 @@ def _unit(entry: StrictTable, target: str) -> Unit:
 
 
 def _constants(entry: StrictTable, target: str, parts: Sequence[str], unit: Unit) -> list[float | str] | None:
-    """Constant values in SI; None where the column is measured."""
+    """Return the constant values in SI; None if the column is measured."""
     if not entry.has("value"):
         return None
     for key in ("column", "columns", "topic", "field", "fields"):
@@ -136,7 +136,7 @@ def _constants(entry: StrictTable, target: str, parts: Sequence[str], unit: Unit
 
 
 def _sources(entry: StrictTable, source: str, parts: Sequence[str]) -> list[tuple[str, ...]]:
-    """The source columns, or field paths, of each part."""
+    """Return the source columns, or field paths, of each part."""
     one, many = SOURCES[source][-2:]
     vector = len(parts) > 1
     if entry.has(one) and entry.has(many):

@@ -29,7 +29,7 @@ BAG_KEYS = ("files", "clock", "resample", "max_age_s", "definitions")
 JOINT_KEYS = ("topic", "names")
 
 ESTIMATE = "estimate"
-"""In the place of an offset of clocks: found by correlation."""
+"""Value of an offset of clocks that is to be found by correlation."""
 
 Matrix = tuple[tuple[float, float, float], ...]
 
@@ -38,7 +38,7 @@ def read_placement(table: StrictTable) -> Placement:
     """``[frame]``."""
     given = [key for key in FRAME_KEYS[:3] if table.has(key)]
     if len(given) > 1:
-        table.error(given[1], "one way to say the rotation", " and ".join(given), "Remove the others.")
+        table.error(given[1], "one form of the rotation", " and ".join(given), "Remove the others.")
     matrix = _rotation(table)
     if not np.allclose(np.asarray(matrix) @ np.asarray(matrix).T, np.eye(3), atol=1e-3):
         table.error("matrix", "a rotation: rows of length 1, at right angles", "something else")
@@ -87,12 +87,12 @@ def _nested(matrix: Any) -> Matrix:
 
 
 def read_cut(table: StrictTable, *, numbered: bool, constant_force: bool = False) -> CutRules:
-    """``[series]``.
+    """Return ``[series]``.
 
     Args:
         table: the table.
         numbered: whether a column of the source numbers the presses.
-        constant_force: whether the force was not measured, and so does not tell contacts.
+        constant_force: whether the force was not measured, so that it does not show contacts.
     """
     d = CutRules()
     usual = "press" if numbered else "taxels" if constant_force else "force"
@@ -125,7 +125,7 @@ def read_cut(table: StrictTable, *, numbered: bool, constant_force: bool = False
 
 
 def read_csv_format(table: StrictTable, files: StrictTable, findings: Findings) -> CsvFormat:
-    """``[csv]`` and ``[files]``."""
+    """Return ``[csv]`` and ``[files]``."""
     joined = tuple(
         _joined(files.table(name, JOINED_KEYS, findings), name, findings) for name in files.items()
     )
@@ -139,7 +139,7 @@ def read_csv_format(table: StrictTable, files: StrictTable, findings: Findings) 
 
 
 def _joined(table: StrictTable, name: str, findings: Findings) -> JoinedFile:
-    """One table of ``[files]``."""
+    """Return one table of ``[files]``."""
     form = _layout(table)
     time = None
     if table.has("time"):
@@ -171,7 +171,7 @@ def _joined(table: StrictTable, name: str, findings: Findings) -> JoinedFile:
 
 
 def _layout(table: StrictTable) -> CsvFormat:
-    """How the text of a file is laid out."""
+    """Return the layout of the text of a file."""
     d = CsvFormat("series")
     found = CsvFormat(
         rows="series",
@@ -184,18 +184,18 @@ def _layout(table: StrictTable) -> CsvFormat:
         delimiter=table.text("delimiter", "a character", default=d.delimiter),
         decimal=table.choice("decimal", (".", ","), default=d.decimal) or d.decimal,
         encoding=table.text("encoding", "an encoding", default=d.encoding),
-        comment=table.text("comment", "how lines of comment begin", default=d.comment),
+        comment=table.text("comment", "the start of comment lines", default=d.comment),
         skip_rows=_whole(table, "skip_rows"),
         skip_after_header=_whole(table, "skip_after_header"),
         header=table.flag("header", default=d.header),
-        missing=("", *table.texts("missing", "what stands for no value", default=d.missing[1:])),
+        missing=("", *table.texts("missing", "texts that mean no value", default=d.missing[1:])),
     )
     if len(found.delimiter) != 1 and found.delimiter != "whitespace":
         table.error("delimiter", 'one character, like ";" or "\\t", or "whitespace"', f'"{found.delimiter}"')
     if found.delimiter == found.decimal:
         table.error("decimal", "another character than the delimiter", f'"{found.decimal}"')
     try:
-        "".encode(found.encoding)  # a codec that is none of text is refused as an unknown one is
+        "".encode(found.encoding)  # refuses codecs that are not of text like unknown ones
     except (LookupError, ValueError):
         table.error("encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{found.encoding}"')
     return found
@@ -206,7 +206,7 @@ def _whole(table: StrictTable, key: str) -> int:
 
 
 def read_bag_format(top: StrictTable, findings: Findings) -> BagFormat:
-    """``[bag]``, ``[topics]`` and ``[joints]``."""
+    """Return ``[bag]``, ``[topics]`` and ``[joints]``."""
     bag = top.table("bag", BAG_KEYS, findings)
     default = _topic_rules(bag, TopicRules("header"), needed=True)
     topics = top.table("topics", (), findings, strict=False)

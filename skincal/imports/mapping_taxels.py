@@ -1,4 +1,4 @@
-"""``[taxels]`` of a mapping file: from the source's image, in its order, to ours."""
+"""``[taxels]`` of a mapping file: from the source's image, in its order, to the dataset's."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ PATTERN = (
 VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of columns for each taxel'
 WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
 REST_ROWS = 50
-"""So many rows at the start of a file are at rest, where the mapping does not say."""
+"""Default number of rows at rest at the start of a file."""
 
 
 def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
-    """``[taxels]``; placeholders stand where something is wrong.
+    """Return ``[taxels]``, with placeholders for wrong values.
 
-    The image of the source is first turned over (``transpose``), then its rows and columns are put in the
-    other direction (``flip_rows``, ``flip_cols``): what comes out is ours, ``rows`` x ``cols``.
+    The image of the source is first transposed (``transpose``), then its rows and columns are reversed
+    (``flip_rows``, ``flip_cols``). The result is the dataset's image, ``rows`` x ``cols``.
     """
     turned = table.flag("transpose", default=False)
     shape = (sensor.cols, sensor.rows) if turned else (sensor.rows, sensor.cols)
@@ -58,7 +58,7 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
     ours = image.T if turned else image
     ours = ours[::-1] if table.flag("flip_rows", default=False) else ours
     ours = ours[:, ::-1] if table.flag("flip_cols", default=False) else ours
-    falling = table.number("falling_from", "the reading that stands for no counts", default=None)
+    falling = table.number("falling_from", "the reading without load", default=None)
     return Taxels(
         place=table.label,
         names=names,
@@ -78,7 +78,7 @@ def read_taxels(table: StrictTable, sensor: SensorSpec, source: str) -> Taxels:
 
 
 def _ordered(table: StrictTable, shape: tuple[int, int]) -> NDArray[np.int64]:
-    """The source's image by its ``order``: row by row, column by column, or the index of every taxel."""
+    """Return the source's image by its ``order``: row by row, column by column, or the index of every taxel."""
     flat = np.arange(shape[0] * shape[1])
     given = table.raw("order")
     if not isinstance(given, list):
@@ -100,7 +100,7 @@ def _finite(table: StrictTable, key: str, default: float) -> float:
 
 
 def _names(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
-    """Names of the source's columns, and where in them each entry of its image stands."""
+    """Return the names of the source's columns, and the index in them of each entry of its image."""
     given = table.raw("columns")
     count = image.size
     nothing = ("",) * count
@@ -127,7 +127,7 @@ def _names(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...
 
 
 def _vectors(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, ...], int]:
-    """Names of the columns of all taxels in the source's flat order, axis by axis, and the number of axes."""
+    """Return the columns of all taxels in the source's flat order, axis by axis, and the number of axes."""
     given, count = table.raw("vectors"), image.size
     if table.has("columns"):
         table.error("vectors", "columns or vectors", "both", "Remove one of them.")
@@ -148,7 +148,7 @@ def _vectors(table: StrictTable, image: NDArray[np.int64]) -> tuple[tuple[str, .
 
 
 def _letters(number: int) -> str:
-    """A, B, ..., Z, AA, AB, ... as spreadsheets count."""
+    """Return A, B, ..., Z, AA, AB, ... as spreadsheets count."""
     head, tail = divmod(number, 26)
     return (_letters(head - 1) if head else "") + chr(ord("A") + tail)
 
@@ -180,7 +180,7 @@ def _from_pattern(
 
 
 def _elements(table: StrictTable, image: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The image with the indices of a message's array that the mapping picks out."""
+    """Return the image with the indices of a message's array that the mapping selects."""
     given = table.raw("elements")
     items = as_list(given)
     good = all(isinstance(item, int) and not isinstance(item, bool) and item >= 0 for item in items)

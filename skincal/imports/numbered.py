@@ -1,4 +1,4 @@
-"""Presses that a column of the source numbers, with phases from another column or from the force."""
+"""Presses that are numbered by a column of the source, with phases from another column or from the force."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from skincal.imports.series import Cut, Rejected, Series, Span
 
 
 def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings) -> Cut:
-    """One press a number; a number that comes again later is an error.
+    """Return one press per number; a number that recurs later is an error.
 
     Args:
-        series: with numbers, and perhaps words of phases.
-        rules: of the hold, where no column says the phase.
-        file: what the place of an error is called.
-        findings: where errors go.
+        series: series with numbers, and perhaps words of phases.
+        rules: rules of the hold, if no column gives the phase.
+        file: name of the file in errors.
+        findings: collects the errors.
     """
     assert series.press is not None
     changes = np.flatnonzero((np.diff(series.press) != 0) | (np.diff(series.part) != 0)) + 1
@@ -31,7 +31,7 @@ def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings)
     numbers = [int(series.press[start]) for start, _ in stretches]
     again = sorted(number for number, count in Counter(numbers).items() if count > 1)
     if again:
-        fix = "Number them anew, or leave [columns.press] out and cut by force."
+        fix = "Renumber them, or remove [columns.press] and cut by force."
         findings.error(
             f"{file}, press",
             "each press in one stretch of rows",
@@ -49,7 +49,7 @@ def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -
         if not held.size:
             return Rejected(start, stop, f'no row with the phase "{PHASES[HOLD]}"')
         return Span(number, start, start + int(held[0]), start + int(held[-1]) + 1, stop)
-    # The way to the skin and back, without force, is no part of the press.
+    # The way to the skin and back, without force, does not belong to the press.
     touching = np.flatnonzero(series.force_n[start:stop] > rules.off_n)
     if not touching.size:
         return Rejected(start, stop, f"no force above {rules.off_n:g} N (off_n)")
@@ -61,7 +61,7 @@ def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -
 
 
 def check_phases(phase: Column, file: str, findings: Findings) -> None:
-    """Adds an error for words that are no phases."""
+    """Add an error for words that are not phases."""
     strange = sorted({str(word) for word in phase} - set(PHASES))
     if strange:
         fix = f'Add words = {{ {strange[0] or chr(39) * 2} = "{PHASES[0]}", … }} to [columns.phase].'

@@ -1,4 +1,4 @@
-"""Columns that stand in another of the files that were named: two devices with a clock each."""
+"""Missing columns that another of the given files holds: two devices, each with its own clock."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skincal.imports.text_table import column_names
 
 
 def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:
-    """Puts one error in the place of those of missing columns, where another file holds them.
+    """Replace the errors of missing columns by one error if another file holds them.
 
     Args:
         paths: the files.
         form: their layout.
-        mapping: what is asked for.
-        findings: the errors so far; replaced where the files are of several devices.
+        mapping: mapping with the required columns.
+        findings: errors so far; replaced if the files come from several devices.
     """
     held = {path: column_names(path, form) for path in paths}
     taxels = next((path for path in paths if set(mapping.taxels.names) <= set(held[path])), None)
@@ -37,8 +37,8 @@ def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, fi
         name = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
         free = ", ".join(f'"{column}"' for column in held[path][:6])
         findings.error(
-            path.name, f"the columns of {taxels.name}: files named one after the other follow each other in time",
-            f"another device's, with {', '.join(targets)} (columns {free})",
+            path.name, f"the columns of {taxels.name}: files of one list follow each other in time",
+            f"those of another device, with {', '.join(targets)} (columns {free})",
             f'Describe it as a file with its own clock: [files.{name}] with file = "{path.name}" and '
             f'time = {{ column = "...", unit = "..." }}, and write file = "{name}" in '
             f"{', '.join(f'[columns.{target}]' for target in targets)}.",

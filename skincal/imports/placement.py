@@ -1,4 +1,4 @@
-"""Positions of a source into the fingertip frame, and, where asked for, onto the surface."""
+"""Transformation of a source's positions to the fingertip frame and, on request, onto the surface."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def placed(recording: Recording, placement: Placement, surface: Surface | None) -> Recording:
-    """The recording with its positions, targets and normals in the fingertip frame.
+    """Return the recording with its positions, targets and normals in the fingertip frame.
 
     Args:
-        recording: as read.
-        placement: rotation, translation, and whether positions go onto the surface.
-        surface: the surface; only needed for that.
+        recording: recording as read.
+        placement: rotation, translation, and whether to project positions onto the surface.
+        surface: surface; needed only for the projection.
     """
     columns = dict(recording.columns)
     rotation = np.asarray(placement.rotation)

@@ -1,8 +1,8 @@
-"""Staircases: a contact in which the force stands still several times; each such plateau is a press.
+"""Staircases: contacts in which the force stands still several times; each such plateau is a press.
 
-The rule: the force stands still where it changes by less than ``slope_n_per_s``, taken over ``window_s``; a plateau
-lasts ``min_hold_s`` or longer. The ramp that leads to it belongs to it: loading where the force rises, and then the
-branch is ``up``; else unloading, and ``down``. After the last plateau comes unloading.
+The rule: the force stands still while it changes by less than ``slope_n_per_s``, measured over ``window_s``. A plateau
+lasts ``min_hold_s`` or longer. The ramp before it belongs to it: loading where the force rises, with the branch
+``up``; else unloading, with the branch ``down``. Unloading follows the last plateau.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from skincal.imports.series import Cut, Rejected, Series, Span, runs
 
 
 def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]]) -> Cut:
-    """The plateaus of every contact.
+    """Return the plateaus of every contact.
 
     Args:
         series: the time series.
-        rules: slope, window and least length.
+        rules: slope, window and shortest length.
         contacts: stretches of contact ``[start, stop)``, in order.
     """
     spans: list[Span] = []
@@ -44,7 +44,7 @@ def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]
 
 
 def slopes(time_s: FloatArray, force_n: FloatArray, window_s: float) -> FloatArray:
-    """Change of force over a window round each sample [N/s], shape (n,); less than that at the ends.
+    """Return the change of force over a window around each sample [N/s], shape (n,); a shorter one at the ends.
 
     Args:
         time_s: times, ascending [s], shape (n,).

@@ -1,4 +1,4 @@
-"""Reads a mapping file strictly: every violation at once, unknown keys with the known one that is meant."""
+"""Strict reader of mapping files: all violations at once, and suggestions for unknown keys."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ KEYS = {"csv": ("csv", "files"), "bag": ("bag", "topics", "joints")}
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
-    """Reads a mapping file.
+    """Read a mapping file.
 
     Args:
         path: the file.
-        source: what it is to map: ``csv`` or ``bag``.
+        source: kind of source: ``csv`` or ``bag``.
 
     Raises:
-        InputError: anything in it is wrong; ``problems`` holds every violation.
+        InputError: the file has violations; ``problems`` holds all of them.
     """
     findings = Findings()
     values = load_toml(path, findings, what="mapping")
@@ -76,7 +76,7 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
     quantities = read_columns(top.table("columns", (), findings, strict=False), source, rows, findings)
     _check_required(top, quantities, rows, meta, found)
     taxel_keys = mapping_taxels.CSV_KEYS if source == "csv" else mapping_taxels.BAG_KEYS
-    # One error for the missing table is enough: what it should hold is not asked for again.
+    # One error for the missing table is enough: its keys are not reported as missing.
     heard = findings if top.has("taxels") else Findings()
     taxels = read_taxels(top.table("taxels", taxel_keys, heard), meta.sensor, source)
     cut = _cut(top, quantities, rows, findings)
@@ -98,10 +98,10 @@ def _cut(top: StrictTable, quantities: tuple[Quantity, ...], rows: str, findings
     table = top.table("series", SERIES_KEYS, findings)
     if rows == targets.PRESSES:
         if top.has("series"):
-            top.error("[series]", "no such table where each row is a press", "one", "Remove it.")
+            top.error("[series]", "no such table if each row is a press", "one", "Remove it.")
         return CutRules()
     if "phase" in mapped and "press" not in mapped:
-        top.error("[columns.phase]", "a column press beside it", "none", "Map press, or leave phase out.")
+        top.error("[columns.phase]", "also a column press", "none", "Map press, or leave phase out.")
     constant = any(q.target == "force_n" and q.constant is not None for q in quantities)
     return read_cut(table, numbered="press" in mapped, constant_force=constant)
 
@@ -119,7 +119,7 @@ def _check_required(
     if not bag:
         _check_files(top, quantities, found)
     if bag and "time_s" in mapped:
-        top.error("[columns.time_s]", "no time: the clock of the taxels' topic counts", "one", "Remove it.")
+        top.error("[columns.time_s]", "no time: the clock of the taxels' topic is used", "one", "Remove it.")
     for target in needed:
         if target in mapped or (bag and target == "time_s"):
             continue
@@ -134,12 +134,10 @@ def _check_required(
 
 
 def _check_files(top: StrictTable, quantities: tuple[Quantity, ...], form: CsvFormat) -> None:
-    """Files are joined by time, and every one that is named in ``[columns]`` is described in ``[files]``."""
+    """Check that files are joined by time, and that ``[files]`` describes every file named in ``[columns]``."""
     names = [joined.name for joined in form.joined]
     if names and form.rows == targets.PRESSES:
-        top.error(
-            "[files]", "no other files where each row is a press", "one", 'Set rows = "series" in [csv].'
-        )
+        top.error("[files]", "no other files if each row is a press", "one", 'Set rows = "series" in [csv].')
     for quantity in quantities:
         if not quantity.topic:
             continue

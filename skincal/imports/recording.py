@@ -1,4 +1,4 @@
-"""A recording as it comes out of a reader: named columns in SI and images, file by file; nothing is cut yet."""
+"""A recording as read: named columns in SI and images, file by file, before cutting."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Column = NDArray[Any]
 
 @dataclass(frozen=True)
 class Dropped:
-    """What was left out of the dataset, and why."""
+    """Samples that were left out of the dataset, with the reason."""
 
     count: int
     what: str
@@ -33,7 +33,7 @@ class Dropped:
 
 @dataclass(frozen=True)
 class ReadFile:
-    """A file that was read, and how many rows, or messages of the taxels' topic, it held."""
+    """A file that was read, with its number of rows, or of messages of the taxels' topic."""
 
     file: str
     rows: int
@@ -41,16 +41,16 @@ class ReadFile:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Columns of equal length.
+    """A recording: columns of equal length.
 
     Attributes:
-        columns: by name of the dataset's column, in SI; numbers with NaN, or text with ''.
+        columns: columns by name of the dataset's column, in SI; numbers with NaN, or text with ''.
         counts: images, shape (M, J).
-        part: index of the file that each row comes from, shape (M,).
+        part: index of the file of each row, shape (M,).
         files: the files.
-        dropped: rows that a reader has left out.
-        notes: what a reader has mended, and a person should know.
-        clocks: how the clocks of other files were put on that of the taxels.
+        dropped: rows that a reader left out.
+        notes: repairs by the reader that the user should know.
+        clocks: alignment of the clocks of other files with that of the taxels.
     """
 
     columns: Mapping[str, Column]
@@ -65,7 +65,7 @@ class Recording:
         return len(self.part)
 
     def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
-        """The recording with only these rows, and what to report of the others."""
+        """Return the recording with only these rows, with a report on the others."""
         columns = {name: column[rows] for name, column in self.columns.items()}
         return replace(
             self,
@@ -76,6 +76,6 @@ class Recording:
         )
 
     def vector(self, names: tuple[str, ...]) -> FloatArray:
-        """Three columns side by side, shape (M, 3); NaN where one is not mapped."""
+        """Return three columns side by side, shape (M, 3); NaN if a column is not mapped."""
         nothing = np.full(len(self), np.nan)
         return np.column_stack([self.columns.get(name, nothing) for name in names])

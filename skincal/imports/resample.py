@@ -1,4 +1,4 @@
-"""Streams with clocks of their own, on the clock of another. Pure numerics."""
+"""Resampling of a stream on the clock of another. Pure numerics."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from skincal.imports.recording import FloatArray
 
 
 def resampled(time_s: FloatArray, values: FloatArray, onto_s: FloatArray, rules: TopicRules) -> FloatArray:
-    """A stream at other times.
+    """Return a stream resampled at other times.
 
-    ``previous`` takes the last sample that is not later; ``linear`` lies on the line between the last and the
-    next, and needs both. A sample that is older than ``max_age_s``, or two that are farther apart, give NaN.
+    ``previous`` takes the last sample that is not later; ``linear`` interpolates between the last and the next sample,
+    and needs both. A sample older than ``max_age_s``, or two samples farther apart, give NaN.
 
     Args:
         time_s: the stream's times, ascending [s], shape (n,).
         values: its values, shape (n,).
-        onto_s: the times asked for [s], shape (M,).
+        onto_s: times to resample at [s], shape (M,).
         rules: kind and greatest age.
 
     Returns:
-        Shape (M,); NaN where the stream says nothing.
+        Shape (M,); NaN where the stream has no valid sample.
     """
     if not len(time_s):
         return np.full(len(onto_s), np.nan)

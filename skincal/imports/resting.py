@@ -1,4 +1,4 @@
-"""Contacts that slide while they are held: the hold is cut to where the contact rests."""
+"""Contacts that slide while they are held: their hold is cut to where the contact rests."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from skincal.imports.series import Cut, Rejected, Series, Span
 
 SHOWN = 8
 TRIES, SMALLER = 6, 0.7
-"""A part of a hold is smoothed less than all of it: where it still slides by that measure, it is cut more closely."""
+"""Largest number of cuts: a part of a hold is smoothed less than the whole, and may still slide by that measure."""
 
 
 def rested(
     found: Cut, series: Series, recording: Recording, mapping: Mapping, file: str, findings: Findings
 ) -> Cut:
-    """The cut with every hold no longer than the contact rests, as ``slides`` of ``[series]`` says.
+    """Return the cut with every hold shortened to where the contact rests, if ``slides`` of ``[series]`` says so.
 
     Args:
         found: the presses.
-        series: what they were cut from.
-        recording: with positions in the fingertip frame.
-        mapping: says how far a contact that rests moves.
-        file: what the place of a warning is called.
-        findings: where the warning, or the error, goes.
+        series: the series that they were cut from.
+        recording: recording with positions in the fingertip frame.
+        mapping: mapping with the largest motion of a contact that rests.
+        file: name of the file in a warning.
+        findings: collects the warning or error.
     """
     sigma = mapping.meta.position.sigma_m
     still = mapping.cut.still_m if mapping.cut.still_m is not None else sigma
@@ -75,7 +75,7 @@ def rested(
 
 
 def _rest(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
-    """The longest part of a hold in which the contact rests, also by the measure of that part alone."""
+    """Return the longest part of a hold in which the contact rests, also by the noise of that part alone."""
     start, stop = 0, 0
     for turn in range(TRIES):
         start, stop = rests(position_m, still_m * SMALLER**turn, noise_m)

@@ -1,4 +1,4 @@
-"""The imports as functions: a mapping file and a recording in, a dataset out."""
+"""The imports as functions, from a mapping file and a recording to a dataset."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from skincal.imports.recording import Recording
 def import_csv(
     mapping: str | Path, out: str | Path, files: Sequence[str | Path] = (), *, force: bool = False
 ) -> Imported:
-    """Imports text files.
+    """Import text files.
 
     Args:
         mapping: the mapping file, with a table ``[csv]``.
-        out: the dataset to make.
+        out: dataset to create.
         files: the recording, in the order of the session; none: the files that the mapping lists.
-        force: whether an existing dataset there is replaced.
+        force: whether to replace an existing dataset.
 
     Returns:
-        What was read, written and left out.
+        A report of what was read, written and left out.
 
     Raises:
         InputError: the mapping or the recording is wrong; every violation is listed.
@@ -40,16 +40,16 @@ def import_csv(
 def import_rosbag(
     mapping: str | Path, out: str | Path, bags: Sequence[str | Path] = (), *, force: bool = False
 ) -> Imported:
-    """Imports ROS bags; needs the library rosbags (``pip install skincal[ros]``).
+    """Import ROS bags; needs the library rosbags (``pip install skincal[ros]``).
 
     Args:
         mapping: the mapping file, with a table ``[bag]``.
-        out: the dataset to make.
+        out: dataset to create.
         bags: ROS 1 files or ROS 2 folders, in the order of the session; none: those that the mapping lists.
-        force: whether an existing dataset there is replaced.
+        force: whether to replace an existing dataset.
 
     Returns:
-        What was read, written and left out.
+        A report of what was read, written and left out.
 
     Raises:
         InputError: the mapping or a bag is wrong; every violation is listed.
@@ -62,7 +62,7 @@ def import_rosbag(
 
 
 _READ = {"csv": "a CSV file to read", "bag": "a bag to read"}
-"""What is expected where a recording is named, by the kind of its mapping."""
+"""Expected kind of recording in errors, by the kind of mapping."""
 
 
 def _imported(
@@ -74,7 +74,7 @@ def _imported(
     *,
     force: bool,
 ) -> Imported:
-    """Reads a recording after its mapping, and makes a dataset of it."""
+    """Read a recording by its mapping, and write its dataset."""
     found = read_mapping(mapping, kind)
     paths = resolved(found, [Path(file) for file in given], found.source.files, _READ[kind])
     refuse_existing(out, mapping, *paths, force=force, marker=FILE)
@@ -86,13 +86,13 @@ def _imported(
 
 
 def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
-    """The topics of a bag: type and number of messages of each, by name.
+    """Return type and number of messages of each topic of a bag, by name.
 
     Args:
         bag: a ROS 1 file or a ROS 2 folder.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the bag cannot be read.
         WorkError: the library rosbags is not installed.
     """
     from skincal.imports.bag_file import opened

@@ -1,4 +1,4 @@
-"""A time series, and the spans of it that are presses. Pure numerics: how they are found is in the cutters."""
+"""A time series, and the spans of it that are presses. Pure numerics; the cutters find the spans."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """What a cutter looks at.
+    """Input of a cutter.
 
     Attributes:
         time_s: session clock [s], ascending, shape (M,).
         force_n: normal force [N], finite, shape (M,).
-        part: index of the file, shape (M,); no press goes from one file to the next.
-        press: number of the press, -1 for none, shape (M,); None where no column says so.
-        phase: words of a column of phases, shape (M,); None where there is none.
+        part: index of the file, shape (M,); no press extends over two files.
+        press: number of the press, -1 for none, shape (M,); None without such a column.
+        phase: words of a column of phases, shape (M,); None without such a column.
     """
 
     time_s: FloatArray
@@ -38,16 +38,16 @@ class Series:
 
 @dataclass(frozen=True)
 class Span:
-    """One press in a series, as indices; ``stop`` and ``hold_stop`` are one past the last.
+    """A press in a series, as indices; ``stop`` and ``hold_stop`` are one past the last.
 
     Attributes:
-        number: of the press.
+        number: number of the press.
         start: first sample of the contact, or of the ramp that leads to a plateau.
         hold: first sample of the hold.
         hold_stop: end of the hold.
         stop: end of the contact.
-        rising: whether the force rises on the way to the hold; then that is loading.
-        branch: ``up`` or ``down`` of a plateau; '' of a press of its own.
+        rising: whether the force rises before the hold, which is then loading.
+        branch: ``up`` or ``down`` for a plateau; '' for a single press.
     """
 
     number: int
@@ -61,7 +61,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A span that is no press, and why; its samples are left out."""
+    """A span that is not a press, with the reason; its samples are left out."""
 
     start: int
     stop: int
@@ -70,14 +70,14 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Cut:
-    """What a cutter found."""
+    """Result of a cutter."""
 
     spans: tuple[Span, ...]
     rejected: tuple[Rejected, ...] = ()
 
 
 def runs(mask: BoolArray, part: IntArray | None = None) -> list[tuple[int, int]]:
-    """Stretches ``[start, stop)`` where a mask holds; a change of ``part`` ends one."""
+    """Return the stretches ``[start, stop)`` where a mask holds; a change of ``part`` ends a stretch."""
     if not mask.any():
         return []
     edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
@@ -94,7 +94,7 @@ def runs(mask: BoolArray, part: IntArray | None = None) -> list[tuple[int, int]]
 
 
 def longest(stretches: Sequence[tuple[int, int]], time_s: FloatArray) -> tuple[int, int] | None:
-    """The stretch that lasts longest; the first of them where several do."""
+    """Return the stretch that lasts longest, the first if there are several."""
     if not stretches:
         return None
     return max(stretches, key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))

@@ -1,4 +1,4 @@
-"""A recording becomes presses: checked, put on one clock, and cut."""
+"""From a recording to presses: check it, put it on one clock, and cut it."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from skincal.imports.tables import presses_of_rows, tables_of_series
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What a recording holds.
+    """Content of a recording.
 
     Attributes:
-        presses: one row a press.
-        frames: one row a sample; None where each row of the source is a press.
+        presses: one row per press.
+        frames: one row per sample; None if each row of the source is a press.
         read: the files.
-        dropped: what was left out, and why.
-        notes: what was mended.
-        clocks: how the clocks of other files were put on that of the taxels.
+        dropped: samples that were left out, with reasons.
+        notes: repairs.
+        clocks: alignment of the clocks of other files with that of the taxels.
     """
 
     presses: Presses
@@ -44,7 +44,7 @@ class Session:
 
 
 def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Session | None:
-    """Presses, and frames, of a recording in the fingertip frame; None, and errors, where it cannot be cut."""
+    """Return presses and frames of a recording in the fingertip frame; None, with errors, if it cannot be cut."""
     _check_numbers(recording, mapping, findings)
     if findings.errors:
         return None
@@ -75,7 +75,7 @@ def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Se
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:
-    """Numbers of presses are whole ones; an empty cell of a series means no press."""
+    """Check that numbers of presses are whole; an empty cell of a series means no press."""
     numbers = recording.columns.get("press")
     if numbers is None:
         return
@@ -107,7 +107,7 @@ def _series(recording: Recording, mapping: Mapping, findings: Findings) -> Serie
 
 
 def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> FloatArray:
-    """Times of all files on one clock [s], shape (M,)."""
+    """Return the times of all files on one clock [s], shape (M,)."""
     time = np.array(recording.columns["time_s"], dtype=np.float64)
     if rules.own_clocks:
         for part in range(1, len(recording.files)):
@@ -125,7 +125,7 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
 
 
 def _where(recording: Recording, bad: NDArray[np.bool_]) -> str:
-    """File and rows of the first places where a mask holds."""
+    """Return the file and rows of the first places where a mask holds."""
     rows = np.flatnonzero(bad)
     part = int(recording.part[rows[0]])
     begin = int(np.flatnonzero(recording.part == part)[0])

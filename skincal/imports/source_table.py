@@ -1,6 +1,6 @@
-"""The one place where files become tables: a reader a format, and for the rest what kind of file it is.
+"""The single place where files become tables: one reader per format, and messages for other kinds of file.
 
-Every reader gives a :class:`~skincal.imports.text_table.TextTable` with the columns that a mapping asks for.
+Every reader gives a :class:`~skincal.imports.text_table.TextTable` with the columns that a mapping needs.
 """
 
 from __future__ import annotations
@@ -11,11 +11,15 @@ from typing import Final
 
 from skincal.dataset.findings import Findings
 from skincal.files import open_input, reason
+from skincal.imports.apart import apart
 from skincal.imports.array_files import read_hdf5, read_matlab, read_numpy, read_parquet
 from skincal.imports.columns_of import Columns, chosen
 from skincal.imports.frame_text import layout_hint, read_blocks, read_labelled
 from skincal.imports.mapping import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
+
+FOREIGN: Final = (read_hdf5, read_matlab, read_parquet)
+"""Those whose libraries may crash, or take all memory, on a damaged file."""
 
 ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"\x89HDF\r\n\x1a\n": read_hdf5,
@@ -24,7 +28,7 @@ ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"PAR1": read_parquet,
     b"\x93NUMPY": read_numpy,
 }
-"""Readers of binary files by how these begin."""
+"""Readers of binary files by their first bytes."""
 
 REFUSED: Final = {
     b"\x89MCAP": ("an MCAP recording", "Use `skincal import rosbag`, or write its channels as .csv or .npz."),
@@ -43,7 +47,7 @@ REFUSED: Final = {
     b"\x80\x04": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
     b"\x80\x05": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
 }
-"""What other files begin with: their kind, and what to do."""
+"""First bytes of unsupported files: their kind, and advice."""
 
 READ: Final = "text, .mat, .npz, .npy, HDF5 or Parquet"
 
@@ -51,14 +55,14 @@ READ: Final = "text, .mat, .npz, .npy, HDF5 or Parquet"
 def read_source_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads the columns that are asked for; None, and errors, where the file does not hold them.
+    """Read the required columns; None, with errors, if the file does not hold them.
 
     Args:
         path: the file.
-        form: its layout, where it is text.
+        form: its layout, if it is text.
         numbers: columns that hold numbers.
         texts: columns that hold words or dates.
-        findings: where errors go.
+        findings: collects the errors.
     """
     try:
         with open_input(path) as file:
@@ -71,8 +75,8 @@ def read_source_table(
         reader = None if path.suffix.lower() in (".xlsx", ".xlsm", ".ods", ".zip") else read_numpy
     if reader is not None:
         try:
-            columns = reader(path)
-        except (OSError, ValueError, KeyError, NotImplementedError) as error:
+            columns = apart(reader, path) if reader in FOREIGN else reader(path)
+        except (OSError, ValueError) as error:
             got = " ".join(str(error).split())[:200]
             findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
             return None
@@ -95,7 +99,7 @@ def read_source_table(
 
 
 def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None:
-    """The kind of a file that is not read, and what to do; None for text."""
+    """Return the kind of an unsupported file, and advice; None for text."""
     known = next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None)
     if known:
         return known

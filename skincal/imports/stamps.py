@@ -1,4 +1,4 @@
-"""The clock of text files: stamps read as numbers, dates or times of day, then mended and checked."""
+"""The clock of text files: stamps are read as numbers, dates or times of day, then repaired and checked."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Kind = Literal["number", "date", "day"]
 TIME_OF_DAY = r"\d{1,2}:\d{2}:\d{2}(?:\.\d+)?"
 
 DATE_MARKS = ("%d", "%j", "%x", "%c", "%D", "%F", "%s")
-"""What a format says of the date; without any of these it is of a time of day."""
+"""Directives of a format that give the date; without them it describes a time of day."""
 
 DISPLACED = 20
-"""Rows that stand so many places from where their stamps put them were written late; farther, the clock was set."""
+"""Rows at most this many places from the order of their stamps were written late; farther, the clock was set."""
 
 FASTEST_HZ = 5e4
-"""A tactile sensor gives fewer frames a second than this: faster, the unit of its stamps is wrong."""
+"""Largest frame rate of a tactile sensor [Hz]: above it, the unit of the stamps is wrong."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class Clock:
     """The clock of the files of one device.
 
     Attributes:
-        times_s: of the rows of each file, ascending within a file [s].
-        rows: of each file, the order in which its rows are to be taken.
+        times_s: times of the rows of each file, ascending within a file [s].
+        rows: order of the rows of each file.
         kind: ``day`` for times of day, ``date`` for times since 1970, ``number`` for any others.
-        notes: what was mended.
+        notes: repairs.
     """
 
     times_s: tuple[FloatArray, ...]
@@ -65,14 +65,14 @@ def read_clock(
     *,
     own_clocks: bool = False,
 ) -> Clock:
-    """The clock of some files, in the order of the session.
+    """Return the clock of some files, in the order of the session.
 
     Args:
         tables: the files.
-        time: where their stamps stand; None: their rows come at ``rate_hz``.
+        time: source of the stamps; None: rows at ``rate_hz``.
         form: their layout.
-        findings: where errors go.
-        own_clocks: whether each file has a clock of its own; else a wrap may lie between two files.
+        findings: collects the errors.
+        own_clocks: whether each file has its own clock; else a wrap may lie between two files.
     """
     sizes = [table.rows for table in tables]
     if time is None:
@@ -107,7 +107,7 @@ def read_clock(
     equal = sum(int((np.diff(part) == 0).sum()) for part in times)
     if equal:
         notes.append(
-            f"{time.place}: {equal} rows have the stamp of the row before; such rows were spread evenly up to the "
+            f"{time.place}: {equal} rows have the stamp of the previous row; they were spread evenly up to the "
             "next stamp"
         )
     return Clock(
@@ -117,7 +117,7 @@ def read_clock(
 
 
 def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
-    """The stamps of a file as the source's numbers, or as seconds; NaN where one is missing."""
+    """Return the stamps of a file in the source's numbers, or in seconds; NaN where missing."""
     name = time.sources[0]
     if time.unit.name != units.DATETIME:
         return table.numbers(name), "number"
@@ -131,7 +131,7 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         return np.asarray(parsed.dt.total_seconds(), dtype=np.float64), "day"
     dates = pd.to_datetime(
         cells.where(given), errors="coerce", utc=True, format=time.format or "ISO8601"
-    )  # those without a zone are all of one, which does not matter
+    )  # stamps without a zone share one, which does not matter
     good = dates.notna().to_numpy()
     expected = (
         f'a date and time like "{time.format}" (format)'
@@ -156,7 +156,7 @@ def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
 def _mended(
     stamps: FloatArray, time: Quantity, kind: Kind, findings: Findings
 ) -> tuple[FloatArray, list[str]]:
-    """Stamps without wraps, none missing, and what was done."""
+    """Return the stamps without wraps and gaps, and a report of the repairs."""
     notes: list[str] = []
     wraps = _wraps(stamps, time, kind)
     if wraps is not None and wraps.rows.size:
@@ -167,21 +167,21 @@ def _mended(
         got = f"wraps at {period}{f' ({wraps.words})' if wraps.words else ''} {times}, before row {where}"
         if wraps.words and kind == "number":
             mapping = f"wraps_at = {period}"
-            fix = f"It was made to go on. To fix it: {mapping} there."
+            fix = f"It was unwrapped. To set the period: {mapping} there."
             findings.note(
                 time.place,
-                "a clock that goes on",
+                "a clock that runs on",
                 f"one that {got}",
                 fix,
                 code="counter_wrapped",
                 mapping=mapping,
             )
         else:
-            notes.append(f"{time.place}: the clock {got}; it was made to go on")
+            notes.append(f"{time.place}: the clock {got}; it was unwrapped")
     missing = int(np.isnan(stamps).sum())
     if 0 < missing < len(stamps):
         notes.append(
-            f"{time.place}: {missing} rows have no stamp; they were put evenly between their neighbours"
+            f"{time.place}: {missing} rows have no stamp; they were placed evenly between their neighbours"
         )
         stamps = with_missing(stamps)
     return stamps, notes
@@ -196,7 +196,7 @@ def _wraps(stamps: FloatArray, time: Quantity, kind: Kind) -> Wraps | None:
 
 
 def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings) -> None:
-    """Stamps that count from 1970 say themselves which unit they are in."""
+    """Check the unit of stamps that count from 1970, which their magnitude shows."""
     together = np.concatenate(stamps) * abs(time.scale)
     known = [(name, units.FACTORS[units.TIME][name]) for name in ("s", "ms", "us", "ns")]
     found = epoch_unit(together, known)
@@ -212,7 +212,7 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
 
 
 def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> None:
-    """Times in the order of the rows; a step back that no wrap explains is an error that says what it may be."""
+    """Check that times follow the order of rows; a step back without a wrap is an error with its likely cause."""
     if not np.isfinite(time_s).all():
         if not findings.errors:
             findings.error(f"{table.sheet.file}, {time.place}", "stamps", "none in any row")
@@ -225,11 +225,11 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
     single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
     fix = (
-        "These stamps alone are wrong: empty their cells, and they are put between their neighbours."
+        "These stamps alone are wrong: empty their cells; they are then placed between their neighbours."
         if single and moved > DISPLACED
         else 'If rows were written late and their stamps are right, set order = "time".'
         if moved <= DISPLACED
-        else "The clock was set, or began anew, and the order of the rows is that of the events: give wraps_at if it "
+        else "The clock was set or restarted, and the order of the rows is that of the events: give wraps_at if it "
         "counts to a limit, or split the file there and set own_clocks = true in [series]."
     )
     got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s" + (

@@ -1,4 +1,4 @@
-"""Takes what a mapping asks for out of the messages of a bag: one stream a topic, each on its own clock."""
+"""Streams of the values that a mapping takes from the messages of a bag: one per topic, each on its own clock."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from skincal.imports.recording import FloatArray
 
 @dataclass
 class Stream:
-    """The samples of one topic, while they are read.
+    """Samples of one topic while they are read.
 
     Attributes:
         topic: the topic.
         rules: its clock.
-        stamps_ns: times of the messages, as the clock says [ns].
-        samples: by field path, or name of a joint's column: a value a message.
+        stamps_ns: times of the messages on their clock [ns].
+        samples: values by field path, or by name of a joint's column: one per message.
     """
 
     topic: str
@@ -31,18 +31,18 @@ class Stream:
     samples: dict[str, list[Any]] = field(default_factory=dict[str, list[Any]])
 
     def times_s(self, zero_ns: int) -> FloatArray:
-        """Times since ``zero_ns`` with the lag taken off [s], shape (n,)."""
-        # Differences of whole nanoseconds first: seconds since 1970 would lose the last digits.
+        """Return the times since ``zero_ns`` without the lag [s], shape (n,)."""
+        # Subtract whole nanoseconds first: seconds since 1970 would lose the last digits.
         passed = np.array([stamp - zero_ns for stamp in self.stamps_ns], dtype=np.float64)
         return passed * 1e-9 - self.rules.lag_s
 
 
 class Collector:
-    """Collects the samples of all topics that a mapping names.
+    """Collector of the samples of all topics in a mapping.
 
     Args:
         mapping: the mapping.
-        findings: where errors go; each kind is reported once.
+        findings: collects the errors; each kind is reported once.
     """
 
     def __init__(self, mapping: Mapping, findings: Findings) -> None:
@@ -66,11 +66,11 @@ class Collector:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints, those of the mapping or of the first message."""
+        """Names of the joints: those of the mapping, or of the first message."""
         return self._joints
 
     def take(self, topic: str, receive_ns: int, message: Any) -> None:
-        """Adds one message."""
+        """Add one message."""
         stream = self.streams[topic]
         sample: dict[str, Any] = {}
         try:
@@ -129,7 +129,7 @@ class Collector:
         return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
     def _header(self, topic: str, message: Any) -> Any:
-        """The stamp of a message, or of the element that a path picks out of it; None where there is none."""
+        """Return the stamp of a message, or of the element that a path selects; None if there is none."""
         if hasattr(message, "header"):
             return message.header.stamp
         for _, _, steps, _ in self._readers.get(topic, []):
@@ -142,7 +142,7 @@ class Collector:
         return None
 
     def _joint_values(self, message: Any) -> dict[str, float]:
-        """Angles and torques of a ``sensor_msgs/JointState``; NaN for what it does not hold."""
+        """Return angles and torques of a ``sensor_msgs/JointState``; NaN for missing ones."""
         if not all(hasattr(message, name) for name in ("name", "position", "effort")):
             expected = "sensor_msgs/JointState"
             self._report(

@@ -1,4 +1,4 @@
-"""A table of a mapping file: every key is known, or it is an error."""
+"""Tables of a mapping file, in which unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from skincal.dataset.toml_table import TomlTable
 
 
 def as_list(value: Any) -> list[Any]:
-    """A list as it is; an empty one for anything else."""
+    """Return a list as it is, and an empty list for anything else."""
     return cast("list[Any]", value) if isinstance(value, list) else []
 
 
 def as_table(value: Any) -> dict[str, Any]:
-    """A table as it is; an empty one for anything else."""
+    """Return a table as it is, and an empty table for anything else."""
     return cast("dict[str, Any]", value) if isinstance(value, dict) else {}
 
 
 class StrictTable(TomlTable):
-    """One table of a mapping file, read key by key; unlike in a dataset, unknown keys are errors."""
+    """Reader of one table of a mapping file, key by key; unlike in a dataset, unknown keys are errors."""
 
     @property
     def file(self) -> str:
@@ -34,7 +34,7 @@ class StrictTable(TomlTable):
         return f"{self._file}, [{self._name}]"
 
     def texts(self, key: str, expected: str, *, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
-        """A text, or a list of texts; an empty tuple where it is missing or wrong."""
+        """Return a text, or a list of texts, as a tuple; an empty tuple if it is missing or wrong."""
         value = self.raw(key)
         if value is None:
             if default is None:
@@ -47,7 +47,7 @@ class StrictTable(TomlTable):
         return tuple(items)
 
     def numbers(self, key: str, expected: str, shape: tuple[int, ...], default: Any) -> Any:
-        """Nested lists of finite numbers of a shape, as nested tuples; the default where missing or wrong."""
+        """Return nested lists of finite numbers of a shape, as nested tuples; the default if missing or wrong."""
         value = self.raw(key)
         if value is None:
             return default
@@ -58,14 +58,14 @@ class StrictTable(TomlTable):
             return default
 
     def bounded(self, key: str, expected: str, default: float, *, low: float = 0.0) -> float:
-        """A number of at least ``low``; the default where it is missing or wrong."""
+        """Return a number of at least ``low``; the default if it is missing or wrong."""
         value = self.number(key, expected, default=default, low=low)
         return default if math.isnan(value) else float(value)
 
     def table(
         self, key: str, known: Sequence[str], findings: Findings, *, strict: bool = True
     ) -> StrictTable:
-        """A table inside this one; an empty one, and an error unless it is missing, where it is no table."""
+        """Return a table inside this one; an empty one if it is missing, or, with an error, if it is not a table."""
         values = self.raw(key)
         if values is not None and not isinstance(values, dict):
             self.error(key, "a table", values)
@@ -74,7 +74,7 @@ class StrictTable(TomlTable):
         return StrictTable(findings, self._file, name, content, known if strict else tuple(content))
 
     def items(self) -> Mapping[str, Any]:
-        """All of its content."""
+        """Return the content of the table."""
         return self._values
 
     def _report_unknown(self, key: str, candidates: Sequence[str], known: Sequence[str]) -> None:
@@ -84,10 +84,10 @@ class StrictTable(TomlTable):
 
 
 def _shaped(value: Any, shape: tuple[int, ...]) -> Any:
-    """Nested lists as nested tuples.
+    """Return nested lists as nested tuples.
 
     Raises:
-        ValueError: they are not of this shape, or hold something else than finite numbers.
+        ValueError: they have another shape, or hold anything but finite numbers.
     """
     if not shape:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):

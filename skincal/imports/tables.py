@@ -1,4 +1,4 @@
-"""From a recording and the spans that are presses to the dataset's tables. Pure numerics."""
+"""The tables of a dataset from a recording and the spans of its presses. Pure numerics."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OWN = ("press", "phase", "time_s", "force_n", *POSITION)
 
 
 def presses_of_rows(recording: Recording) -> Presses:
-    """A recording with one row a press; without numbers they are counted from 0."""
+    """Return the presses of a recording with one row per press; without numbers they are counted from 0."""
     numbers = recording.columns.get("press")
     taken = ("press", "force_n", *POSITION, *NORMAL)
     return Presses(
@@ -29,7 +29,7 @@ def presses_of_rows(recording: Recording) -> Presses:
 
 
 def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Presses, Frames]:
-    """The hold means of every press, and the frames; samples of rejected spans are left out."""
+    """Return the hold means of every press, and the frames without samples of rejected spans."""
     return _presses(recording, series, cut.spans), _frames(recording, series, cut)
 
 
@@ -76,12 +76,12 @@ def _presses(recording: Recording, series: Series, spans: tuple[Span, ...]) -> P
 
 
 def _marks(span: Span) -> tuple[int, int, int, int]:
-    """Samples of the start, of the first and last of the hold, and of the end."""
+    """Return the samples of the start, of the first and last of the hold, and of the end."""
     return span.start, span.hold, span.hold_stop - 1, span.stop - 1
 
 
 def _means(values: FloatArray, spans: tuple[Span, ...], series: Series) -> FloatArray:
-    """Means over the hold of what was measured, shape (presses, columns); NaN where nothing was."""
+    """Return means of measured values over each hold, shape (presses, columns); NaN where nothing was measured."""
     means = np.full((len(spans), values.shape[1]), np.nan)
     for i, span in enumerate(spans):
         rows = values[span.hold : span.hold_stop]

@@ -1,4 +1,4 @@
-"""The columns of a dataset that a mapping may fill: of what kind they are, and which belong together."""
+"""The columns of a dataset that a mapping may fill: their kinds and their groups."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VECTORS: Final = {"position": POSITION, "normal": NORMAL, "target": TARGET}
 NUMBER, WORD = "number", "text"
 
 PRESSES, SERIES = "presses", "series"
-"""What a row of the source is: a whole press, or one sample of a time series."""
+"""Meaning of a row of the source: a whole press, or one sample of a time series."""
 
 _KINDS: Final = {
     **dict.fromkeys((*POSITION, *TARGET, "indenter_radius_m"), units.LENGTH),
@@ -24,11 +24,11 @@ _KINDS: Final = {
 }
 
 LABELS: Final = ("pose", "branch", "cycle", "indenter_radius_m", "target_force_n", *TARGET)
-"""Columns that name something of a whole press and are not averaged over its hold."""
+"""Columns that describe a whole press and are not averaged over its hold."""
 
 
 def quantity_of(target: str) -> str:
-    """The kind of quantity that a column holds; plain numbers where it has no unit."""
+    """Return the kind of quantity of a column; plain numbers for one without a unit."""
     joint = JOINT.fullmatch(target)
     if joint:
         return units.ANGLE if joint[1] == "q" else units.TORQUE
@@ -36,23 +36,23 @@ def quantity_of(target: str) -> str:
 
 
 def is_text(target: str) -> bool:
-    """Whether a column holds words."""
+    """Return whether a column holds words."""
     return target == "phase" or OPTIONAL.get(target) == TEXT
 
 
 def is_whole(target: str) -> bool:
-    """Whether a column holds whole numbers."""
+    """Return whether a column holds whole numbers."""
     return target == "press" or OPTIONAL.get(target) == WHOLE
 
 
 def known_targets(rows: str) -> tuple[str, ...]:
-    """The columns that sources with such rows may fill, without joints."""
+    """Return the columns that sources with such rows may fill, without joints."""
     own = ("press", *TIMES) if rows == PRESSES else ("time_s", "press", "phase")
     return (*own, *POSITION, "force_n", *OPTIONAL)
 
 
 def required_targets(rows: str, *, positions: bool) -> tuple[str, ...]:
-    """The columns that a mapping has to fill; ``positions``: whether anything is known of them."""
+    """Return the columns that a mapping must fill; ``positions``: whether positions are known."""
     return (
         *(("time_s",) if rows == SERIES else ()),
         *(POSITION if positions else ()),

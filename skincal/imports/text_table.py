@@ -1,4 +1,4 @@
-"""One text file of anyone's making as named columns, with the line that each row stands on."""
+"""A text file in any layout as named columns, with the line number of each row."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from skincal.imports.mapping import CsvFormat
 Column = NDArray[Any]
 
 MOST_LOG_BYTES = 1 << 30
-"""Of a text file, which is read at once."""
+"""Largest size of a text file, which is read at once [byte]."""
 
 
 class SourceSheet(Sheet):
-    """Names places in a file; ``lines`` holds the number of the line of each row, None where there are no lines."""
+    """Names of places in a file; ``lines`` holds the line number of each row, None without lines."""
 
     def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64] | None) -> None:
         super().__init__(findings, file, None)
         self._lines = lines
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
-        """The place of some rows (counted from 0) of a column, the first of ``total``: the lines of the file."""
+        """Return the place of some rows (counted from 0) of a column, the first of ``total``, with their lines."""
         index = np.atleast_1d(np.asarray(rows))
         count = index.size if total is None else total
         named = ", ".join(f"{int(row) + 1}{self._line(row)}" for row in index[:SHOWN])
@@ -40,11 +40,11 @@ class SourceSheet(Sheet):
 
 
 class TextTable:
-    """A text file, read.
+    """A text file that has been read.
 
     Args:
-        sheet: names places in it.
-        columns: the columns that were asked for: float64 where every cell is a number, else text.
+        sheet: names of places in it.
+        columns: the required columns: float64 if every cell is a number, else text.
         decimal: the decimal mark.
     """
 
@@ -55,7 +55,7 @@ class TextTable:
         self._decimal = decimal
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """A column as numbers, NaN where nothing stands; an error for cells that are none, and for inf."""
+        """Return a column as numbers, NaN for empty cells; add an error for other texts and for inf."""
         column = self._columns.get(name)
         if column is None:
             return np.full(self.rows, np.nan)
@@ -68,7 +68,7 @@ class TextTable:
         return column
 
     def text(self, name: str) -> NDArray[Any]:
-        """A column as text, '' where nothing stands."""
+        """Return a column as text, '' for empty cells."""
         column = self._columns.get(name)
         return np.full(self.rows, "", dtype=object) if column is None else column
 
@@ -76,14 +76,14 @@ class TextTable:
 def read_text_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Reads the columns that are asked for; None, and errors, where the file has no such form.
+    """Read the required columns; None, with errors, if the file does not have this layout.
 
     Args:
         path: the file.
         form: its layout.
         numbers: columns that hold numbers.
         texts: columns that hold words or dates.
-        findings: where errors go.
+        findings: collects the errors.
     """
     lines = text_lines(path, form, findings)
     if lines is None:
@@ -101,7 +101,7 @@ def read_text_table(
 
 
 def column_names(path: Path, form: CsvFormat) -> list[str]:
-    """The names of the columns of a text file; none where it has no header."""
+    """Return the column names of a text file; none without a header."""
     lines = text_lines(path, form, Findings())
     return _header(path.name, form, lines, Findings())[0] if lines else []
 
@@ -109,7 +109,7 @@ def column_names(path: Path, form: CsvFormat) -> list[str]:
 def text_lines(
     path: Path, form: CsvFormat, findings: Findings, *, blank: bool = False
 ) -> list[tuple[int, str]] | None:
-    """The lines that are neither skipped, comments nor, unless ``blank``, empty, with their numbers."""
+    """Return the lines that are not skipped, not comments and, unless ``blank``, not empty, with their numbers."""
     encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
     try:
         text = read_bytes(path, MOST_LOG_BYTES).decode(encoding)
@@ -137,7 +137,7 @@ def text_lines(
 def _header(
     file: str, form: CsvFormat, lines: list[tuple[int, str]], findings: Findings
 ) -> tuple[list[str], list[tuple[int, str]]]:
-    """The names of the columns (their numbers, from 1, where there is no header), and the rows' lines."""
+    """Return the names of the columns (numbers from 1 without a header), and the lines of the rows."""
     if not lines:
         findings.error(file, "a header line and rows" if form.header else "rows", "nothing")
         return [], []
@@ -186,7 +186,7 @@ def _parse(
     types: dict[str, str],
     lines: NDArray[np.int64],
 ) -> dict[str, Column] | None:
-    """The columns: as numbers at once, or as text where a cell is none."""
+    """Return the columns, as numbers if possible, else as text."""
     import pyarrow as arrow  # pyright: ignore[reportMissingTypeStubs]
     import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
 
@@ -249,7 +249,7 @@ def _column(column: Any, kind: str, form: CsvFormat) -> Column:
 
 
 def _parsed(cells: NDArray[Any], decimal: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Cells as numbers, NaN where nothing stands, and which are no finite number."""
+    """Return cells as numbers, NaN for empty ones, and which of them are not finite numbers."""
     values = np.full(len(cells), np.nan)
     bad = np.zeros(len(cells), dtype=bool)
     for i, cell in enumerate(cells):
@@ -264,7 +264,7 @@ def _parsed(cells: NDArray[Any], decimal: str) -> tuple[NDArray[np.float64], NDA
 
 
 def _other_mark(cells: NDArray[Any], decimal: str) -> bool:
-    """Whether cells would be numbers with the other decimal mark."""
+    """Return whether cells would be numbers with the other decimal mark."""
     other = "," if decimal == "." else "."
     return any(
         other in cell and not _parsed(np.array([cell], dtype=object), other)[1][0] for cell in cells[:SHOWN]

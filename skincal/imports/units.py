@@ -1,4 +1,4 @@
-"""Units that other people write, and what turns them into SI."""
+"""Units of other programs, and their conversion to SI."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Unit:
     """A unit of a source: ``SI = factor * value + offset``.
 
     Attributes:
-        name: as it is written in a mapping.
-        factor: of one unit, in SI.
-        offset: of its zero, in SI; only temperatures have one.
+        name: name in a mapping.
+        factor: value of one unit in SI.
+        offset: value of its zero in SI; only temperatures have one.
     """
 
     name: str
@@ -38,7 +38,7 @@ TEMPERATURE = "temperature"
 NONE = "number"
 
 DATETIME: Final = "datetime"
-"""In the place of a unit of time: dates with times, like 2026-11-20 12:00:00.250."""
+"""Instead of a unit of time: dates with times, like 2026-11-20 12:00:00.250."""
 
 _LENGTHS = {
     "m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": INCH_M, "mil": INCH_M / 1000,
@@ -59,7 +59,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     TEMPERATURE: {"C": 1.0, "K": 1.0, "F": 5 / 9},
     NONE: {"1": 1.0},
 }
-"""What one unit is in SI (degrees Celsius for temperatures), by the kind of quantity."""
+"""Units in SI (degrees Celsius for temperatures), by the kind of quantity."""
 
 _ZEROS = {"K": -273.15, "F": -32 * 5 / 9}
 _ALIASES = {
@@ -70,7 +70,7 @@ _ALIASES = {
 
 
 def unit_of(kind: str, name: str) -> Unit | None:
-    """The unit of a quantity by its name; None where there is none of that name."""
+    """Return the unit of a quantity by its name; None if unknown."""
     name = _ALIASES.get(name, name)
     factor = FACTORS[kind].get(name)
     return (
@@ -79,11 +79,11 @@ def unit_of(kind: str, name: str) -> Unit | None:
 
 
 def other_kind(name: str) -> str | None:
-    """The kind of quantity that a unit belongs to; None for a unit of nothing."""
+    """Return the kind of quantity of a unit; None for an unknown unit."""
     name = _ALIASES.get(name, name)
     return next((kind for kind, units in FACTORS.items() if name in units), None)
 
 
 def si_unit(kind: str) -> Unit:
-    """The unit that the dataset itself has: the first of a kind."""
+    """Return the unit that the dataset itself has: the first of a kind."""
     return Unit(next(iter(FACTORS[kind])))

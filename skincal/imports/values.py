@@ -1,4 +1,4 @@
-"""Cells of a source's table as the columns of a dataset, in SI."""
+"""Conversion of the cells of a source's table to columns of the dataset, in SI."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from skincal.imports.text_table import TextTable
 
 
 def is_text(quantity: Quantity) -> bool:
-    """Whether the source of a column holds words or dates."""
+    """Return whether the source of a column holds words or dates."""
     return targets.is_text(quantity.target) or quantity.unit.name == units.DATETIME
 
 
 def quantity_values(quantity: Quantity, table: TextTable) -> Column:
-    """A column of the dataset from the cells of a table."""
+    """Return a column of the dataset from the cells of a table."""
     if quantity.constant is not None:
         return constant(quantity.constant, table.rows)
     if targets.is_text(quantity.target):
@@ -30,10 +30,10 @@ def quantity_values(quantity: Quantity, table: TextTable) -> Column:
 
 
 def constant(value: float | str, rows: int) -> Column:
-    """A column that holds the same in every row."""
+    """Return a column with the same value in every row."""
     return np.full(rows, value, dtype=object if isinstance(value, str) else np.float64)
 
 
 def length(parts: Sequence[FloatArray]) -> FloatArray:
-    """Length of a vector from its components, shape (rows,)."""
+    """Return the length of a vector from its components, shape (rows,)."""
     return np.linalg.norm(np.column_stack(parts), axis=1)

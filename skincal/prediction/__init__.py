@@ -1,4 +1,4 @@
-"""What a calibration says of presses: images predicted for the contacts of a dataset, its effects included."""
+"""Predictions: images of a dataset's contacts by a calibration, with its effects."""
 
 from skincal.prediction.mismatch import Mismatch
 from skincal.prediction.places import Places, Seen, best_places

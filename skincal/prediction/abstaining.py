@@ -1,4 +1,4 @@
-"""Which effects of a calibration a dataset does not tell enough for, in words."""
+"""Effects of a calibration that abstain because a dataset lacks their covariates, in words."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _PARTLY = {
     "cycle": ("cycle",),
     "shear": ("shear_u_n", "shear_v_n"),
 }
-"""Covariates of which a cell may be empty, with their columns."""
-_LEFT_OUT = "The prediction is without it."
+"""Covariates whose cells may be empty, with their columns."""
+_LEFT_OUT = "The prediction leaves it out."
 
 
 def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...]]:
-    """Names of effects that abstain, each with the covariates that are missing."""
+    """Return the names of effects that abstain, each with its missing covariates."""
     if not on.has_effects:
         return {}
     touches = Touches.of_presses(on, dataset) if dataset.frames is None else Touches.of_frames(on, dataset)
@@ -47,12 +47,12 @@ def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...
 def abstaining_problems(
     calibration: Calibration, dataset: Dataset, lacking: Mapping[str, tuple[str, ...]]
 ) -> tuple[Problem, ...]:
-    """What a person should know: effects that abstain, and hand poses that the calibration does not know.
+    """Return warnings about effects that abstain, and about hand poses that the calibration does not know.
 
     Args:
-        calibration: the skin.
-        dataset: what was predicted.
-        lacking: effects that abstain and what they lack.
+        calibration: the calibration.
+        dataset: the predicted dataset.
+        lacking: effects that abstain, with their missing covariates.
     """
     place = "the dataset" if dataset.folder is None else str(dataset.folder)
     found = [
@@ -66,13 +66,13 @@ def abstaining_problems(
         new = [pose for pose in poses if pose not in one.poses]
         if one.poses and several and new:
             where = f"{place}, column pose, for the effect {one.name}"
-            fix = "In other poses it is neutral."
+            fix = "It is neutral in other poses."
             found.append(Problem(where, f"the poses {', '.join(one.poses)}", ", ".join(new), fix))
     return tuple(found)
 
 
 def _columns(missing: tuple[str, ...]) -> str:
-    # Phases come with the times, frames or not; what a site has met with the count of its touches.
+    # Phases come with the times, with or without frames; a site's largest force comes with the count of its touches.
     told = {"phase": "time", **DERIVED}
     named = [name for name in missing if told.get(name) not in missing]
     return " and ".join(np.unique([_COLUMNS[name] for name in named]).tolist())
@@ -81,7 +81,7 @@ def _columns(missing: tuple[str, ...]) -> str:
 def _partly(
     effect: Effect, dataset: Dataset, place: str, lacking: Mapping[str, tuple[str, ...]]
 ) -> list[Problem]:
-    """Covariates of an effect that were recorded in some of the presses only."""
+    """Return problems of covariates of an effect that only a part of the presses have."""
     if effect.name in lacking:
         return []
     found: list[Problem] = []
@@ -100,7 +100,7 @@ def _partly(
             empty = 0 if values is None else int(np.isnan(values).sum())
             if values is not None and 0 < empty < len(values):
                 got = f"empty in {empty} of {len(values)} {what}"
-                fix = "The effect is left out there, which makes steps: fill them in, or take the column out."
+                fix = "The effect is left out there, which makes steps: fill the cells, or remove the column."
                 found.append(
                     Problem(f"{place}, column {column}, for the effect {effect.name}", "a value", got, fix)
                 )

@@ -1,12 +1,12 @@
-"""Hold images of presses at moved places, for a skin with effects.
+"""Hold images of presses at moved positions, for a skin with effects.
 
-What memory makes of a hold depends on how the press went, and on the presses before it; over the slack of a press that
-hardly changes. So with loads x of a hold without memory and y with it, both at the places where the presses are taken
-to be, the loads at a place nearby, x' without memory, are
+The influence of memory on a hold depends on the course of the press, and on the presses before it. It hardly varies
+within the slack of a press. So with loads x of a hold without memory and y with it, both at the assumed positions of
+the presses, the loads at a nearby position, x' without memory, are
 
     y' = g x' + (y - g x),    g = sum y x / sum x²
 
-with one gain g for each press. At the places themselves that is exact. All other effects act on the moved contact.
+with one gain g for each press. This is exact at the assumed positions. All other effects act on the moved contact.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, t
 
 @dataclass(frozen=True, eq=False)
 class HoldModel:
-    """Hold images at moved places.
+    """Hold images at moved positions.
 
     Attributes:
-        touches: (H) presses at their measured places, in the order of time.
-        samples: (H) in the middle of their holds.
-        skin: effects but those with memory.
-        gain: (H, 1) what memory makes of the loads.
-        left_n: (H, J) what it adds to them [N].
-        level_counts: (J,) mean level of untouched taxels, which is taken off [counts].
+        touches: (H) presses at their measured positions, in the order of time.
+        samples: (H) samples in the middle of their holds.
+        skin: skin without its effects with memory.
+        gain: (H, 1) gain that memory gives the loads.
+        left_n: (H, J) loads that memory adds [N].
+        level_counts: (J,) mean level of untouched taxels, which is subtracted [counts].
     """
 
     touches: Touches
@@ -46,13 +46,13 @@ class HoldModel:
 
     @classmethod
     def of(cls, on: CalibratedSkin, dataset: Dataset, rows: Ints, slack_m: Floats | None = None) -> HoldModel:
-        """The model of some presses.
+        """Return the model of some presses.
 
         Args:
             on: the skin.
             dataset: the presses.
             rows: (H,) rows of presses in the order of time.
-            slack_m: (P, 2) places at which memory is looked at [m]; None: where they were measured.
+            slack_m: (P, 2) slacks at which memory is evaluated [m]; None: at the measured positions.
         """
         touches = Touches.of_presses(on, dataset).taken(rows)
         samples = _middles(touches, dataset, rows)
@@ -61,7 +61,7 @@ class HoldModel:
         return cls(touches, samples, skin, gain[rows], left[rows], _level(skin, samples))
 
     def values(self, slack_m: Floats, press: Ints) -> Floats:
-        """Values (n, J) above the level at rest [counts] of presses (n,) at slacks (n, 2) [m]."""
+        """Return the values (n, J) above the level at rest [counts] of presses (n,) at slacks (n, 2) [m]."""
         order = np.argsort(press, kind="stable")
         rows = press[order]
         contacts = self.touches.taken(rows).moved(slack_m[order]).contacts()
@@ -73,13 +73,13 @@ class HoldModel:
 
 
 def rest_level(on: CalibratedSkin, dataset: Dataset) -> Floats:
-    """Mean level (J,) of untouched taxels over the session [counts]: what effects do to it, as far as it shows."""
+    """Return the mean level of untouched taxels over the session (J,) [counts], with effects, within the range."""
     rows = in_time(dataset, np.arange(len(dataset.presses)))
     return _level(on.full, _middles(Touches.of_presses(on, dataset).taken(rows), dataset, rows))
 
 
 def left_at_rest(on: CalibratedSkin, dataset: Dataset) -> Floats:
-    """What memory leaves behind in the idle frames of a session, on average (J,) [counts]."""
+    """Return the mean residual of memory in the idle frames of a session (J,) [counts]."""
     frames = dataset.frames
     if frames is None or not on.full.has_memory or touching(dataset).all():
         return np.zeros(on.skin.patch.layout.taxels)
@@ -94,12 +94,12 @@ def _level(skin: EffectSkin, samples: Samples) -> Floats:
         return np.zeros(skin.skin.patch.layout.taxels)
     nothing = np.zeros(len(samples), dtype=np.bool_)
     level = skin.values(replace(samples, touching=nothing)).mean(axis=0)
-    # A level below the converter's range does not show at rest, and is missing from every value all the same.
+    # A level below the converter's range does not show at rest, but is still missing from every value.
     return level if skin.skin.converter.value_min is None else np.maximum(level, 0.0)
 
 
 def in_time(dataset: Dataset, rows: Ints) -> Ints:
-    """Rows of presses in the order of time."""
+    """Return the rows of presses in the order of time."""
     rank = np.empty(len(dataset.presses), dtype=np.intp)
     rank[_order(dataset)] = np.arange(len(rank))
     return rows[np.argsort(rank[rows], kind="stable")]
@@ -111,7 +111,7 @@ def _order(dataset: Dataset) -> Ints:
 
 
 def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
-    """One sample a press (H,) in the middle of its hold."""
+    """Return one sample per press (H,) in the middle of its hold."""
     middle = _middle_times(dataset)
     more: dict[str, Any] = {} if middle is None else {"time_s": middle[rows], "phase": HOLD}
     samples = hold_samples(touches, dataset, rows, pose_names(dataset), **more)
@@ -124,7 +124,7 @@ def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
 
 
 def _middle_times(dataset: Dataset) -> Floats | None:
-    """Middle of the hold of each press (P,) [s]; None where there is no clock."""
+    """Return the middle of the hold of each press (P,) [s]; None without a clock."""
     given, clock = press_times(dataset)
     frames = dataset.frames
     if frames is None:
@@ -137,12 +137,12 @@ def _middle_times(dataset: Dataset) -> Floats | None:
         middle[many > 0] = total[many > 0] / many[many > 0]
     if clock:
         middle = np.where(np.isfinite(middle), middle, (given[1] + given[2]) / 2)
-    # A press without a frame and times: as if in the middle of the session.
+    # Place a press without frames and times in the middle of the session.
     return np.where(np.isfinite(middle), middle, np.median(frames.time_s))
 
 
 def _memory(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None) -> tuple[Floats, Floats]:
-    """Gain (P, 1) that memory gives the loads of each hold, and what it adds (P, J) [N]."""
+    """Return the gain (P, 1) that memory gives the loads of each hold, and the loads that it adds (P, J) [N]."""
     count, taxels = len(dataset.presses), on.skin.patch.layout.taxels
     if not on.full.has_memory:
         return np.ones((count, 1)), np.zeros((count, taxels))

@@ -24,8 +24,8 @@ class Images:
     """Predicted values.
 
     Attributes:
-        presses: (P, J) values of the presses [counts]; NaN where a place is not known.
-        frames: (M, J) values of the frames [counts]; None where there are none.
+        presses: (P, J) values of the presses [counts]; NaN at unknown positions.
+        frames: (M, J) values of the frames [counts]; None without frames.
     """
 
     presses: Floats
@@ -40,19 +40,19 @@ def images_with_effects(
     progress: Progress | None = None,
     ends: tuple[EffectSkin, ...] = (),
 ) -> tuple[Images, ...]:
-    """What a skin with effects says of a dataset.
+    """Return the images of a dataset by a skin with effects.
 
-    Frames come one after the other, so that effects with memory know what went before. A press is the mean of the
-    frames of its hold; one that has none, and all presses of a dataset without frames, are played as standard presses
-    that know nothing of each other.
+    Frames follow each other, so that effects with memory know the frames before. A press is the mean over the frames of
+    its hold. A press without frames, and all presses of a dataset without frames, are simulated as standard presses,
+    independent of each other.
 
     Args:
         on: the skin.
         dataset: the presses.
-        slack_m: (P, 2) how far presses are moved across and along [m]; None: they stay.
-        readout: what clips values (N, J) as the converter does; left out, they are not clipped.
-        progress: told how many samples are done, and of how many.
-        ends: skins for the stages after the contact, each with images of its own; left out, the skin itself.
+        slack_m: (P, 2) shift of the presses across and along [m]; None: no shift.
+        readout: clips values (N, J) as the converter does; default: no clipping.
+        progress: callback with the number of finished samples and of all samples.
+        ends: skins for the stages after the contact, each with its own images; default: the skin itself.
     """
     ends, poses, count = ends or (on.full,), pose_names(dataset), len(dataset.presses)
     presses = [np.full((count, on.skin.patch.layout.taxels), np.nan) for _ in ends]
@@ -90,14 +90,14 @@ def images_with_effects(
 def _values(
     skin: EffectSkin, ends: tuple[EffectSkin, ...], samples: Samples, progress: Progress | None, each: int = 0
 ) -> list[FloatArray]:
-    """Values (K, J) of a session for each end, in pieces.
+    """Return the values (K, J) of a session for each end, computed in pieces.
 
     Args:
-        skin: for the stages up to the contact.
-        ends: for the stages after it.
+        skin: skin for the stages up to the contact.
+        ends: skins for the stages after it.
         samples: the session.
-        progress: told how far it is.
-        each: number of samples after which memory begins anew; 0: never.
+        progress: progress callback.
+        each: number of samples after which memory is reset; 0: never.
     """
     out = [np.empty((len(samples), skin.skin.patch.layout.taxels)) for _ in ends]
     each = each if any(end.has_memory for end in ends) else 0
@@ -118,7 +118,7 @@ def _values(
 
 
 def _means(values: Floats, owner: Ints, count: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Means (P, J) of values (N, J) that are known, by their press; and which presses have any."""
+    """Return the means (P, J) of the known values (N, J) of each press, and which presses have any."""
     known = np.isfinite(values).all(axis=1)
     total = np.zeros((count, values.shape[1]))
     np.add.at(total, owner[known], values[known])

@@ -1,4 +1,4 @@
-"""How far predicted counts are from measured ones, with and without the level at rest."""
+"""The mismatch of predicted and measured counts, with and without the level at rest."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Root mean square difference per taxel between measured and predicted counts, where there is contact.
+    """Root mean square difference per taxel between measured and predicted counts, during contact.
 
     Attributes:
-        rmse_counts: as the columns stand. A prediction has no noise; where the converter clips noise at rest, an
+        rmse_counts: of the columns as they are. A prediction has no noise; where the converter clips noise at rest, an
             untouched taxel reads a little above 0 on average, and this counts as a difference.
-        rmse_with_rest_counts: after what the session's own noise and level at rest add to a mean count has been
-            added to the prediction: to be compared with the loss of a fit, and with the noise.
+        rmse_with_rest_counts: after adding to the prediction what the session's noise and level at rest add to a mean
+            count: comparable with the loss of a fit, and with the noise.
     """
 
     rmse_counts: float
@@ -36,18 +36,18 @@ def _readout(dataset: Dataset) -> Readout:
 
 
 def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
-    """Measured images as unclipped values above rest, the level at rest from idle frames where there are enough.
+    """Return the measured images as unclipped values above rest; the level at rest comes from idle frames if enough.
 
     Args:
-        dataset: gives the images.
-        left_counts: (J,) what touches leave behind in idle frames on average: no level at rest [counts].
+        dataset: dataset with the images.
+        left_counts: (J,) mean residual of touches in idle frames, which is not part of the level at rest [counts].
     """
     idle = idle_means(dataset)
     return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
 
 
 def within_range(dataset: Dataset, values: Floats) -> Floats:
-    """Values (N, J) clipped to the range of the dataset's converter, not rounded [counts]."""
+    """Return the values (N, J) clipped to the range of the dataset's converter, not rounded [counts]."""
     return replace(dataset.converter(), integer=False).apply(values)
 
 
@@ -59,15 +59,15 @@ def mismatch(
     seen: Observed,
     level_counts: Floats | float = 0.0,
 ) -> Mismatch:
-    """The mismatch of presses or frames.
+    """Return the mismatch of presses or frames.
 
     Args:
-        dataset: they are of; gives the converter.
+        dataset: dataset of the rows, for its converter.
         measured: (N, J) measured counts.
         predicted: (N, J) predicted counts.
         contact: (N,) rows that count.
-        seen: what the session tells of its noise and its level at rest.
-        level_counts: (J,) level at rest that the prediction has already; the session's takes its place [counts].
+        seen: images with the session's noise and level at rest.
+        level_counts: (J,) level at rest in the prediction, which the session's replaces [counts].
     """
     counts, values = measured[contact], predicted[contact]
     above_rest = values - np.maximum(level_counts, 0.0)
@@ -81,6 +81,6 @@ def mismatch(
 
 
 def rms(values: Floats) -> float:
-    """Root mean square of the values that are known; NaN where there are none."""
+    """Return the root mean square of the known values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

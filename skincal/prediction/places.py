@@ -1,12 +1,12 @@
-"""The best contact position of every press within its slack, on absolute images, for any skin and indenter.
+"""Press placement: the best contact position of every press within its slack, for any skin and indenter.
 
 For a press with observed values D and simulated values T the objective is
 
     Q(delta) = sum_j w_j^2 (T_j(delta) - D_j)^2 / sigma_n^2  +  |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
-(the paper's micro variables, section III-B, on absolute images, with what the rig's position is worth). Pose, E and
-scale are known here, so the size of the image tells of the position too. A lattice finds the basins, since the mirror
-image on the other side of a row of taxels fits almost as well; damped Gauss-Newton steps with differences finish.
+(the paper's micro variables, section III-B, on absolute images, with the prior of the rig's positions). Pose, E and
+scale are known here, so that the size of the image is informative as well. A lattice finds the basins, since the
+mirror image on the other side of a row of taxels fits almost as well; damped Gauss-Newton steps refine them.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 
 Simulate = Callable[[Floats, Ints], Floats]
-"""Takes slacks (n, 2) [m] and the presses that they are of (n,) to values (n, J) [counts], not clipped."""
+"""Function from slacks (n, 2) [m] and the indices of their presses (n,) to values (n, J) [counts], not clipped."""
 
 LATTICE_M, MOST_NODES = 0.4e-3, 21
-"""Spacing of the lattice [m], and its nodes along a side at most."""
+"""Spacing of the lattice [m], and its largest number of nodes along a side."""
 
 BASINS = 5
-"""So many basins of a press are followed at most."""
+"""Largest number of basins of a press that are refined."""
 
 BLUNT_COUNTS = 4.0
-"""On the lattice residuals count no more than with this noise, so that basins are as wide as its cells."""
+"""Smallest noise assumed for residuals on the lattice, so that basins are as wide as its cells."""
 
 DIFFERENCE_M, LONGEST_STEP_M, SETTLED_M = 1e-5, 0.4e-3, 2e-7
 STRIDES, ROUNDS = 12, 10
 ROOM = 4_000_000
-"""Simulated values held at once."""
+"""Number of simulated values held in memory at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Images that the positions shall explain.
+    """Images that the positions are to explain.
 
     Attributes:
         values: (K, J) observed values above rest [counts].
         weight: (K, J) weight of a residual; 0 where a taxel was not read.
         saturated: (K, J) the value is a lower bound.
-        lit: (K, J) taxels that answered; the noise is estimated from them.
-        floor_counts: the noise is taken to be this or more [counts].
+        lit: (K, J) active taxels, from which the noise is estimated.
+        floor_counts: lower bound of the noise [counts].
     """
 
     values: Floats
@@ -61,12 +61,12 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """What was found.
+    """Estimated contact positions.
 
     Attributes:
         slack_m: (K, 2) best slack across and along [m].
         objective: (K,) Q there.
-        noise_counts: sigma_n that a residual was compared with [counts].
+        noise_counts: noise sigma_n of the residuals [counts].
     """
 
     slack_m: Floats
@@ -77,17 +77,17 @@ class Places:
 def best_places(
     simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float, start: Places | None = None
 ) -> Places:
-    """Finds the best slack of every press.
+    """Find the best slack of every press.
 
-    The noise is estimated from the data: it is what is left when positions are chosen with a noise of one count, by
-    the median over the presses, so that a few glitches do not count.
+    The noise is estimated from the data: positions are first chosen with a noise of one count, and the median residual
+    over the presses is the noise, so that a few outliers do not count.
 
     Args:
         simulate: the skin.
         seen: images of K presses.
-        position_sigma_m: one sigma of the measured positions [m]; inf where they are worth nothing.
+        position_sigma_m: one sigma of the measured positions [m]; inf for unknown positions.
         slack_m: bound along each direction, finite [m].
-        start: places that a skin much like this one has found: only what lies below them is looked at.
+        start: positions found with a similar skin, from which to descend without a lattice.
 
     Raises:
         ValueError: the bound is negative or not finite.
@@ -116,21 +116,21 @@ def best_places(
 
 
 def _best_of(press: Ints, objective: Floats, count: int) -> Ints:
-    """The row (K,) with the least objective of each press."""
+    """Return the row (K,) with the smallest objective of each press."""
     order = np.lexsort((objective, press))
     return order[np.searchsorted(press[order], np.arange(count))]
 
 
 @dataclass(frozen=True, eq=False)
 class _Best:
-    """The best places seen so far: slacks (n, 2), objectives (n,) and residuals (n, J). Its arrays change."""
+    """The best positions so far: slacks (n, 2), objectives (n,) and residuals (n, J). Its arrays are mutable."""
 
     slack_m: Floats
     objective: Floats
     residual: Floats
 
     def keep(self, rows: Ints, slack_m: Floats, objective: Floats, residual: Floats) -> Bools:
-        """Takes what is better than before in some rows, and says where that is."""
+        """Keep what is better than before in some rows; return which rows improved."""
         better = objective < self.objective[rows]
         won = rows[better]
         self.slack_m[won], self.objective[won] = slack_m[better], objective[better]
@@ -146,19 +146,19 @@ class _Problem:
     slack_m: float
 
     def evaluate(self, slack_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
-        """Objective (n,) and whitened residuals (n, J)."""
+        """Return the objective (n,) and the whitened residuals (n, J)."""
         residual = self.residual(slack_m, press) / noise
         return (residual**2).sum(axis=1) + self.stiffness * (slack_m**2).sum(axis=1), residual
 
     def residual(self, slack_m: Floats, press: Ints) -> Floats:
-        """Weighted residuals (n, J) [counts]; a taxel at its upper bound only says "at least this"."""
+        """Return the weighted residuals (n, J) [counts]; a taxel at its upper bound gives only a lower bound."""
         seen = self.seen
         difference = self.simulate(slack_m, press) - seen.values[press]
         weight = np.where(seen.saturated[press] & (difference > 0), 0.0, seen.weight[press])
         return np.where(weight > 0, weight * difference, 0.0)
 
     def basins(self, noise: float) -> tuple[Ints, Floats]:
-        """Presses (n,) and slacks (n, 2) of the low places of a lattice over the slack's square."""
+        """Return presses (n,) and slacks (n, 2) of the local minima of a lattice over the slack's square."""
         half = min(int(np.ceil(self.slack_m / LATTICE_M)), MOST_NODES // 2)
         axis = np.linspace(-self.slack_m, self.slack_m, 2 * half + 1)
         lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -174,16 +174,16 @@ class _Problem:
         return np.concatenate([k for k, _ in found]), np.concatenate([at for _, at in found])
 
     def descend(self, start_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
-        """Gauss-Newton from n places: slacks (n, 2) and objectives (n,), never worse than at the start."""
+        """Refine n starts by Gauss-Newton: return slacks (n, 2) and objectives (n,), never worse than at the start."""
         best = _Best(start_m.copy(), *self.evaluate(start_m, press, noise))
         self._stride(best, press, noise)
         self._go_down(best, press, noise)
         return best.slack_m, best.objective
 
     def _stride(self, best: _Best, press: Ints, noise: float) -> None:
-        """Full steps, of which the best place is kept.
+        """Make full steps and keep the best position.
 
-        A press that few taxels feel lies in a thin curved valley: a step along it leaves it, the next one comes back.
+        A press that few taxels feel has a thin curved valley: a step along the valley leaves it, the next one returns.
         """
         rows, now, residual = np.arange(len(press)), best.slack_m, best.residual
         for _ in range(STRIDES):
@@ -196,7 +196,7 @@ class _Problem:
             best.keep(rows, now, objective, residual)
 
     def _go_down(self, best: _Best, press: Ints, noise: float) -> None:
-        """Damped steps, downhill only (Levenberg-Marquardt)."""
+        """Make damped steps that only descend (Levenberg-Marquardt)."""
         rows, damping = np.arange(len(press)), np.full(len(press), 1e-3)
         for _ in range(ROUNDS):
             trial = self._moved(best.slack_m[rows], press[rows], best.residual[rows], damping[rows], noise)
@@ -212,7 +212,7 @@ class _Problem:
         return np.clip(slack + step, -self.slack_m, self.slack_m)
 
     def _step(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
-        # Inwards, so that a difference does not leave the square.
+        # Difference inwards, so as not to leave the square.
         ahead = np.where(slack > 0, -DIFFERENCE_M, DIFFERENCE_M)
         slopes: list[Floats] = []
         for axis in (0, 1):
@@ -222,19 +222,19 @@ class _Problem:
         slope = np.stack(slopes, axis=-1)
         gradient = np.einsum("njd,nj->nd", slope, residual) + self.stiffness * slack
         hessian = np.einsum("njd,nje->nde", slope, slope)
-        # At the bound, and drawn outwards: that direction is held, and the other one goes on alone.
+        # At the bound with an outward gradient, hold that coordinate and step along the other one.
         held = (np.abs(slack) >= self.slack_m * (1 - 1e-12)) & (gradient * slack < 0)
         gradient = np.where(held, 0.0, gradient)
         mixed = np.where(held.any(axis=1), 0.0, hessian[:, 0, 1])
         diagonal = np.einsum("ndd->nd", hessian) + self.stiffness
-        # Where the image says nothing and the prior is off, a floor keeps the step finite.
+        # Where the image is not informative and the prior is off, a floor keeps the step finite.
         diagonal = diagonal * (1.0 + damping[:, None]) + 1e-9 * diagonal.sum(axis=1, keepdims=True) + 1.0
         determinant = diagonal.prod(axis=1) - mixed**2
         step = (mixed[:, None] * gradient[:, ::-1] - diagonal[:, ::-1] * gradient) / determinant[:, None]
         return np.clip(step, -LONGEST_STEP_M, LONGEST_STEP_M)
 
     def typical_residual(self, slack_m: Floats, press: Ints) -> float:
-        """Median over the presses of the rms over lit taxels, the two free coordinates of each allowed for."""
+        """Return the median over the presses of the rms over lit taxels, corrected for two free coordinates each."""
         lit = self.seen.lit[press]
         squares = np.where(lit, self.residual(slack_m, press) ** 2, 0.0).sum(axis=1)
         number = lit.sum(axis=1)
@@ -244,10 +244,10 @@ class _Problem:
 
 
 def _low_places(objective: Floats) -> tuple[Ints, Ints]:
-    """Nodes no higher than their neighbours, the lowest of each press: presses (n,) and flat nodes (n,).
+    """Return the local minima of lattices, the lowest of each press: presses (n,) and flat nodes (n,).
 
     Args:
-        objective: (K, A, A) over lattices.
+        objective: (K, A, A) objective on the lattices.
     """
     side = objective.shape[1]
     padded = np.pad(objective, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)

@@ -1,4 +1,4 @@
-"""A dataset as a calibration predicts it, and how far that is from what was measured."""
+"""The prediction of a dataset by a calibration, and its mismatch with the measurement."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.floating[Any]]
 Table = TypeVar("Table", Presses, Frames)
 
 Progress = Callable[[str, int, int], None]
-"""Told the stage, how much of it is done, and of how much."""
+"""Progress callback: stage, amount done, total amount."""
 
 
 def _silent(_stage: str, _done: int, _total: int) -> None:
@@ -34,15 +34,15 @@ def _silent(_stage: str, _done: int, _total: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a calibration says of a dataset.
+    """Prediction of a dataset by a calibration.
 
     Attributes:
-        dataset: like the one that was predicted, with predicted values in the taxel columns.
+        dataset: the given dataset with predicted values in the taxel columns.
         presses: mismatch of the presses.
-        frames: mismatch of the frames with contact; None where there are none.
-        slack_m: (K, 2) chosen slack of the presses, across and along [m]; None where positions are as measured.
-        abstaining: effects that are left out, as the dataset does not tell what they need: their covariates by name.
-        warnings: the same in words, and what else a person should know.
+        frames: mismatch of the frames with contact; None without frames.
+        slack_m: (K, 2) chosen slack of the presses, across and along [m]; None with measured positions.
+        abstaining: effects that are left out, with the covariates that the dataset lacks.
+        warnings: warnings about these and other problems.
     """
 
     dataset: Dataset
@@ -61,29 +61,29 @@ class Prediction:
 def predict_dataset(
     calibration: Calibration, dataset: Dataset, *, slack: bool = False, progress: Progress = _silent
 ) -> Prediction:
-    """Predicts the images of all presses and frames of a dataset (contract, section 6).
+    """Predict the images of all presses and frames of a dataset (contract, section 6).
 
     Values are those of the model, clipped to the range of the dataset's converter, neither rounded nor noisy and
-    without a level at rest: an untouched taxel is 0. The indenter is the dataset's, a press's own radius first; the
+    without a level at rest: an untouched taxel is 0. The indenter is the dataset's, with a press's own radius if given;
     force is the measured one. A frame has its own position and force; an idle one has no load.
 
-    Effects of the calibration act on frames in the order of time. A press is then the mean over the frames of its hold;
-    without frames a standard press is played. An effect that needs what the dataset does not have is left out, and the
-    result says so.
+    Effects of the calibration act on frames in the order of time. A press is then the mean over the frames of its hold.
+    Without frames a standard press is simulated. An effect without its covariates is left out, which the result
+    reports.
 
     Args:
-        calibration: the skin.
-        dataset: contacts to predict.
-        slack: whether each press, with all its frames, is moved to the best position within its slack: least
-            squares of the absolute hold image, plus what the measured position is worth. The result then has the
+        calibration: the calibration.
+        dataset: dataset with the contacts.
+        slack: whether to move each press, with all its frames, to the best position within its slack: least
+            squares of the absolute hold image, plus the prior of the measured position. The result then has the
             moved positions.
-        progress: told how far the work is.
+        progress: progress callback.
 
     Returns:
-        The predicted dataset and how far it is from the measured one.
+        The predicted dataset, and its mismatch with the measured one.
 
     Raises:
-        InputError: the dataset is of another sensor, or of another surface.
+        InputError: the dataset has another sensor or another surface.
         WorkError: the calibration cannot be simulated.
     """
     check_same_sensor(calibration, dataset)
@@ -123,7 +123,7 @@ def _with_effects(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, 
 
 
 def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
-    """Images by the base model: each press and each frame for itself."""
+    """Return images by the base model, each press and each frame independently."""
     touches = Touches.of_presses(on, dataset)
     touches = touches if slack_m is None else touches.moved(slack_m)
     presses = within_range(dataset, touches.values(_of("presses", progress)))
@@ -137,7 +137,7 @@ def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress
 
 
 def _moved(table: Table, touches: Touches, slack_m: Floats | None, counts: Floats) -> Table:
-    """A table of presses or frames with predicted values, and where there is slack, with moved positions."""
+    """Return a table of presses or frames with predicted values, and with moved positions if there is slack."""
     if slack_m is not None:
         moved = (slack_m != 0).any(axis=1)[:, None]
         points = touches.moved(slack_m).points_m

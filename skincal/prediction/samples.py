@@ -1,7 +1,7 @@
-"""The presses and frames of a dataset as samples of a session, with all that effects may ask for.
+"""The presses and frames of a dataset as samples of a session, with the covariates that effects may need.
 
-A frame has its own covariates; where it has none, those of its press, and at rest those of the press before. A dataset
-without frames has presses only: of each a standard one is played (:func:`skincal.effects.hold_session`).
+A frame has its own covariates; missing ones come from its press, and at rest from the press before. In a dataset
+without frames a standard press is simulated for each press (:func:`skincal.effects.hold_session`).
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _NUMBERS = ("speed_m_per_s", "cycle", "temperature_c", "shear_u_n", "shear_v_n")
 
 
 def pose_names(dataset: Dataset) -> tuple[str, ...]:
-    """Names of the hand poses of a dataset, sorted."""
+    """Return the names of a dataset's hand poses, sorted."""
     tables = [table for table in (dataset.presses, dataset.frames) if table is not None]
     columns = [column for table in tables if (column := table.column("pose")) is not None]
     return tuple(sorted({name for column in columns for name in np.unique(_names(column)).tolist()} - {""}))
 
 
 def pose_numbers(column: NDArray[Any], poses: Sequence[str]) -> Ints:
-    """Numbers of poses by their names; -1 where none is given.
+    """Return the numbers of poses by their names; -1 for an empty name.
 
     Args:
         column: (N,) names.
@@ -52,17 +52,17 @@ def _names(column: NDArray[Any]) -> NDArray[np.str_]:
 
 
 def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
-    """One sample a frame.
+    """Return one sample per frame.
 
     Args:
-        touches: of all frames.
-        dataset: that they are of.
+        touches: contacts of all frames.
+        dataset: dataset of the frames.
         poses: names of the hand poses in the order of their numbers.
     """
     frames, touch = dataset.frames, touching(dataset)
     assert frames is not None
     owner = last_press(frame_presses(dataset), touch)
-    # A press whose place is not known has no image, unless it has no force either.
+    # A press of unknown position has no image, unless it has no force either.
     touch = touch & ((touches.force_n > 0) | np.isfinite(touches.points_m).all(axis=1))
     return _samples(
         touches,
@@ -77,12 +77,12 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
 
 
 def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | None:
-    """A column (M,) of the frames, and that of their presses where frames have none or lack the value.
+    """Return a column of the frames (M,), completed by that of their presses.
 
     Args:
-        dataset: with frames.
-        owner: (M,) row of the press of each frame, of :func:`last_press`.
-        name: of the column.
+        dataset: dataset with frames.
+        owner: (M,) row of each frame's press, from :func:`last_press`.
+        name: name of the column.
     """
     assert dataset.frames is not None
     own, of = dataset.frames.column(name), dataset.presses.column(name)
@@ -93,11 +93,11 @@ def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | Non
 
 
 def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
-    """Row of the press (M,) that each frame is of; at rest that of the press before, at first that of the next.
+    """Return the row of each frame's press (M,); at rest that of the press before, and at first that of the next.
 
     Args:
-        owner: (M,) row of the press, where something touches.
-        touch: (M,) where that is.
+        owner: (M,) row of the press, during contact.
+        touch: (M,) True during contact.
     """
     if not touch.any():
         return np.zeros(len(touch), dtype=np.intp)
@@ -108,11 +108,11 @@ def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
 def hold_samples(
     touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
 ) -> Samples:
-    """One sample a press, in its hold.
+    """Return one sample per press, in its hold.
 
     Args:
-        touches: of the presses ``rows``.
-        dataset: that they are of.
+        touches: contacts of the presses ``rows``.
+        dataset: dataset of the presses.
         rows: (H,) rows of presses.
         poses: names of the hand poses in the order of their numbers.
         more: further columns of :meth:`skincal.effects.Samples.of`.
@@ -135,12 +135,12 @@ def hold_samples(
 
 
 def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
-    """Standard presses about the holds of a dataset. Without a clock their samples have neither times nor phases.
+    """Return standard presses for the holds of a dataset. Without a clock, samples have neither times nor phases.
 
     Args:
-        touches: of the presses ``rows``.
-        dataset: that they are of.
-        rows: (H,) rows of presses in the order of :func:`press_order`, or some of them.
+        touches: contacts of the presses ``rows``.
+        dataset: dataset of the presses.
+        rows: (H,) rows of presses, all or some, in the order of :func:`press_order`.
         poses: names of the hand poses in the order of their numbers.
     """
     given, clock = press_times(dataset)
@@ -154,24 +154,24 @@ def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequen
 
 
 def press_order(dataset: Dataset) -> Ints:
-    """Rows of the table of presses in the order of time; as they stand, where times are not known."""
+    """Return the rows of the table of presses in the order of time, or of the table if times are unknown."""
     given, clock = press_times(dataset)
     return np.argsort(given[0], kind="stable") if clock else np.arange(len(dataset.presses))
 
 
 def press_times(dataset: Dataset) -> tuple[list[Floats], bool]:
-    """Start, hold, release and end of all presses [s], and whether all of them are known."""
+    """Return start, hold, release and end of all presses [s], and whether all of them are known."""
     found = [column for name in TIMES if (column := dataset.presses.column(name)) is not None]
     known = len(found) == len(TIMES) and all(bool(np.isfinite(column).all()) for column in found)
     return found, known
 
 
 def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
-    """Samples of the presses of a dataset, for what is known of them: frames, or the steps of standard presses.
+    """Return the samples of a dataset: its frames, or the steps of standard presses.
 
     Args:
-        touches: of all frames, or of all presses where there are no frames.
-        dataset: that they are of.
+        touches: contacts of all frames, or of all presses without frames.
+        dataset: dataset of the contacts.
         poses: names of the hand poses in the order of their numbers.
     """
     if dataset.frames is not None:

@@ -1,4 +1,4 @@
-"""Which presses of a dataset are of one site, and what a site has met before."""
+"""Sites: which presses of a dataset share one, and its contact history."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 SAME_SITE_M = 1e-4
-"""Targets that are no further apart are one site [m]."""
+"""Largest distance of two targets of one site [m]."""
 
 
 def sites(dataset: Dataset) -> Ints:
-    """Number of the site (P,) of each press: equal targets, or equal measured places where none is recorded."""
+    """Return the site of each press (P,): by equal targets, or by equal measured positions without targets."""
     presses = dataset.presses
     targets = [presses.column(f"target_{axis}_m") for axis in "xyz"]
     given = [t for t in targets if t is not None]
@@ -33,14 +33,14 @@ def sites(dataset: Dataset) -> Ints:
 
 
 def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
-    """Largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
+    """Return the largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
 
-    None where touches are not counted, or where no press tells of an earlier one of its site: without targets, measured
-    places are mostly all different.
+    None if touches are not counted, or if no press has an earlier one at its site: without targets, measured positions
+    mostly all differ.
 
     Args:
-        dataset: all presses of the session.
-        rows: (M,) of the table of presses.
+        dataset: dataset with all presses of the session.
+        rows: (M,) rows of the table of presses.
     """
     cycle = _cycles(dataset)
     if cycle is None:
@@ -51,7 +51,7 @@ def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
 
 
 def _cycles(dataset: Dataset) -> Floats | None:
-    """Earlier touches of the site of each press (P,), by the first frame of each where the table has no column."""
+    """Return the earlier touches of each press's site (P,), from its first frame if the table has no column."""
     own, frames = dataset.presses.column("cycle"), dataset.frames
     of_frames = None if frames is None else frames.column("cycle")
     if own is not None or of_frames is None:
@@ -60,7 +60,7 @@ def _cycles(dataset: Dataset) -> Floats | None:
 
 
 def _in_time(dataset: Dataset) -> Ints:
-    """Rows of presses in the order in which they begin, as far as that is recorded."""
+    """Return the rows of presses in the order of their start, as far as it is recorded."""
     start = dataset.presses.column("t_start_s")
     if start is None or not np.isfinite(start).all():
         if dataset.frames is None:
@@ -70,7 +70,7 @@ def _in_time(dataset: Dataset) -> Ints:
 
 
 def _of_first_frames(dataset: Dataset, values: Floats) -> Floats:
-    """What the first touching frame of each press has (P,), of values of frames (M,); NaN where there is no frame."""
+    """Return the value, of values of frames (M,), in each press's first touching frame (P,); NaN without a frame."""
     touch = np.flatnonzero(touching(dataset))
     rows, first = np.unique(frame_presses(dataset)[touch], return_index=True)
     found = np.full(len(dataset.presses), np.nan)

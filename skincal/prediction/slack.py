@@ -1,4 +1,4 @@
-"""The slack of the presses of a dataset: where each was, as far as its hold image tells."""
+"""The slack of a dataset's presses: their positions as estimated from their hold images."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Ints = NDArray[np.intp]
 def best_slack(
     on: CalibratedSkin, dataset: Dataset, seen: Observed, progress: Callable[[int, int], None]
 ) -> Floats:
-    """The best slack (P, 2) of the presses; one whose position is not known, or that has no force, stays.
+    """Return the best slack of the presses (P, 2); a press of unknown position or without force stays.
 
     Args:
         on: the skin.
         dataset: the presses.
         seen: their images above the level at rest.
-        progress: told that the work begins and ends.
+        progress: callback at start and end of the work.
     """
     progress(0, 1)
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
@@ -38,7 +38,7 @@ def best_slack(
         found = _found(HoldModel.of(on, dataset, free).values, on, dataset, seen, free)
         slack[free] = found.slack_m
         if on.full.has_memory:
-            # What memory does at the places found is not quite what it did where they were measured.
+            # The influence of memory at the estimated positions differs slightly from that at the measured ones.
             again = HoldModel.of(on, dataset, free, slack)
             slack[free] = _found(again.values, on, dataset, seen, free, found).slack_m
     else:
@@ -60,7 +60,7 @@ def _found(
     free: Ints,
     start: Places | None = None,
 ) -> Places:
-    """The best places of some presses (n,)."""
+    """Return the best positions of some presses (n,)."""
     read = np.isfinite(seen.values[free])
     scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
     values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
@@ -72,6 +72,6 @@ def _found(
 
 
 def _patch_size_m(on: CalibratedSkin) -> float:
-    """Half of the patch's longer side: where the slack is not bounded, a press still lies on the patch."""
+    """Return half of the patch's longer side: without a bound of the slack, a press still lies on the patch."""
     low, high = on.skin.patch.layout.bounds_m
     return float((high - low).max()) / 2

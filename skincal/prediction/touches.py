@@ -1,4 +1,4 @@
-"""The contacts of a table's rows on a calibrated skin, and what its base model says of them."""
+"""The contacts of a table's rows on a calibrated skin, and their values by the base model."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.intp]
 
 CHUNK = 10_000
-"""Contacts simulated between two reports of progress."""
+"""Number of contacts simulated between two progress reports."""
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedSkin:
-    """A skin, the surface it lies on, and the indenters of a dataset by their radius.
+    """A skin, its surface, and the indenters of a dataset by radius.
 
     Attributes:
-        skin: of the calibration, without its effects.
-        full: with its effects; one that lacks a covariate abstains.
-        surface: that carries it.
+        skin: skin of the calibration, without its effects.
+        full: skin with its effects; an effect without its covariates abstains.
+        surface: surface that carries the skin.
         centre_m: (3,) the centre of its patch [m].
-        indenters: by radius in nanometres; 0 for one that has none (a mesh).
+        indenters: by radius in nanometres; 0 for a mesh.
     """
 
     skin: Skin
@@ -46,21 +46,21 @@ class CalibratedSkin:
 
     @classmethod
     def of(cls, calibration: Calibration, dataset: Dataset, poses: Sequence[str] = ()) -> Self:
-        """The skin of a calibration, to be pressed by a dataset's indenters.
+        """Return the skin of a calibration, with the indenters of a dataset.
 
         Args:
-            calibration: the skin.
-            dataset: what presses.
+            calibration: the calibration.
+            dataset: dataset with the indenters.
             poses: names of the dataset's hand poses, in the order of their numbers.
 
         Raises:
-            InputError: effects or parameters that are not known.
+            InputError: effects or parameters are unknown.
             WorkError: the skin cannot be simulated.
         """
         try:
             full = skin_of(calibration, missing="abstain", poses=poses)
         except ValueError as error:
-            raise WorkError(f"the calibrated patch has no place on its surface: {error}") from error
+            raise WorkError(f"the calibrated patch does not fit on its surface: {error}") from error
         surface = full.surface
         centre = surface.wrap(calibration.pose(), np.zeros((1, 2)))[0][0]
         radii = [dataset.indenter_radii_m()]
@@ -72,18 +72,18 @@ class CalibratedSkin:
 
     @property
     def has_effects(self) -> bool:
-        """Whether there is more than the base model."""
+        """True if the skin has more than the base model."""
         return not all(one.neutral for one in self.full.effects)
 
 
 def radius_keys(radii_m: Floats) -> Ints:
-    """Radii in whole nanometres, 0 where there is none, to tell indenters apart."""
+    """Return the radii in whole nanometres as keys of indenters, 0 without a radius."""
     return np.rint(np.nan_to_num(radii_m) * 1e9).astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """N contacts; a row whose place is not known has NaN, one without force gives the level at rest.
+    """N contacts; a row of unknown position is NaN, one without force gives the level at rest.
 
     Attributes:
         on: the skin.
@@ -101,7 +101,7 @@ class Touches:
 
     @classmethod
     def of_presses(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
-        """The presses of a dataset at their measured positions."""
+        """Return the presses of a dataset at their measured positions."""
         presses = dataset.presses
         points = _on_surface(on, presses.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
         force = presses.force_n * borne(dataset, MARGIN_M)
@@ -109,7 +109,7 @@ class Touches:
 
     @classmethod
     def of_frames(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
-        """The frames of a dataset at their measured positions; an idle one has no force."""
+        """Return the frames of a dataset at their measured positions; an idle frame has no force."""
         frames = dataset.frames
         assert frames is not None
         points = _on_surface(on, frames.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
@@ -128,14 +128,14 @@ class Touches:
         return len(self.force_n)
 
     def moved(self, slack_m: Floats) -> Self:
-        """The contacts moved over the surface by slacks (N, 2) across and along [m]."""
+        """Return the contacts moved over the surface by slacks (N, 2) across and along [m]."""
         points = np.array(self.points_m, dtype=np.float64)
         known = np.isfinite(points).all(axis=1) & (slack_m != 0).any(axis=1)
         points[known] = self.on.surface.offset(points[known], slack_m[known, 0], slack_m[known, 1])
         return replace(self, points_m=points)
 
     def taken(self, rows: Ints) -> Self:
-        """Some of the contacts, or some several times."""
+        """Return some of the contacts, which may repeat."""
         return replace(
             self,
             points_m=self.points_m[rows],
@@ -145,10 +145,10 @@ class Touches:
         )
 
     def values(self, progress: Progress | None = None) -> Floats:
-        """Values (N, J) of the taxels [counts], neither clipped nor rounded."""
+        """Return the values of the taxels (N, J) [counts], neither clipped nor rounded."""
         out = np.zeros((len(self), self.on.skin.patch.layout.taxels))
         pressed = np.flatnonzero(self.force_n > 0)
-        # Rows of one indenter stand together, so that a chunk holds few of them.
+        # Group rows by indenter, so that a chunk holds few of them.
         pressed = pressed[np.argsort(self.indenter[pressed], kind="stable")]
         for first in range(0, len(pressed), CHUNK):
             rows = pressed[first : first + CHUNK]
@@ -160,35 +160,35 @@ class Touches:
         return out
 
     def contacts(self) -> Contacts:
-        """The contacts, with the surface's own normals where none were measured."""
+        """Return the contacts, with the surface's own normals where none were measured."""
         points = np.asarray(self.points_m, dtype=np.float64)
         normals = np.full((len(self), 3), np.nan)
         if self.normals is not None:
-            # Measured normals are unit vectors to the digits of the file only.
+            # Measured normals are unit vectors only to the digits of the file.
             normals[:] = self.normals / np.linalg.norm(self.normals, axis=1, keepdims=True)
         open_ = ~np.isfinite(normals).all(axis=1)
         known = open_ & np.isfinite(points).all(axis=1)
-        # A place that is not known gives NaN whatever its normal.
+        # An unknown position gives NaN, whatever its normal.
         normals[open_] = [0.0, 0.0, 1.0]
         normals[known] = self.on.surface.normal_at(points[known])
         return Contacts(points, normals, np.asarray(self.force_n, dtype=np.float64))
 
     def indenters(self) -> tuple[tuple[Indenter, ...], Ints]:
-        """All indenters, and which of them (N,) presses."""
+        """Return all indenters, and the index (N,) of each contact's."""
         keys = np.array(sorted(self.on.indenters), dtype=np.intp)
         things = tuple(self.on.indenters[int(key)] for key in keys)
         return things, np.searchsorted(keys, self.indenter)
 
 
 def touching(dataset: Dataset) -> NDArray[np.bool_]:
-    """Which frames (M,) have contact: they belong to a press and are not idle."""
+    """Return which frames (M,) have contact: they belong to a press and are not idle."""
     frames = dataset.frames
     assert frames is not None
     return (frames.phase != IDLE) & (frames.press >= 0)
 
 
 def frame_presses(dataset: Dataset) -> Ints:
-    """Row of the table of presses (M,) that each frame belongs to; 0 for a frame of none."""
+    """Return the row (M,) of each frame's press in the table of presses; 0 for a frame without press."""
     frames, press = dataset.frames, dataset.presses.press
     assert frames is not None
     order = np.argsort(press)
@@ -197,7 +197,7 @@ def frame_presses(dataset: Dataset) -> Ints:
 
 
 def frame_normals(dataset: Dataset) -> Floats | None:
-    """Measured normals (M, 3) of the frames, those of their presses where frames have none; None without either."""
+    """Return the measured normals of the frames (M, 3), completed by those of their presses; None without either."""
     frames = dataset.frames
     assert frames is not None
     parts = [c for name in NORMAL if (c := frames.column(name)) is not None]
@@ -210,12 +210,12 @@ def frame_normals(dataset: Dataset) -> Floats | None:
 
 
 def _on_surface(on: CalibratedSkin, position_m: Floats, *, unknown: bool) -> Floats:
-    """Measured positions (N, 3) taken to the surface.
+    """Return the measured positions (N, 3) moved to the surface.
 
     Args:
         on: the skin.
         position_m: (N, 3) measured positions [m].
-        unknown: the data say that nothing is known of positions; one that is missing then is the patch's centre.
+        unknown: whether the data declare positions unknown; a missing one is then the patch's centre.
     """
     points = np.array(position_m, dtype=np.float64)
     given = np.isfinite(points).all(axis=1)

@@ -1,4 +1,4 @@
-"""Ranges: what a task randomizes, how widely, and why (contract ``skincal-ranges/1``)."""
+"""Randomization ranges: what a task randomizes, how widely, and on what basis (contract ``skincal-ranges/1``)."""
 
 from skincal.ranges.files import read_ranges, write_ranges
 from skincal.ranges.from_calibration import from_calibration

@@ -1,4 +1,4 @@
-"""Ranges as a file: TOML, JSON or YAML, by its suffix; numbers come back exactly."""
+"""Ranges files: TOML, JSON or YAML, by the suffix; numbers are read back exactly."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Plain = dict[str, Any]
 
 
 class _TwiceError(ValueError):
-    """A key that stands twice in one table; TOML refuses that by itself."""
+    """A key that occurs twice in one table; the TOML parser refuses this by itself."""
 
     def __init__(self, key: object) -> None:
         super().__init__(f"the key {key} twice in one table")
 
 
 class _YamlLoader(yaml.SafeLoader):
-    """Safe, refuses doubled keys, and reads ``2.36e8`` as the number a person means by it."""
+    """YAML loader that is safe, refuses duplicate keys, and reads ``2.36e8`` as a number."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys: list[object] = [
@@ -39,7 +39,7 @@ class _YamlLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
-# YAML 1.1 wants a point and a signed exponent in a float; people and JSON write neither.
+# YAML 1.1 requires a point and a signed exponent in a float; people and JSON write neither.
 _YamlLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
@@ -57,7 +57,7 @@ def _json_table(pairs: list[tuple[str, Any]]) -> Plain:
 
 
 def _dump_toml(plain: Plain) -> str:
-    """TOML with one line a draw: the writer's own layout would take a line for each figure."""
+    """Return TOML with one line per draw; the writer's own layout would take one line per figure."""
     skin: Plain = plain.get("skin", {})
     joint: Plain | None = skin.get("joint")
     if joint is None:
@@ -93,10 +93,10 @@ _DUMP: Final[dict[str, Callable[[Plain], str]]] = {
 
 
 def file_format(path: str | Path) -> str:
-    """The suffix that decides the format.
+    """Return the suffix, which decides the format.
 
     Raises:
-        InputError: it is none of ``.toml``, ``.json``, ``.yaml``, ``.yml``.
+        InputError: the suffix is none of ``.toml``, ``.json``, ``.yaml``, ``.yml``.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _LOAD:
@@ -106,7 +106,7 @@ def file_format(path: str | Path) -> str:
 
 
 def read_ranges(path: str | Path) -> Ranges:
-    """Reads ranges (contract ``skincal-ranges/1``).
+    """Read ranges (contract ``skincal-ranges/1``).
 
     Args:
         path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
@@ -130,12 +130,12 @@ def read_ranges(path: str | Path) -> Ranges:
 
 
 def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
-    """Writes ranges; the file appears whole or not at all.
+    """Write ranges; the file appears complete or not at all.
 
     Args:
-        ranges: what to write.
-        path: where; the suffix decides the format.
-        force: whether a file there is replaced.
+        ranges: the ranges.
+        path: file to write; its suffix decides the format.
+        force: whether to replace an existing file.
 
     Raises:
         InputError: unknown suffix, or the file exists and ``force`` is not given.

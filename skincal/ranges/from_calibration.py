@@ -1,18 +1,18 @@
-"""Ranges from a calibration: what it knows replaces the preset's figures; the rest stays as published.
+"""Ranges from a calibration: calibrated parameters replace the preset's figures; the rest stays as published.
 
-Which figures of the preset a calibration replaces:
+A calibration replaces these figures of the preset:
 
 - The centre of the patch (``y_m`` with ``beta_deg``, or ``x_m`` on a plane), ``alpha_deg``, E and S: each
-  becomes uniform over its interval. An offset of the preset (``y_offset_m``, ``x_offset_m``) stands for not
-  knowing where the patch is; a calibrated centre takes its place.
-- ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
-- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). ``taxel_offset`` and
-  ``taxel_gain`` take the place of the preset's spread of the taxels.
+  becomes uniform over its interval. An offset of the preset (``y_offset_m``, ``x_offset_m``) states the
+    uncertainty of the patch's place; a calibrated centre replaces it.
+- ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies for all taxels at once.
+- Parameters of effects are listed under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). ``taxel_offset``
+    and ``taxel_gain`` replace the preset's spread of the taxels.
 
-A parameter that the data leave unbounded has nothing to replace the preset's range with: that stays, assumed. Not so S:
-it belongs to one sensor and its converter, so that without an interval of its own it is refused unless it is assumed.
-Where the preset has none, or one that the sensor's mount rules out (its figures are those of the published
-fingertip), the range that the mount allows is taken.
+Where the data leave a parameter unbounded, the preset's range stays, marked as assumed. S is an exception: it belongs
+to one sensor and its converter, so that a calibration without an interval for S is refused unless a range is assumed.
+Where the preset has no range, or one that the sensor's mount excludes (the preset's figures are those of the published
+fingertip), the range of the mount is used.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from skincal.ranges.parameter import Parameter
 from skincal.ranges.ranges import JointDraws, Ranges
 
 DRAWS: Final = 500
-"""Draws of the joint cloud that are kept, unless another number is asked for."""
+"""Default number of draws of the joint cloud."""
 
 _OFFSETS: Final = {"y_m": "y_offset_m", "x_m": "x_offset_m", "beta_deg": "x_offset_m"}
-"""The preset's offset that stands for not knowing the parameter."""
+"""The preset's offset that states the uncertainty of each parameter."""
 
 _OF_TAXELS: Final = {"taxel_offset": "skin.taxel_offset_counts", "taxel_gain": "skin.scale_offset_per_n"}
-"""The preset's spread of the taxels that an effect takes the place of."""
+"""The preset's spread of the taxels that each effect replaces."""
 
 
 def from_calibration(
@@ -50,33 +50,35 @@ def from_calibration(
     draws: int = DRAWS,
     assumed_scale: tuple[float, float] | None = None,
 ) -> Ranges:
-    """Ranges from a calibration and, for what it does not know, a preset.
+    """Return the ranges of a calibration, and of a preset for what the calibration does not know.
 
     Args:
-        calibration: what is known.
+        calibration: the calibration.
         preset: ``iros24`` or ``icra26``.
-        joint: whether the cloud of draws from the valley is kept too, so that its columns are drawn together.
-        draws: at most so many draws of the cloud are kept, evenly over its rows.
-        assumed_scale: low and high of S [1/N] to assume where the calibration does not tell it.
+        joint: whether to include the joint posterior draws, so that their columns are drawn together.
+        draws: largest number of joint draws, taken evenly from the rows.
+        assumed_scale: low and high of S [1/N] to assume where the calibration leaves it open.
 
     Returns:
-        The ranges; their ``warnings`` name what the calibration leaves open, and what stands in its place.
+        The ranges; their ``warnings`` name what the calibration leaves open, and what replaces it.
 
     Raises:
-        InputError: there is no such preset; or the cloud is asked for, and the calibration has none; or the assumed
-            scale is no range.
-        WorkError: the calibration does not tell S, and none is assumed. S belongs to one sensor and its converter: the
+        InputError: there is no such preset; ``joint`` is set and the calibration has no draws; or the assumed
+            scale is not a range.
+        WorkError: the calibration leaves S open, and no range is assumed. S belongs to one sensor and converter: the
             preset's is that of another.
     """
     parameters = dict(presets.preset(preset))
     warnings: list[Problem] = []
-    # On a plane the patch has no angle round the finger, off it no place across.
+    # On a plane the patch has no angle round the finger; on other surfaces it has no place across.
     flat = calibration.surface.kind == "plane"
-    # Nor is a pad's y one along a finger, of which the preset speaks.
+    # A pad's y does not lie along a finger either, unlike the preset's.
     for path in ("skin.beta_deg", "skin.y_m", "skin.alpha_deg") if flat else ("skin.x_m",):
         parameters.pop(path, None)
     for name in calibration.intervals:
-        if f"skin.{name}" not in NAMES:  # the level at rest is of the session; a task has its own offsets
+        if (
+            f"skin.{name}" not in NAMES
+        ):  # the level at rest belongs to the session; a task has its own offsets
             continue
         if name == _SCALE and not calibration.identified(name):
             parameters[f"skin.{name}"] = Parameter.uniform(*_assumed_scale(calibration, assumed_scale))
@@ -96,13 +98,13 @@ _SCALE: Final = "scale_per_n"
 
 
 def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None) -> tuple[float, float]:
-    """The range of S that is assumed, of a calibration that does not tell it."""
+    """Return the assumed range of S for a calibration that leaves S open."""
     if assumed is None:
         low, high = calibration.intervals[_SCALE]
         raise WorkError(
-            f"{calibration.folder or 'the calibration'}: the data do not tell the scale S (its interval is [{low:g}, "
+            f"{calibration.folder or 'the calibration'}: the data leave the scale S open (its interval is [{low:g}, "
             f"{high:g}]), and that of a preset belongs to another sensor and converter. Collect more presses and fit "
-            "again, or say what to assume: --assume-scale LOW HIGH [counts per N]"
+            "again, or state a range to assume: --assume-scale LOW HIGH [counts per N]"
         )
     low, high = assumed
     if not (0 < low < high and isfinite(high)):
@@ -111,21 +113,21 @@ def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None
 
 
 def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
-    """The cloud of draws from the valley.
+    """Return the joint posterior draws.
 
     Args:
         calibration: with draws.
-        draws: at most so many rows are kept, evenly spaced over those that there are.
+        draws: largest number of rows, evenly spaced over the calibration's.
 
     Raises:
-        InputError: the calibration holds no draws, or draws that tell nothing, or fewer than one is asked for.
+        InputError: the calibration has no draws, or only unbounded parameters, or ``draws`` is below 1.
     """
     if draws < 1:
         raise InputError([Problem("draws", "a number above 0", str(draws))])
     if not any(calibration.identified(name) for name in calibration.intervals):
         place = f"{calibration.folder or 'the calibration'}/calibration.toml, [intervals]"
-        fix = "Its draws tell nothing. Collect more presses; without the draws the preset's ranges are exported."
-        raise InputError([Problem(place, "a parameter that the data tell", "none", fix)])
+        fix = "Its draws determine nothing. Collect more presses; without the draws the preset's ranges are exported."
+        raise InputError([Problem(place, "a parameter that the data determine", "none", fix)])
     if not calibration.draws:
         raise InputError(
             [
@@ -145,7 +147,7 @@ def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
 def _replace(
     parameters: dict[str, Parameter], calibration: Calibration, name: str, warnings: list[Problem]
 ) -> None:
-    """Puts what the calibration knows of one parameter in the place of the preset's figures."""
+    """Replace the preset's figures of one parameter by what the calibration knows."""
     low, high = calibration.intervals[name]
     path = f"skin.{name}"
     if calibration.identified(name):
@@ -159,7 +161,7 @@ def _replace(
             f"calibration.toml, [intervals] {name}",
             "a bounded interval",
             f"[{low:g}, {high:g}]",
-            f"The data do not tell {name}; {stand_in} takes its place, as assumed.",
+            f"The data do not determine {name}; {stand_in} is used instead, as assumed.",
         )
     )
 
@@ -167,7 +169,7 @@ def _replace(
 def _stand_in(
     parameters: Mapping[str, Parameter], calibration: Calibration, name: str
 ) -> tuple[Parameter, str]:
-    """What is assumed of a parameter that the data leave open, and what to call it."""
+    """Return the assumption for a parameter that the data leave open, and its name in messages."""
     published = parameters.get(f"skin.{name}")
     allowed, nominal = _mount(calibration, name)
     if published is not None and not _ruled_out(published, allowed):
@@ -181,13 +183,13 @@ def _stand_in(
 
 
 def _offset_path(path: str) -> str:
-    """Full name of the offset that stands for not knowing a parameter; empty where there is none."""
+    """Return the full name of the offset that states a parameter's uncertainty; '' where there is none."""
     offset = _OFFSETS.get(path.removeprefix("skin."))
     return f"skin.{offset}" if offset else ""
 
 
 def _mount(calibration: Calibration, name: str) -> tuple[tuple[float, float] | None, float]:
-    """What ``[mount]`` allows (None where it says nothing), and the nominal value, else the best one."""
+    """Return the range that ``[mount]`` allows (or None), and the nominal value, else the best one."""
     mount, best = calibration.mount, calibration.model.best()[name]
     if mount is None:
         return None, best
@@ -202,7 +204,7 @@ def _mount(calibration: Calibration, name: str) -> tuple[tuple[float, float] | N
 
 
 def _ruled_out(published: Parameter, allowed: tuple[float, float] | None) -> bool:
-    """Whether the mount allows nothing of a published range: it is that of another fingertip."""
+    """Return whether the mount excludes all of a published range, which is then that of another fingertip."""
     low, high = published.low, published.high
     if allowed is None or not isinstance(low, float) or not isinstance(high, float):
         return False
@@ -213,7 +215,7 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
     scales = calibration.model.scale_per_taxel_per_n
     if scales is not None:
         common = calibration.model.scale_per_n
-        # A taxel that does not answer must not with any S that is drawn.
+        # Keep a taxel that does not respond at zero for every S that is drawn.
         most = 2 * max(common, *(end for end in calibration.intervals["scale_per_n"] if isfinite(end)))
         if calibration.draws is not None:
             most = max(most, float(calibration.draws["scale_per_n"].max()))
@@ -222,7 +224,7 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
 
 
 def _take_the_place(parameters: dict[str, Parameter], effect: Effect, taxels: int) -> None:
-    """What is known of each taxel replaces what the preset assumes of all of them."""
+    """Replace the preset's spread of the taxels by what the calibration knows of each."""
     path = _OF_TAXELS.get(effect.name, "")
     if path not in parameters or parameters[path].source != "assumed":
         return

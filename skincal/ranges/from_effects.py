@@ -1,9 +1,9 @@
 """Ranges of the parameters of a calibration's effects.
 
-A parameter is drawn over its interval, evenly on the scale on which it is fitted, and within its bounds; one without
-an interval keeps the value that was found, exactly. A list, with one number a taxel or a hand pose, is a list of
-ranges. An interval that ends nowhere on one side ends at the bound; one that ends nowhere on both sides says nothing,
-and the value stays as found, with a warning.
+A parameter is drawn over its interval, evenly on the scale on which it is fitted, and within its bounds. A parameter
+without an interval keeps its fitted value. A list, with one number per taxel or hand pose, becomes a list of ranges. An
+interval that is open on one side ends at the bound. An interval that is open on both sides says nothing: the fitted
+value stays, with a warning.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from skincal.ranges.parameter import Numbers, Parameter
 
 
 def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Parameter]:
-    """Ranges by full name.
+    """Return the ranges of an effect's parameters by full name.
 
     Args:
-        effect: of a calibration.
-        warnings: what a person should know is added here.
+        effect: an effect of a calibration.
+        warnings: list to which warnings are appended.
     """
     if EFFECTS[effect.name].of_rig:
         warnings.append(
@@ -30,7 +30,7 @@ def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Para
                 f"calibration.toml, [effects] {effect.name}",
                 "an effect of the skin",
                 "an error of what the rig measured",
-                "Environments know true places and forces, and leave it out.",
+                "Environments know the true places and forces, and leave it out.",
             )
         )
     known = {p.name: p for p in EFFECTS[effect.name].parameters}
@@ -61,7 +61,7 @@ def _open(
     effect: Effect, parameter: EffectParameter, nothing: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 ) -> Problem:
     which = "" if not nothing.ndim else f" of {int(nothing.sum())} of {nothing.size}"
-    fix = f"The data do not tell {parameter.name}{which}; the value stays as it was found."
+    fix = f"The data do not determine {parameter.name}{which}; the fitted value stays."
     place = f"calibration.toml, [effects] {effect.name}, intervals.{parameter.name}"
     return Problem(place, "a bounded interval", "[-inf, inf]", fix)
 

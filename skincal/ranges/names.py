@@ -1,6 +1,6 @@
-"""The parameters that may be randomized: full name, unit, shape, meaning. Files are checked against it.
+"""Names of the parameters that may be randomized: full name, unit, shape, meaning. Files are checked against them.
 
-A parameter that a file leaves out is not randomized: the simulation keeps its nominal value.
+A parameter that a file leaves out is not randomized: the simulation uses its nominal value.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Final, Literal
 from skincal.effects import EFFECTS
 
 Shape = Literal["scalar", "joint", "joint_12", "joint_3", "xyz", "taxel", "pose"]
-"""What one draw is: a number; one each joint, each joint 1 and 2, each joint 3; a vector; one each taxel.
+"""Shape of a draw: one number; one per joint, per joint 1 and 2, per joint 3; a vector; one per taxel.
 
-``pose``: one for all hand poses if the figures are numbers, one for each if they are lists.
+``pose``: one for all hand poses if the figures are numbers, one per pose if they are lists.
 """
 
 _SHAPES: Final[dict[str, Shape]] = {"scalar": "scalar", "per-taxel": "taxel", "per-pose": "pose"}
@@ -23,15 +23,15 @@ _SHAPES: Final[dict[str, Shape]] = {"scalar": "scalar", "per-taxel": "taxel", "p
 
 @dataclass(frozen=True)
 class Name:
-    """One parameter that may be randomized.
+    """A parameter that may be randomized.
 
     Attributes:
         path: full name with its tables: ``skin.y_m``.
         unit: unit for people; ``1`` for a pure number.
-        shape: what one draw is.
+        shape: shape of one draw.
         meaning: what is drawn.
-        least: the smallest value that makes sense.
-        most: the largest value that makes sense; bounds beyond it are mostly a wrong unit.
+        least: smallest sensible value.
+        most: largest sensible value; bounds beyond it mostly mean a wrong unit.
     """
 
     path: str
@@ -43,7 +43,7 @@ class Name:
 
     @property
     def table(self) -> str:
-        """The table it stands in: ``object.marble``."""
+        """The table that holds the parameter: ``object.marble``."""
         return self.path.rpartition(".")[0]
 
 
@@ -108,7 +108,7 @@ _SKIN: Final = (
 NAMES: Final[dict[str, Name]] = {
     name.path: name for name in (*_FINGER, *_object("marble"), *_object("bolt"), *_BOLT_ANGLES, *_SKIN)
 }
-"""Every parameter by its full name, in the order in which files list them; effects aside."""
+"""Every parameter by its full name, in the order of the files; without effects."""
 
 TABLES: Final[tuple[str, ...]] = ("finger", "object.marble", "object.bolt", "skin", "skin.effects.NAME")
 
@@ -116,7 +116,7 @@ EFFECTS_PREFIX: Final = "skin.effects."
 
 
 def find(path: str) -> Name | None:
-    """The parameter of this name, or None. Effects and their parameters are those of the registry."""
+    """Return the parameter of this name, or None. Effects and their parameters come from the registry."""
     if path in NAMES:
         return NAMES[path]
     name, _, parameter = path.removeprefix(EFFECTS_PREFIX).partition(".")
@@ -130,13 +130,13 @@ def find(path: str) -> Name | None:
 
 
 def sort_key(path: str) -> tuple[int, str]:
-    """Puts names in the table's order, effects last; the draws do not depend on the order in a file."""
+    """Return a key that puts names in the table's order, effects last; draws do not depend on the order in a file."""
     order = list(NAMES)
     return (order.index(path), "") if path in NAMES else (len(order), path)
 
 
 def expected_names(path: str) -> str:
-    """What could have stood in the place of an unknown name, for an error message."""
+    """Return the names that an unknown name could have been, for an error message."""
     if path.startswith(EFFECTS_PREFIX):
         name = path.removeprefix(EFFECTS_PREFIX).partition(".")[0]
         if name in EFFECTS:
@@ -150,7 +150,7 @@ def expected_names(path: str) -> str:
 
 
 def suggestion(path: str) -> str:
-    """``Did you mean ...?``, or nothing."""
+    """Return ``Did you mean ...?``, or ''."""
     known = [*NAMES, *(full for name in EFFECTS for full in _parameters_of(name))]
     close = difflib.get_close_matches(path, known, n=1, cutoff=0.75)
     return f"Did you mean {close[0]}?" if close else ""

@@ -1,4 +1,4 @@
-"""How much narrower a calibration makes the ranges of a preset."""
+"""Narrowing: how much narrower a calibration makes the ranges of a preset."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skincal.ranges.ranges import Ranges
 
 @dataclass(frozen=True)
 class Narrowing:
-    """One calibrated parameter beside the preset's.
+    """A calibrated parameter and the preset's range of it.
 
     Attributes:
         path: full name.
-        parameter: what the calibration says.
-        published: what the preset says; None where it does not randomize it.
-        ratio: width over the preset's width; above 1 the calibration is wider, nan where there is none.
+        parameter: the calibrated range.
+        published: the preset's range; None where the preset does not randomize it.
+        ratio: calibrated width over the preset's; above 1 the calibration is wider; nan without a preset's width.
     """
 
     path: str
@@ -27,15 +27,15 @@ class Narrowing:
 
 
 _POSE = ("skin.x_m", "skin.y_m", "skin.alpha_deg")
-"""Where a flat pad lies on its bench; a preset's is where a fingertip's patch lies on its finger."""
+"""Parameters that place a flat pad on its bench; a preset's place a fingertip's patch on its finger."""
 
 
 def narrowing(ranges: Ranges, published: Ranges) -> tuple[Narrowing, ...]:
-    """Every calibrated parameter of some ranges beside that of a preset, in the order of the names."""
+    """Return every calibrated parameter with the preset's range of it, in the order of the names."""
     rows: list[Narrowing] = []
     flat = "skin.x_m" in ranges
     for path in ranges.calibrated():
-        # A preset that only knows an offset of the centre states the width of its range by that.
+        # A preset that knows only an offset of the centre states the width of its range by that offset.
         other = published.get(path, published.get(path.replace("_m", "_offset_m")))
         if flat and path in _POSE:
             other = None

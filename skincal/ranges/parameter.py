@@ -1,4 +1,4 @@
-"""One randomized parameter: a distribution, when it is drawn, and where its figures come from."""
+"""A randomized parameter: its distribution, when it is drawn, and the source of its figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FIGURES: Final[dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter that is drawn anew each episode or each step.
+    """A parameter that is drawn anew every episode or every step.
 
     The figures are in the unit that the parameter's name carries. Each is one number, or a tuple with one
     number a joint or taxel. Build one with :meth:`uniform`, :meth:`log_uniform`, :meth:`normal` or
@@ -36,7 +36,7 @@ class Parameter:
 
     Attributes:
         distribution: ``uniform`` and ``log_uniform`` in [low, high], ``normal``, or ``constant``.
-        mode: drawn once an ``episode``, or at every ``step`` of the skin and the policy.
+        mode: drawn once per ``episode``, or at every ``step`` of the skin and the policy.
         source: ``calibrated`` if a fit to data gave the figures, else ``assumed``.
         low: lower bound of a (log-)uniform distribution.
         high: upper bound of a (log-)uniform distribution.
@@ -68,42 +68,42 @@ class Parameter:
     def uniform(
         cls, low: Numbers, high: Numbers, mode: Mode = "episode", source: Source = "assumed"
     ) -> Parameter:
-        """U(low, high)."""
+        """Return the distribution U(low, high)."""
         return cls("uniform", mode, source, low=low, high=high)
 
     @classmethod
     def log_uniform(
         cls, low: Numbers, high: Numbers, mode: Mode = "episode", source: Source = "assumed"
     ) -> Parameter:
-        """The logarithm is uniform between log(low) and log(high); both above 0."""
+        """Return the distribution whose logarithm is uniform between log(low) and log(high); both above 0."""
         return cls("log_uniform", mode, source, low=low, high=high)
 
     @classmethod
     def normal(
         cls, mean: Numbers, sigma: Numbers | str, mode: Mode = "step", source: Source = "assumed"
     ) -> Parameter:
-        """N(mean, sigma²); a string for sigma is the name of the parameter whose draw it is."""
+        """Return the distribution N(mean, sigma²); a string for sigma names the parameter whose draw it is."""
         if isinstance(sigma, str):
             return cls("normal", mode, source, mean=mean, sigma_from=sigma)
         return cls("normal", mode, source, mean=mean, sigma=sigma)
 
     @classmethod
     def constant(cls, value: Numbers, mode: Mode = "episode", source: Source = "assumed") -> Parameter:
-        """Always the same value."""
+        """Return the distribution that always gives the same value."""
         return cls("constant", mode, source, value=value)
 
     def figures(self) -> dict[str, Numbers]:
-        """The figures that are set, by name."""
+        """Return the figures that are set, by name."""
         pairs = {name: getattr(self, name) for name in ("low", "high", "mean", "sigma", "value")}
         return {name: numbers for name, numbers in pairs.items() if numbers is not None}
 
     def size(self) -> int | None:
-        """How many numbers a figure holds, or None if one number stands for all joints or taxels."""
+        """Length of the figures that are lists; None if one number stands for all joints or taxels."""
         sizes = {len(numbers) for numbers in self.figures().values() if isinstance(numbers, tuple)}
         return max(sizes, default=None)
 
     def width(self) -> float:
-        """Width of the range (the widest, of several); 4 sigma of a normal, nan if that is drawn itself."""
+        """Return the width of the range (the widest of several): 4 sigma of a normal; nan if sigma is drawn itself."""
         if self.distribution == "constant":
             return 0.0
         if self.distribution == "normal":
@@ -116,18 +116,18 @@ FIELDS: Final[tuple[str, ...]] = tuple(f.name for f in fields(Parameter))
 
 
 def as_tuple(numbers: Numbers | None) -> tuple[float, ...]:
-    """The number or numbers as a tuple; empty for none."""
+    """Return the number or numbers as a tuple; empty for None."""
     if numbers is None:
         return ()
     return numbers if isinstance(numbers, tuple) else (numbers,)
 
 
 def problems(parameter: Parameter, place: str) -> list[Problem]:
-    """Everything that is wrong with a parameter.
+    """Return every problem of a parameter.
 
     Args:
-        parameter: the parameter, possibly impossible.
-        place: how to call the place in the messages: ``ranges.toml, [skin.y_m]``.
+        parameter: the parameter, valid or not.
+        place: name of the place in messages: ``ranges.toml, [skin.y_m]``.
     """
     found = [
         Problem(f"{place} {key}", f"one of {', '.join(allowed)}", repr(got))
@@ -144,7 +144,7 @@ def problems(parameter: Parameter, place: str) -> list[Problem]:
 
 
 def _figure_problems(parameter: Parameter, place: str) -> list[Problem]:
-    """Missing, superfluous, not finite, of different lengths, or in the wrong order."""
+    """Return figures that are missing, superfluous, not finite, of different lengths, or in the wrong order."""
     set_figures = set(parameter.figures())
     if parameter.sigma_from is not None:
         set_figures.add("sigma_from")
@@ -184,7 +184,7 @@ def _order_problems(parameter: Parameter, place: str) -> list[Problem]:
 
 
 def _paired(low: Numbers | None, high: Numbers | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Both as tuples of the same length."""
+    """Return both as tuples of the same length."""
     lows, highs = as_tuple(low), as_tuple(high)
     size = max(len(lows), len(highs))
     return lows * size if len(lows) == 1 else lows, highs * size if len(highs) == 1 else highs

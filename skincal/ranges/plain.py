@@ -1,4 +1,4 @@
-"""Ranges as plain tables (what TOML, JSON and YAML hold) and back; every violation is found at once."""
+"""Ranges as plain tables (the content of TOML, JSON and YAML) and back; every violation is reported at once."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _INNER: Final = ("finger", "object", "object.marble", "object.bolt", "skin", "sk
 _TOP: Final = ("format", "provenance", "finger", "object", "skin")
 _JOINT: Final = "skin.joint"
 _LARGEST_WHOLE: Final = 2**1000
-"""Whole numbers beyond it are no floats."""
+"""Largest whole number that a float represents exactly."""
 _JOINT_KEYS: Final = ("columns", "draws", "mode", "source")
 
 Table = Mapping[str, Any]
 
 
 def to_plain(ranges: Ranges) -> dict[str, Any]:
-    """Nested tables of strings, floats and lists; without what is not set."""
+    """Return nested tables of strings, floats and lists, without unset figures."""
     plain: dict[str, Any] = {"format": FORMAT}
     if ranges.provenance:
         plain["provenance"] = dict(ranges.provenance)
@@ -53,7 +53,7 @@ def _plain_parameter(parameter: Parameter) -> dict[str, Any]:
 
 
 def from_plain(values: Table, file: str) -> Ranges:
-    """Ranges from nested tables.
+    """Return ranges from nested tables.
 
     Args:
         values: the content of a file.
@@ -107,7 +107,7 @@ def _provenance(values: Table) -> dict[str, str]:
 
 
 def _tables(values: Table, place: str, found: list[Problem]) -> Iterator[tuple[str, Table]]:
-    """The tables that stand for parameters, by full name; what is no table adds a problem."""
+    """Yield the tables that describe parameters, by full name; add a problem for anything that is not a table."""
     for top in ("finger", "object", "skin"):
         if top in values:
             yield from _inside(top, values[top], place, found)
@@ -133,7 +133,7 @@ def _inside(path: str, value: object, place: str, found: list[Problem]) -> Itera
 
 
 def _parameter(path: str, table: Table, place: str, found: list[Problem]) -> Parameter | None:
-    """One parameter; None, and problems, where it is not a possible one."""
+    """Return a parameter; None, with problems added, where it is invalid."""
     if find(path) is None:
         found.append(unknown_name(path, place))
         return None
@@ -149,12 +149,12 @@ def _parameter(path: str, table: Table, place: str, found: list[Problem]) -> Par
     numbers = {key: _numbers(key, table, where, found) for key in _NUMBERS}
     if texts["distribution"] is None:
         return None
-    # What is missing has been said; with something in its place the figures can be checked as well.
+    # The missing keys have been reported; placeholders let the figures be checked as well.
     texts["mode"], texts["source"] = texts["mode"] or MODES[0], texts["source"] or SOURCES[0]
     try:
         parameter = Parameter(**cast(Any, {**texts, **numbers}))
     except InputError as error:
-        # A figure that is no number has been named; that it is missing need not be said as well.
+        # A figure that is not a number has been reported; do not report it as missing, too.
         named = {p.place for p in found[before:]}
         moved = [replace(p, place=p.place.replace("parameter", where, 1)) for p in error.problems]
         found += [p for p in moved if p.place not in named]
@@ -190,18 +190,18 @@ def _numbers(key: str, table: Table, where: str, found: list[Problem]) -> Number
 
 
 def is_number(value: object) -> bool:
-    """Whether a value of a file is a number; ``true`` is none."""
+    """Return whether a value of a file is a number; ``true`` is not."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return isinstance(value, float) or abs(value) < _LARGEST_WHOLE
 
 
 def _joint(values: Table, place: str, found: list[Problem]) -> JointDraws | None:
-    """``[skin.joint]``, or None, with problems where it is there and wrong."""
+    """Return the joint draws of ``[skin.joint]``, or None; add problems where the table is invalid."""
     skin = values.get("skin")
     table = cast(Table, skin).get("joint") if isinstance(skin, Mapping) else None
     if not isinstance(table, Mapping):
-        return None  # absent, or reported as no table
+        return None  # absent, or reported as not a table
     table = cast(Table, table)
     where, before = f"{place}[{_JOINT}]", len(found)
     found += _unknown_keys(table, _JOINT_KEYS, f"{where} ")

@@ -1,8 +1,8 @@
-"""The randomization of two published works, whole: the starting point where nothing has been measured.
+"""The randomization of two published works, complete: the starting point where nothing has been measured.
 
 ``iros24`` is Kasolowsky & Bäuml, IROS 2024 (arXiv 2409.12735, table "Domain Randomization", and the authors'
-published list), ``icra26`` the same authors' list for ICRA 2026. What one of them does not state it does not
-randomize, and the preset leaves it out; nothing is carried from one to the other:
+published list), ``icra26`` the same authors' list for ICRA 2026. A preset leaves out what its work does not state;
+nothing is carried over from one to the other:
 
 - ``icra26`` states no initial position, angles, mass or random force of an object, and no beta; its sensor
   position is an offset from the nominal place (``x_offset_m``, ``y_offset_m``).
@@ -37,7 +37,7 @@ _FINGERS: Final = {
     "finger.parasitic_stiffness_nm_per_rad": _U(15.0, 35.0),
     "finger.stick_friction_12_nm": _U(0.01, 0.03),
 }
-"""What both works have in common."""
+"""Figures that both works share."""
 
 _IROS24: Final = {
     **_FINGERS,
@@ -93,7 +93,7 @@ PRESETS: Final[dict[str, dict[str, Parameter]]] = {"iros24": _IROS24, "icra26": 
 
 
 def preset(name: PresetName | str = "iros24") -> Ranges:
-    """The ranges of a published work; everything in it is ``assumed``.
+    """Return the ranges of a published work, all marked ``assumed``.
 
     Args:
         name: ``iros24`` or ``icra26``.

@@ -1,4 +1,4 @@
-"""A whole set of randomized parameters, by full name, and the joint cloud of a calibration."""
+"""A set of randomized parameters by full name, and the joint draws of a calibration."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class JointDraws:
-    """Parameters of the skin that are drawn together: one row of the valley's cloud an episode.
+    """Joint draws: parameters of the skin that are drawn together, one row per episode.
 
     The parameters of a calibration depend on each other (a stiffer skin goes with another place of the
-    patch). A box of intervals forgets that, the cloud keeps it.
+    patch). A box of intervals loses this dependence; the joint draws keep it.
 
     Attributes:
         columns: full names: ``("skin.y_m", "skin.beta_deg", ...)``.
-        draws: one row a draw, shape (N, columns), read-only.
+        draws: one row per draw, shape (N, columns), read-only.
         source: where the draws come from.
     """
 
@@ -55,15 +55,15 @@ class JointDraws:
 
 
 class Ranges(Mapping[str, Parameter]):
-    """What is randomized and how: an immutable mapping from full names (``skin.y_m``) to parameters.
+    """An immutable mapping from full names (``skin.y_m``) to randomized parameters.
 
-    A parameter that is not in it is not randomized. Where a joint cloud is present, it goes before the
-    ranges of the same names; those stay as the box round it.
+    A parameter that is not in it is not randomized. Joint draws take precedence over the ranges of the same
+    names, which stay as the box around them.
 
     Attributes:
         joint: parameters that are drawn together, or None.
         provenance: where the ranges come from: preset, dataset, version.
-        warnings: what a person should know of how they came about; not kept in files.
+        warnings: warnings from their making; not written to files.
     """
 
     __slots__ = ("_parameters", "joint", "provenance", "warnings")
@@ -79,16 +79,16 @@ class Ranges(Mapping[str, Parameter]):
         provenance: Mapping[str, str] | None = None,
         warnings: Iterable[Problem] = (),
     ) -> None:
-        """Checks the whole.
+        """Check the parameters and the joint draws.
 
         Args:
             parameters: by full name.
-            joint: the cloud.
+            joint: the joint draws.
             provenance: free text by name.
-            warnings: what a person should know.
+            warnings: warnings from their making.
 
         Raises:
-            InputError: unknown names, figures out of bounds, a dangling ``sigma_from``; all at once.
+            InputError: unknown names, figures out of bounds, a dangling ``sigma_from``; all are reported.
         """
         if found := collection_problems(parameters):
             raise InputError(found)
@@ -126,22 +126,22 @@ class Ranges(Mapping[str, Parameter]):
         return f"Ranges({len(self)} parameters, {len(self.calibrated())} calibrated{joint})"
 
     def table(self, prefix: str) -> dict[str, Parameter]:
-        """The parameters of one table (``skin``, ``object.marble``) by their short names."""
+        """Return the parameters of one table (``skin``, ``object.marble``) by their short names."""
         start = prefix + "."
         return {path.removeprefix(start): p for path, p in self.items() if path.startswith(start)}
 
     def calibrated(self) -> tuple[str, ...]:
-        """Full names of the parameters that a fit to data gave."""
+        """Return the full names of the parameters that a fit to data gave."""
         return tuple(path for path, parameter in self.items() if parameter.source == "calibrated")
 
     def require(self, paths: Iterable[str]) -> None:
-        """Checks that the parameters a task cannot do without are there.
+        """Check that the parameters which a task needs are present.
 
         Args:
             paths: full names.
 
         Raises:
-            InputError: naming every one that is missing.
+            InputError: some are missing; the message names all of them.
         """
         missing = [path for path in paths if path not in self]
         if missing:
@@ -153,7 +153,7 @@ class Ranges(Mapping[str, Parameter]):
             )
 
     def replace(self, parameters: Mapping[str, Parameter]) -> Ranges:
-        """A copy with some parameters added or put in the place of others."""
+        """Return a copy with some parameters added or replaced."""
         return Ranges({**self, **parameters}, self.joint, self.provenance, self.warnings)
 
     def sample(
@@ -165,14 +165,14 @@ class Ranges(Mapping[str, Parameter]):
         taxels: int = 16,
         episode: Sample | None = None,
     ) -> Sample:
-        """Draws every parameter of one mode.
+        """Draw every parameter of one mode.
 
         Draws do not depend on the order in which a file lists the parameters.
 
         Args:
             rng: the generator, advanced by the draws.
-            mode: ``episode``: what holds for a whole episode; ``step``: what is new at each step.
-            joints: number of joints, finger by finger, three a finger.
+            mode: ``episode``: parameters of a whole episode; ``step``: parameters drawn at each step.
+            joints: number of joints, finger by finger, three per finger.
             taxels: number of taxels J.
             episode: the episode's draws, needed for a step whose noise level is drawn per episode.
 

@@ -1,4 +1,4 @@
-"""What must hold between the parameters of a set, and for a joint cloud; every violation is found at once."""
+"""Rules between the parameters of a set, and for joint draws; every violation is reported at once."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from skincal.ranges.parameter import SOURCES, Parameter, as_tuple
 def collection_problems(
     parameters: Mapping[str, Parameter], place: str = "", reported: Collection[str] = ()
 ) -> list[Problem]:
-    """Everything wrong with a set of parameters that are each possible by themselves.
+    """Return every problem of a set of parameters that are valid one by one.
 
     Args:
         parameters: by full name.
-        place: how messages begin: the file, a comma and a space.
-        reported: names that are there, but have problems of their own.
+        place: start of messages: the file, a comma and a space.
+        reported: names that are present, but already have problems.
     """
     found: list[Problem] = []
     for path, parameter in parameters.items():
@@ -36,7 +36,7 @@ def collection_problems(
 
 
 def unknown_name(path: str, place: str = "") -> Problem:
-    """The message for a name that is not in the table."""
+    """Return the problem of a name that is not in the table."""
     return Problem(f"{place}[{path}]", expected_names(path), "an unknown name", suggestion(path))
 
 
@@ -64,7 +64,7 @@ def _bound_problems(name: Name, parameter: Parameter, place: str) -> list[Proble
 def _reference_problems(
     path: str, parameter: Parameter, parameters: Mapping[str, Parameter], place: str
 ) -> list[Problem]:
-    """``sigma_from`` names a parameter of the set that is drawn per episode and never below 0."""
+    """Return the problem of ``sigma_from``: it must name a parameter drawn per episode that is never below 0."""
     reference = str(parameter.sigma_from)
     target = parameters.get(reference)
     where = f"{place}[{path}] sigma_from"
@@ -82,13 +82,13 @@ def _reference_problems(
 def joint_problems(
     columns: tuple[str, ...], draws: NDArray[np.float64], source: str, place: str
 ) -> list[Problem]:
-    """Everything wrong with a joint cloud.
+    """Return every problem of joint draws.
 
     Args:
         columns: full names.
-        draws: shape (N, columns) if it is right.
+        draws: shape (N, columns) if valid.
         source: where the draws come from.
-        place: how to call the place in the messages.
+        place: name of the place in messages.
     """
     found: list[Problem] = []
     for column in columns:

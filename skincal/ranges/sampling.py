@@ -1,4 +1,4 @@
-"""Draws from parameters with a generator that is handed in."""
+"""Draws of parameters with a given generator."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def draw(
     taxels: int,
     episode: Sample | None,
 ) -> Sample:
-    """Draws every parameter of one mode; see :meth:`skincal.ranges.Ranges.sample`."""
+    """Draw every parameter of one mode; see :meth:`skincal.ranges.Ranges.sample`."""
     if mode not in MODES:
         raise ValueError(f"mode must be one of {', '.join(MODES)}; got {mode!r}")
     sample: Sample = {}
-    # The cloud is drawn first and its box not at all, so that the draws do not depend on it.
+    # The joint draws come first and their box is not drawn, so that the draws do not depend on the box.
     together = _draw_row(joint, rng) if joint is not None and mode == "episode" else {}
     covered = set(joint.columns) if joint is not None else set[str]()
     for path, parameter in parameters.items():
@@ -48,7 +48,7 @@ def draw(
 
 
 def get(sample: Sample, path: str) -> Draw:
-    """The draw of a parameter by its full name.
+    """Return the draw of a parameter by its full name.
 
     Raises:
         KeyError: the sample does not hold it.
@@ -60,7 +60,7 @@ def get(sample: Sample, path: str) -> Draw:
 
 
 def put(sample: Sample, path: str, value: Draw) -> None:
-    """Stores a draw by its full name."""
+    """Store a draw by its full name."""
     *tables, name = path.split(".")
     for table in tables:
         sample = sample.setdefault(table, {})
@@ -87,7 +87,7 @@ def _values(
     if parameter.distribution == "normal":
         drawn = rng.normal(_array(parameter.mean), _sigma(path, parameter, episode), size)
         name = find(path) if path.startswith(EFFECTS_PREFIX) else None
-        # The parameter of an effect has bounds that the skin insists on.
+        # The parameter of an effect has bounds that the skin enforces.
         return drawn if name is None else np.clip(drawn, name.least, name.most)
     low, high = _array(parameter.low), _array(parameter.high)
     if parameter.distribution == "log_uniform":
@@ -103,7 +103,7 @@ def _sigma(path: str, parameter: Parameter, episode: Sample | None) -> FloatArra
     if episode is None:
         raise ValueError(
             f"{path} takes its standard deviation from the episode's draw of {parameter.sigma_from}; "
-            'hand it in: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
+            'pass it: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
         )
     return np.asarray(get(episode, parameter.sigma_from), dtype=np.float64)
 
@@ -114,11 +114,11 @@ def _array(numbers: Numbers | None) -> FloatArray:
 
 @lru_cache(maxsize=1024)
 def _size(path: str, own: int | None, *, joints: int, taxels: int) -> int | None:
-    """Length of a draw, of a parameter whose figures hold so many numbers; None: a plain float."""
+    """Return the length of a draw, given the number of figures; None: a plain float."""
     name = find(path)
     shape: Shape = name.shape if name is not None else "scalar"
     if shape in ("joint_12", "joint_3") and joints % 3:
-        raise ValueError(f"{path} needs three joints a finger; got joints={joints}")
+        raise ValueError(f"{path} needs three joints per finger; got joints={joints}")
     sizes: dict[Shape, int | None] = {
         "scalar": None,
         "joint": joints,

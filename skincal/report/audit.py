@@ -1,4 +1,4 @@
-"""The picture of an audit: how small each effect is still seen, and which look the same."""
+"""The figure of an audit: the smallest visible strength of each effect, and the effects that look the same."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from skincal.diagnosis.audit import AuditReport
 from skincal.report.style import BLACK, BLUE, GREY, RED, SEQUENTIAL, new_figure, style
 
 WEAKEST, STRONGEST = 1e-3, 30.0
-"""Ends of the axis of strengths; beyond them bars end there."""
+"""Limits of the axis of strengths, at which bars end."""
 
 
 def audit_figure(report: AuditReport) -> Figure:
-    """Draws an audit.
+    """Draw an audit.
 
     Args:
-        report: of ``skincal.diagnosis``.
+        report: the audit.
 
     Returns:
         A figure with the smallest strengths as bars, and the matrix of cosines.
     """
     what = "planned presses" if report.planned else "presses"
-    title = f"{len(report.visible)} of {len(report.effects)} effects can be seen in {report.presses} {what}"
+    title = f"{len(report.visible)} of {len(report.effects)} effects are visible in {report.presses} {what}"
     with style():
         figure = new_figure(13.5, 6.6, title)
         bars, matrix = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
@@ -51,8 +51,8 @@ def _draw_strengths(axes: Axes, report: AuditReport) -> None:
                       va="center", fontsize=7.5, color=BLACK)  # fmt: skip
     axes.set_yticks(place, names)
     axes.invert_yaxis()
-    axes.set_xlabel("typical strength over the smallest that is seen; right of the line: visible")
-    axes.set_title("Smallest strength that is seen (number)")
+    axes.set_xlabel("typical strength over the smallest visible one; right of the line: visible")
+    axes.set_title("Smallest visible strength (number)")
     axes.grid(axis="x")
 
 
@@ -70,5 +70,5 @@ def _draw_overlaps(figure: Figure, axes: Axes, report: AuditReport) -> None:
     axes.set_facecolor(GREY)
     axes.set_xticks(np.arange(len(names)), names, rotation=90)
     axes.set_yticks(np.arange(len(names)), names)
-    axes.set_title(f"How well the column imitates the row; red: cosine above {report.options.alike:g}")
+    axes.set_title(f"Similarity of the effects of column and row; red: cosine above {report.options.alike:g}")
     figure.colorbar(shown, ax=axes, shrink=0.8, label="cosine")

@@ -1,4 +1,4 @@
-"""How the clock of a joined file was put on that of the taxels, as a picture."""
+"""The figure of the clock alignment of joined files."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def clocks_figure(clocks: Sequence[JoinedClock]) -> Figure:
-    """One row a file: the two traces at the offset that was taken, and the correlation about it.
+    """Return a figure with one row per file: the two traces at the chosen offset, and the correlation around it.
 
     Args:
-        clocks: those that were compared with the taxels.
+        clocks: the clocks that were aligned with that of the taxels.
     """
     with style():
         figure = new_figure(11, 3.2 * len(clocks), "Clocks of the joined files")
@@ -29,7 +29,7 @@ def clocks_figure(clocks: Sequence[JoinedClock]) -> Figure:
             start = clock.time_s[0] if len(clock.time_s) else 0.0
             for values, colour, label in zip(clock.traces, (GREY, BLUE), ("taxels", clock.by), strict=True):
                 traces.plot(clock.time_s - start, values, color=colour, label=label, linewidth=1.0)
-            traces.set(xlabel="time [s]", ylabel="share of the range")
+            traces.set(xlabel="time [s]", ylabel="part of the range")
             traces.set_title(f"{clock.name}: correlation {clock.correlation:.3f}")
             traces.legend(loc="upper right")
             lags = figure.add_subplot(grid[row, 1])

@@ -1,4 +1,4 @@
-"""The picture of a dataset: where the presses lie, how hard they were, which taxels answered, and when."""
+"""The figure of a dataset: positions, forces and times of the presses, and the taxels that responded."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 FEW_NUMBERS = 8
-"""Up to this many taxels at once, every number of active taxels has its own colour."""
+"""Up to this number of active taxels, each number has its own colour."""
 
 LARGEST_MARK_PT2 = 110.0
 MOST_LINE_POINTS = 20_000
@@ -43,14 +43,14 @@ MOST_NAMED_TAXELS = 36
 
 
 def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Figure:
-    """Draws a dataset.
+    """Draw a dataset.
 
     Args:
         dataset: the data.
-        threshold_counts: how far above its level at rest a taxel counts as active [counts].
+        threshold_counts: threshold above the level at rest from which a taxel is active [counts].
 
     Returns:
-        A figure with the patch, the forces, the number of taxels that answered, the session and the taxels.
+        A figure with the patch, the forces, the number of active taxels, the session and the taxels.
     """
     active = active_taxels(dataset, threshold_counts)
     with style():
@@ -104,14 +104,14 @@ def _notes(given: BoolArray, near: BoolArray, uv: FloatArray) -> list[str]:
     if not given.all():
         notes.append(f"{int(np.sum(~given))} presses without a position")
     if np.any(given & ~near):
-        notes.append(f"{int(np.sum(given & ~near))} presses far off are not drawn")
+        notes.append(f"{int(np.sum(given & ~near))} presses far away are not drawn")
     if near.sum() > 1 and np.ptp(uv[near], axis=0).max() < 1e-6:
         notes.append(f"{int(near.sum())} presses at one place")
     return notes
 
 
 def _near(patch: FloatArray, uv: FloatArray) -> BoolArray:
-    """Which presses lie within a patch's size of the patch [mm]; a stray one must not shrink the rest."""
+    """Return which presses lie within a patch's size of the patch [mm]; a stray press must not shrink the others."""
     size = float(np.ptp(patch, axis=0).max())
     return np.asarray((np.abs(uv - patch.mean(axis=0)) <= 1.5 * size).all(axis=1))
 
@@ -119,11 +119,11 @@ def _near(patch: FloatArray, uv: FloatArray) -> BoolArray:
 def _draw_presses(
     figure: Figure, axes: Axes, uv: FloatArray, force: FloatArray, number: NDArray[np.int64]
 ) -> None:
-    """One mark a press: colour is the number of active taxels, area the force."""
+    """Draw one mark per press: its colour is the number of active taxels, its area the force."""
     pt2_per_n = LARGEST_MARK_PT2 / max(float(np.percentile(force, 95)), 1e-12)
     area = np.clip(force * pt2_per_n, 4, 2 * LARGEST_MARK_PT2)
     colours, norm = _colours(int(number.max(initial=0)))
-    # Hard presses first, so that gentle ones lie on top of them.
+    # Draw hard presses first, so that gentle ones lie on top of them.
     order = np.argsort(-force)
     look: Any = {"edgecolors": BLACK, "linewidths": 0.5, "alpha": 0.85}
     axes.scatter(*uv[order].T, s=area[order], c=number[order], cmap=colours, norm=norm, **look)
@@ -156,7 +156,7 @@ def _colours(most: int) -> tuple[Colormap, Normalize]:
 
 
 def _round_forces(force: FloatArray) -> list[float]:
-    """Three round forces over the range that occurs, for the legend."""
+    """Return three round forces over the range of the data, for the legend."""
     highest = float(np.percentile(force, 95))
     ticks = MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(0, highest)
     return [float(t) for t in ticks if 0 < t <= highest]
@@ -185,7 +185,7 @@ def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float, unit:
     else:
         axes.hist(number[number < 2], bins=1, range=(-0.5, 1.5), color=GREY)
         axes.hist(number[number >= 2], bins=20, color=BLUE, edgecolor="white", linewidth=0.5)
-    axes.set_title("Answers (grey: fewer than two)" if number.min(initial=2) < 2 else "Answers")
+    axes.set_title("Active taxels (grey: fewer than two)" if number.min(initial=2) < 2 else "Active taxels")
     axes.set_xlabel(f"taxels more than {threshold:.3g} {unit} above rest")
     axes.set_ylabel("presses")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -217,7 +217,7 @@ def _draw_frames(axes: Axes, dataset: Dataset) -> None:
 
 
 def _branches(dataset: Dataset) -> list[tuple[str, str, str, BoolArray]]:
-    """Label, marker, colour and rows of the presses by branch."""
+    """Return label, marker, colour and rows of the presses by branch."""
     branch = dataset.presses.column("branch")
     if branch is None:
         return [("hold of a press", "o", BLUE, np.ones(len(dataset.presses), dtype=bool))]
@@ -231,11 +231,11 @@ def _branches(dataset: Dataset) -> list[tuple[str, str, str, BoolArray]]:
 
 
 def _draw_taxels(figure: Figure, axes: Axes, dataset: Dataset, active: BoolArray) -> None:
-    """How many presses each taxel answered, as the image lies in memory; a cross: it never did."""
+    """Draw the number of presses in which each taxel is active, arranged as in memory; a cross means none."""
     sensor = dataset.meta.sensor
     answers = active.sum(axis=0).reshape(sensor.rows, sensor.cols)
     if sensor.rows > 1.5 * sensor.cols:
-        # A tall image is drawn lying down, to use the place there is.
+        # A tall image is drawn lying down, to use the space.
         image = axes.imshow(answers.T, origin="lower", cmap=SEQUENTIAL, vmin=0, aspect="auto")
         axes.set(xlabel="row r", ylabel="column c")
         silent = np.argwhere(answers == 0)
@@ -246,7 +246,9 @@ def _draw_taxels(figure: Figure, axes: Axes, dataset: Dataset, active: BoolArray
     if len(silent):
         axes.plot(*silent.T, "x", color="white", markersize=5, markeredgewidth=1.0)
     axes.set_anchor("W")
-    axes.set_title("Presses answered, by taxel" + (f" (x: none, {len(silent)})" if len(silent) else ""))
+    axes.set_title(
+        "Presses with an active taxel, by taxel" + (f" (x: none, {len(silent)})" if len(silent) else "")
+    )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     bar = figure.colorbar(image, ax=axes, pad=0.02, label="presses")

@@ -1,4 +1,4 @@
-"""The picture of a policy's run on a hand: where the object went, the force, and the policy's clock."""
+"""The figure of a policy's run on a hand: the object's path, the force, and the policy's period."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from skincal.report.style import BLACK, BLUE, GREY, RED, new_figure, style
 
 
 def deploy_figure(found: Deployed, layout: TaxelLayout, title: str = "") -> Figure:
-    """Draw desired and true way over the taxels, the normal force over time, and the policy's period.
+    """Draw the desired and true path over the taxels, the normal force over time, and the policy's period.
 
     Args:
-        found: of the run.
-        layout: of the taxels.
-        title: above it all.
+        found: record of the run.
+        layout: layout of the taxels.
+        title: title of the figure.
     """
     with style():
         figure = new_figure(10.0, 4.2, title)
@@ -37,7 +37,7 @@ def _draw_way(axes: Axes, found: Deployed, layout: TaxelLayout) -> None:
     if np.isfinite(places).any():
         axes.plot(places[:, 0], places[:, 1], color=RED, linewidth=1.0, label="true")
     else:
-        axes.set_title("the hand does not see the object")
+        axes.set_title("the hand does not measure the object's position")
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("u [mm]")
     axes.set_ylabel("v [mm]")
@@ -49,14 +49,14 @@ def _draw_force(axes: Axes, found: Deployed) -> None:
     time_s = np.array([state.time_s for state in record.states])
     axes.plot(time_s - time_s[record.acting], record.force_n, color=BLUE, linewidth=0.8)
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    axes.set_xlabel("time [s]; the policy begins at 0")
-    axes.set_ylabel("normal force, by the joints [N]")
+    axes.set_xlabel("time [s]; the policy starts at 0")
+    axes.set_ylabel("normal force from the joints [N]")
 
 
 def _draw_clock(axes: Axes, found: Deployed) -> None:
     axes.plot(1e3 * found.period_s, color=BLUE, linewidth=0.8, label="hand's clock")
     axes.plot(1e3 * found.own_period_s, color=GREY, linewidth=0.8, label="this computer's")
-    axes.set_xlabel("step of the policy")
-    axes.set_ylabel("time since the step before [ms]")
+    axes.set_xlabel("policy step")
+    axes.set_ylabel("time since the previous step [ms]")
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=2, borderaxespad=0.0)

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: what other programs read, one page that holds everything, and its pictures beside it."""
+"""The report of a diagnosis: JSON for programs, and one self-contained page with its figures as files."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ PAGE = "report.html"
 SECTIONS = (
     (
         "gap",
-        "The gap, before and after",
-        "Presses that neither the fit nor the choice of effects has seen. A press may "
-        "place its contact within what its "
-        "measured place is worth, alike before and after. The bar is what noise alone makes.",
+        "The gap before and after",
+        "Test presses, which neither the fit nor the selection of effects has used. The contact of "
+        "a press may move within the "
+        "uncertainty of its measured position, before and after alike. The bar is the noise alone.",
         gap_figure,
     ),
     (
         "signature",
         "Counts over time, measured and simulated",
-        "The presses whose base model errs most, each on the taxel that it errs on most.",
+        "The presses with the largest errors of the base model, each on its worst taxel.",
         curves_figure,
     ),
     (
         "where",
         "Where simulation and data disagree",
-        "Maps: taxels as they lie on the patch, u to the right, v up. Right: parts of the session in which more of the "
-        "excess residual lies than their size says.",
+        "Maps: taxels on the patch, u to the right, v up. Right: parts of the session that hold more of the "
+        "excess residual than their size suggests.",
         where_figure,
     ),
     (
         "candidates",
-        "What was tried",
-        "Logarithm of the likelihood that each effect gains on presses that its fit has "
-        "not seen, with its standard error. "
-        "Grey: what it reaches in simulated sessions of these presses with nothing hidden, "
-        "under several contact laws, and a "
-        "quarter more. An effect is named beyond it; the search begins again with it in the model.",
+        "Candidates",
+        "Gain in held-out log-likelihood of each effect, on presses that its fit has "
+        "not used, with its standard error. "
+        "Grey: the null distribution, from simulated sessions of these presses without any effect, "
+        "under several contact laws, plus a "
+        "quarter. An effect beyond it is named; the search then restarts with it in the model.",
         candidates_figure,
     ),
 )
@@ -61,14 +61,14 @@ SECTIONS = (
 def write_diagnosis_report(
     found: Diagnosis, dataset: Dataset, folder: Path, told: Mapping[str, Any], *, pages: bool = True
 ) -> None:
-    """Writes ``diagnosis.json``, and ``report.html`` with its pictures, beside a calibration.
+    """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration.
 
     Args:
         found: the diagnosis.
-        dataset: that was diagnosed.
-        folder: where to.
-        told: the summary, plain values only.
-        pages: whether page and pictures are wanted.
+        dataset: the dataset that was diagnosed.
+        folder: folder to write to.
+        told: the summary, with plain values only.
+        pages: whether to write the page and its figures.
     """
     (folder / SUMMARY).write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
@@ -77,11 +77,11 @@ def write_diagnosis_report(
         picture(draw(found, dataset), stem, title, caption, folder) for stem, title, caption, draw in SECTIONS
     ]
     caption = (
-        "Of an ideal test, before anything is fitted (`skincal audit`). Left: how small "
-        "each effect may be and still be "
-        "seen. Right: how alike two effects are; those framed in red cannot be told apart."
+        "By an ideal test, before any fit (`skincal audit`). Left: the smallest strength at which "
+        "each effect is "
+        "visible. Right: the similarity of two effects; those framed in red cannot be distinguished."
     )
-    last = picture(audit_figure(found.audit), "audit", "What these presses can show at all", caption, folder)
+    last = picture(audit_figure(found.audit), "audit", "What these presses can show", caption, folder)
     noise = found.floor
     page = rendered(
         "diagnosis.html",
@@ -117,7 +117,7 @@ def _parameters(found: Diagnosis) -> list[dict[str, str]]:
             array = np.asarray(e.parameters[name])
             several = array.ndim > 0
             value = f"{array.min():.3g} to {array.max():.3g}" if several else f"{float(array):.4g}"
-            interval = "one each" if several else f"{float(low):.4g} to {float(high):.4g}"
+            interval = "one per value" if several else f"{float(low):.4g} to {float(high):.4g}"
             last = "" if several or name not in final else f"{float(np.asarray(final[name])):.4g}"
             rows.append(
                 {
@@ -139,15 +139,15 @@ def _effects(found: Diagnosis) -> list[dict[str, str]]:
     for name, effect in EFFECTS.items():
         smallest, tried = found.audit.effects[name].smallest_strength, first.get(name)
         rival = next((e.name for e in found.effects if name in e.consistent_with[1:]), "")
-        kind, outcome = "no", "no sign of it"
+        kind, outcome = "no", "no evidence"
         if name in {e.name for e in found.effects}:
             kind, outcome = "named", "named and added"
         elif rival:
-            kind, outcome = "rival", f"cannot be told from {rival}"
+            kind, outcome = "rival", f"cannot be distinguished from {rival}"
         elif name in found.audit.cannot_see:
-            kind, outcome = "blind", f"cannot be seen: {found.audit.reasons.get(name, '')}"
+            kind, outcome = "blind", f"not visible: {found.audit.reasons.get(name, '')}"
         elif tried is not None and tried.good:
-            outcome = "gains, but others explain more"
+            outcome = "improves the fit, but others explain more"
         seen = "never" if not np.isfinite(smallest) else f"{smallest:.2g}"
         score = "" if tried is None else f"{tried.gain:.1f} of {tried.limit:.1f}"
         rows.append(
@@ -168,10 +168,10 @@ def _method(found: Diagnosis) -> list[str]:
     presses = len(np.unique(session.press[session.press >= 0]))
     laws = list(dict.fromkeys(found.found.null.laws))
     return [
-        f"{presses} presses: {presses - int(held.sum())} to fit and to choose on, held out "
-        f"in turn, {int(held.sum())} kept for the end.",
-        f"{len(session)} observations were looked at"
-        + (", means over a few frames each." if session.has_frames else ", the means of the holds."),
-        f"{len(found.found.null.laws)} null sessions of these presses, with nothing hidden, under {', '.join(laws)}.",
+        f"{presses} presses: {presses - int(held.sum())} for fitting and selection, held out "
+        f"in turn, {int(held.sum())} reserved for the final test.",
+        f"{len(session)} observations were used"
+        + (", each the mean of a few frames." if session.has_frames else ", the means of the holds."),
+        f"{len(found.found.null.laws)} null sessions simulate these presses without effects, under {', '.join(laws)}.",
         f"Seed {found.seed}.",
     ]

@@ -1,4 +1,4 @@
-"""The pictures of a diagnosis: gap, counts over time, where, and what was tried."""
+"""The figures of a diagnosis: the gap, counts over time, where the residuals lie, and the candidates."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ _SHOWN, _LEAST = 4, 0.3
 
 
 def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Error before, after and of the noise, of every press that was kept for the end."""
+    """Return the error before and after, and the noise, of every test press."""
     sums = found.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
     with style():
-        figure = new_figure(11, 3.6, f"Error on {len(sums)} presses that neither fit nor choice has seen")
+        figure = new_figure(11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection")
         axes = figure.subplots()
         order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
         place = np.arange(len(rms))
         axes.plot(place, rms[order, 0], "o", color=ORANGE, label="base model")
         if found.effects:
-            axes.plot(place, rms[order, 1], "o", color=BLUE, label="with what was named")
+            axes.plot(place, rms[order, 1], "o", color=BLUE, label="with the named effects")
         axes.plot(place, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
         names = [str(dataset.presses.press[p]) for p in found.gap.presses[: len(rms)]]
         axes.set_xticks(place, [names[k] for k in order] if len(names) == len(rms) else [])
         axes.set_xlabel("press")
-        axes.set_ylabel("rms a taxel [counts]")
+        axes.set_ylabel("rms per taxel [counts]")
         axes.set_ylim(bottom=0)
         axes.legend()
     return figure
 
 
 def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Counts over time, measured and simulated, of the presses whose base model errs most, on their strongest taxel."""
+    """Return measured and simulated counts over time, for the worst presses of the base model."""
     observed = found.observed
     session, forward = observed.session, observed.fitter.forward
     base, last = found.found.base, found.found.fitted
@@ -55,7 +55,7 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     time[session.observation[own]] = session.samples.elapsed_s[own]
     with style():
         figure = new_figure(
-            13, 3.2, "Counts over time, measured and simulated, where the base model errs most"
+            13, 3.2, "Counts over time, measured and simulated, where the base model is worst"
         )
         for axes, p in zip(
             np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False
@@ -66,7 +66,7 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
             axes.plot(x, session.counts[rows, j], ".", color=BLACK, markersize=4, label="measured")
             axes.plot(x, shown[0][rows, j], color=ORANGE, label="base model")
             if found.effects:
-                axes.plot(x, shown[1][rows, j], color=BLUE, label="with what was named")
+                axes.plot(x, shown[1][rows, j], color=BLUE, label="with the named effects")
             row, col = divmod(j, dataset.layout().cols)
             axes.set_title(f"press {dataset.presses.press[p]}, taxel_{row}_{col}")
             axes.set_xlabel("time [s]")
@@ -76,12 +76,12 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Root mean square residual of each taxel over the noise, and parts of the session with more than their share."""
+    """Return each taxel's residual over the noise (rms), and parts of the session with more than their share."""
     fitter = found.observed.fitter
     from skincal.inference.start import raw_residual
 
     models = [("base model", found.found.base)] + (
-        [("with what was named", found.found.fitted)] if found.effects else []
+        [("with the named effects", found.found.fitted)] if found.effects else []
     )
     with style():
         figure = new_figure(12, 3.8)
@@ -99,12 +99,12 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
         parts = found.depends[::-1]
         panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=BLUE)
         panels[2].axvline(1.0, color=BLACK, linewidth=1)
-        panels[2].set_xlabel("share of the excess over share of the values")
+        panels[2].set_xlabel("part of the excess over part of the values")
     return figure
 
 
 def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Gain of every candidate with its standard error, against the limit that null sessions set."""
+    """Return the gain of every candidate with its standard error, against the limit from null sessions."""
     del dataset
     rounds = [r for r in found.found.rounds if r]
     with style():
@@ -136,11 +136,9 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
             axes.set_yticks(np.arange(len(tried)), [t.name for t in tried])
             axes.invert_yaxis()
             axes.set_title(
-                "beside the base model"
-                if number == 0
-                else f"beside what was added in {number} round{'s' if number > 1 else ''}"
+                "with the base model" if number == 0 else f"after {number} round{'s' if number > 1 else ''}"
             )
         panels[0].set_xscale("log")
         panels[0].set_xlim(left=_LEAST)
-        panels[-1].set_xlabel("gain on presses not fitted to [nats]; grey: reached with nothing hidden")
+        panels[-1].set_xlabel("gain on held-out presses [nats]; grey: null distribution")
     return figure

@@ -1,4 +1,4 @@
-"""A diagnosis in words, for the terminal and the page."""
+"""The text of a diagnosis, for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -16,99 +16,101 @@ Tone = Literal["good", "found", "attention"]
 
 
 def tone(found: Diagnosis) -> Tone:
-    """How the verdict is coloured: nothing to do, something found, something open."""
+    """Return the tone that sets the colour of the verdict: nothing to do, something found, or something open."""
     if found.verdict == "none":
         return "good"
     return "found" if found.verdict == "effects" and not found.unexplained else "attention"
 
 
 def headline(found: Diagnosis) -> str:
-    """The verdict in one sentence."""
+    """Return the verdict in one sentence."""
     if found.verdict == "none":
-        return "Nothing is missing that these presses could show."
+        return "These presses show no missing effect."
     if found.verdict == "effects":
         return "Missing: " + " and ".join(" or ".join(e.consistent_with) for e in found.effects) + "."
     if found.taken_back and found.gap.refutes:
         return (
-            f"Something is missing. {_and(found.taken_back)} would explain it, but puts presses "
-            f"that nobody has fitted further off."
+            f"Something is missing. {_and(found.taken_back)} would explain it, but makes "
+            f"the error on the test presses larger."
         )
     if found.taken_back:
         return (
-            f"Something is missing. {_and(found.taken_back)} explains a part of it, but too "
-            f"much is left to be sure of a name."
+            f"Something is missing. {_and(found.taken_back)} explains a part of it, but "
+            f"too much remains unexplained for a reliable name."
         )
-    return "Something is missing that none of the known effects explains."
+    return "Something is missing that no known effect explains."
 
 
 def verdict_lines(found: Diagnosis) -> list[str]:
-    """The verdict first, then what it rests on, a line each."""
+    """Return the verdict and its evidence, line by line."""
     lines = [headline(found)]
     lines += [line for effect in found.effects for line in _effect(effect)]
     if found.verdict != "none":
         lines.append(found.where)
     lines.append(gap_sentence(found))
     if found.unexplained and found.verdict == "effects":
-        lines.append("more than chance is left beside what is named: something else is missing, too")
+        lines.append("the named effects leave more than chance: something else is missing, too")
     if found.audit.cannot_see:
-        lines.append("these presses could not show: " + ", ".join(found.audit.cannot_see))
+        lines.append("these presses cannot show: " + ", ".join(found.audit.cannot_see))
     lines += [f"{finding.severity}: {finding.text}. {finding.advice}".rstrip() for finding in found.findings]
     lines += [f"next: {press}" for press in found.next_presses]
     return lines
 
 
 def verdict_sentences(found: Diagnosis) -> list[str]:
-    """What the verdict says and what it rests on, for the page."""
+    """Return the verdict and its evidence as sentences for the page."""
     lines = [] if found.verdict == "none" else [capital(found.where) + "."]
     for e in found.effects:
         text = (
-            f"{capital(e.name)} ({EFFECTS[e.name].meaning}): {e.gain:.0f} nats on presses not "
-            f"fitted to (p = {e.p_value:.2g})."
+            f"{capital(e.name)} ({EFFECTS[e.name].meaning}): {e.gain:.0f} nats on "
+            f"held-out presses (p = {e.p_value:.2g})."
         )
         if len(e.consistent_with) > 1:
-            text += f" These presses cannot tell it from {_and(e.consistent_with[1:])}; {e.name} is what was added."
+            text += f" These presses cannot distinguish it from {_and(e.consistent_with[1:])}; {e.name} was added."
         lines.append(text)
     if found.verdict == "none" and found.found.rounds and found.found.rounds[0]:
         best = found.found.rounds[0][0]
         lines.append(
-            f"The effect that does best, {best.name}, gains {best.gain:.1f} nats; {best.limit:.1f} are asked for."
+            f"The best candidate, {best.name}, gains {best.gain:.1f} nats; {best.limit:.1f} are required."
         )
     lines.append(capital(gap_sentence(found)) + ".")
     if found.unexplained and found.verdict == "effects":
-        lines.append("More than chance is left beside what is named: something else is missing, too.")
+        lines.append("The named effects leave more than chance: something else is missing, too.")
     if found.audit.cannot_see:
-        lines.append(f"These presses could not show {_and(found.audit.cannot_see)}; why not, is said below.")
-    new = (
-        "The new calibration has what was named, fitted once more to all presses. The old one stays as it is."
-    )
-    return [*lines, new if found.effects else "The calibration written is the given one, unchanged."]
+        lines.append(
+            f"These presses cannot show {_and(found.audit.cannot_see)}; the reasons are given below."
+        )
+    new = "The new calibration has the named effects, refitted to all presses. The old one is not changed."
+    return [*lines, new if found.effects else "The calibration is written unchanged."]
 
 
 def gap_sentence(found: Diagnosis) -> str:
-    """The gap on presses that nobody has fitted."""
+    """Return the sentence about the gap on the test presses."""
     gap = found.gap
     if not len(gap.errors):
-        return "no press was kept for the end"
-    where = f"on {len(gap.errors)} presses that nobody has fitted"
+        return "there are no test presses"
+    where = f"on {len(gap.errors)} test presses"
     noise = f"(noise {gap.floor:.3g})"
     if found.verdict != "effects":
-        return f"{where}, simulated and measured values differ by {gap.before:.3g} counts rms a taxel {noise}"
+        return (
+            f"{where}, simulated and measured values differ by {gap.before:.3g} counts rms per taxel {noise}"
+        )
     if found.only_places:
         return (
-            f"{where}, the places that fit best lie {1e3 * gap.slack_before_m:.2f} mm rms "
+            f"{where}, the best-fitting positions lie {1e3 * gap.slack_before_m:.2f} mm rms "
             f"from the measured ones before, and "
             f"{1e3 * gap.slack_after_m:.2f} mm after; the error is {gap.before:.3g} counts "
             f"before and {gap.after:.3g} after {noise}"
         )
-    text = f"{where}, the error falls from {gap.before:.3g} to {gap.after:.3g} counts rms a taxel {noise}"
+    text = f"{where}, the error falls from {gap.before:.3g} to {gap.after:.3g} counts rms per taxel {noise}"
     if not np.isfinite(gap.closed):
-        return text + ": no gap there that what was named could close"
+        return text + ": there is no gap that the named effects could close"
     low, high = gap.interval
     return text + f": {100 * gap.closed:.0f} % of the gap is closed ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def capital(text: str) -> str:
-    """A sentence's beginning."""
+    """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
@@ -128,4 +130,4 @@ def _effect(effect: NamedEffect) -> Iterator[str]:
         elif array.ndim and (array != array[0]).any():
             yield f"    {name} {len(array)} values, {float(np.min(array)):.3g} to {float(np.max(array)):.3g}"
     if effect.at_bound:
-        yield f"    {' and '.join(effect.at_bound)} at the bound of what is allowed: the best value may lie beyond"
+        yield f"    {' and '.join(effect.at_bound)} at the bound of the range: the best value may lie beyond"

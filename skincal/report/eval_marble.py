@@ -1,4 +1,4 @@
-"""The pictures of an evaluation: exemplary runs, and the tracking error over time, for all policies side by side."""
+"""The figures of an evaluation: exemplary runs and the tracking error over time, for all policies side by side."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, GREY)
 
 
 def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") -> Figure:
-    """Where the object went: three runs of each policy, over the taxels and the target's way.
+    """Return a figure of object paths: three runs of each policy, over the taxels and the target's path.
 
     Args:
-        runs: episodes of each policy, by its name.
-        layout: of the taxels.
-        title: above it all.
+        runs: episodes of each policy by name.
+        layout: layout of the taxels.
+        title: title of the figure.
     """
     with style():
         figure = new_figure(3.4 * len(runs) + 0.6, 4.2, title)
@@ -52,11 +52,11 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
 
 
 def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
-    """The mean tracking error over time with its 95 % interval, and how many runs go on.
+    """Return the mean tracking error over time with its 95 % interval, and the number of runs that last.
 
     Args:
-        scores: of each policy, by its name.
-        title: above it all.
+        scores: score of each policy by name.
+        title: title of the figure.
     """
     with style():
         figure = new_figure(6.4, 3.8, title)
@@ -67,7 +67,7 @@ def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
             axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("tracking error [mm]")
-        # Room above the curves for a line of the legend each.
+        # Leave room above the curves for one line of the legend each.
         axes.set_ylim(0, axes.get_ylim()[1] * (1 + 0.09 * len(scores)))
         axes.set_xlim(left=0)
         axes.grid(axis="y")
@@ -87,7 +87,7 @@ def draw_layout(axes: Axes, layout: TaxelLayout) -> None:
 
 
 def _draw_runs(axes: Axes, runs: Runs) -> None:
-    """The first runs, of which nobody chose the best."""
+    """Draw the first runs, which are not selected."""
     axes.plot(*(1e3 * runs.target_m[0].T), color=BLACK, linewidth=1.0, label="target")
     for i, colour in zip(range(min(EXAMPLES, len(runs))), (BLUE, ORANGE, GREEN), strict=False):
         way = 1e3 * runs.object_m[i]

@@ -1,4 +1,4 @@
-"""What an evaluation leaves behind: figures, and the runs as a table."""
+"""The output of an evaluation: figures, and the runs as a table."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from skincal.train.scores import Runs, Score
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """A policy that was evaluated.
+    """A policy with its evaluation.
 
     Attributes:
-        name: by which it goes in figures; no other has it.
-        policy: itself.
+        name: unique name in figures.
+        policy: the policy.
         runs: its episodes.
-        score: what they come to.
+        score: their score.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Evaluated:
 
 
 def names_of(policies: Sequence[Policy]) -> list[str]:
-    """A name for each policy: the file's, or, where it is ``policy.onnx``, that of its folder; numbered if need be."""
+    """Return a unique name per policy: its file's, or for ``policy.onnx`` its folder's, with a number if needed."""
     paths = [Path(policy.file).resolve() for policy in policies]
     names = [path.parent.name if path.stem == "policy" else path.stem for path in paths]
     number = Counter(names)
@@ -49,7 +49,7 @@ def names_of(policies: Sequence[Policy]) -> list[str]:
 
 
 def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> None:
-    """Writes ``runs.png`` and ``error.png``."""
+    """Write ``runs.png`` and ``error.png``."""
     runs = {one.name: one.runs for one in found}
     save(runs_figure(runs, _layout(), f"{trial.task}: the first runs of each policy"), folder / "runs.png")
     scores = {one.name: one.score for one in found}
@@ -60,7 +60,7 @@ def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> Non
 
 
 def write_runs(found: Sequence[Evaluated], path: Path) -> None:
-    """Every step of every run as CSV."""
+    """Write every step of every run as CSV."""
     head = ["policy", "run", "time_s", "error_m", "u_m", "v_m", "target_u_m", "target_v_m", "angle_error_rad"]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -78,5 +78,5 @@ def write_runs(found: Sequence[Evaluated], path: Path) -> None:
 
 
 def _layout() -> TaxelLayout:
-    """Taxels of the hand that the tasks use."""
+    """Return the taxels of the hand that the tasks use."""
     return layout_of(bundled_hand().meta.sensor, None)

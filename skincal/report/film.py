@@ -1,4 +1,4 @@
-"""A film of a run: the fingers, and beside them what the skin feels."""
+"""Animation of a run: the fingers, and the tactile image next to them."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def write_film(
     ranges: Ranges | None = None,
     force: bool = False,
 ) -> None:
-    """Writes a GIF of one run of a trial, in real time.
+    """Write a GIF of one run of a trial, in real time.
 
     Args:
-        policy: acts.
-        trial: what is asked of it.
-        path: a ``.gif``.
-        number: of the run.
-        ranges: of the trial.
-        force: whether a file there is replaced.
+        policy: the policy.
+        trial: conditions of the run.
+        path: a ``.gif`` file.
+        number: number of the run.
+        ranges: ranges of the trial.
+        force: whether to replace an existing file.
     """
     environment = environment_for(policy, trial, ranges, render_mode="rgb_array")
     try:

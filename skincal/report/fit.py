@@ -1,4 +1,4 @@
-"""The report of a fit: one page that holds everything, and its pictures beside it."""
+"""The report of a fit: one self-contained page, with its figures as files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PAGE = "report.html"
 
 @dataclass(frozen=True)
 class _Section:
-    """One figure of the report."""
+    """A figure of the report."""
 
     stem: str
     title: str
@@ -45,51 +45,51 @@ SECTIONS = (
     _Section(
         "valley",
         "The valley over the macro variables",
-        "Diagonal: the paper's loss along one variable. Below: over two of them. It is always the least over all other "
+        "Diagonal: the paper's loss along one variable. Below: over two of them. It is always minimised over all other "
         "variables, with the scale by least squares and every press placed by its normalised image. The ratios of two "
-        "or three taxels do not tell a whole place, so this loss stays above the noise and its valley is wide. By "
-        "default the fit goes on with the absolute images, which tell more; the draws (black) are the valley it ends "
-        "with.",
+        "or three taxels do not determine a position, so this loss stays above the noise and its valley is wide. By "
+        "default the fit continues with the absolute images, which are more informative; the draws (black) show its "
+        "valley.",
         lambda result, _: valley_figure(result),
     ),
     _Section(
         "draws",
         "Draws from the valley",
-        "Draws of all five parameters, as `export-dr --joint` hands them on. Lines: best value and interval of each. "
-        "Above the diagonal their correlations: where one is large, the box of the intervals is wider than the cloud.",
+        "Draws of all five parameters, as written by `export-dr --joint`. Lines: best value and interval of each. "
+        "Above the diagonal, their correlations: where one is large, the box of the intervals is wider than the draws.",
         lambda result, _: draws_figure(result),
     ),
     _Section(
         "images",
         "Measured against simulated images",
-        "Three maps a press: measured, simulated, difference; u to the right, v up, taxels as they lie on the patch. "
-        "Green frame: matched as well as the noise lets expect. Red, thick frame: not. Presses that were left out as "
-        "glitches stand first; what they differ by may lie beyond the scale.",
+        "Three maps per press: measured, simulated, difference; u to the right, v up, taxels as on the patch. "
+        "Green frame: a match within the noise. Red, thick frame: a worse match. Presses that were left out as "
+        "outliers come first; their differences may exceed the scale.",
         images_figure,
     ),
     _Section(
         "slack",
         "Contact positions",
         "Left: from the measured (black) to the estimated position (red), on the patch at its best pose. Right: the "
-        "same shifts from one point. Numbers are those of the presses. A mean far from zero, or shifts that crowd at "
-        "the bound, mean that the rig is off by more than its slack allows.",
+        "same shifts from one point. Numbers are press numbers. A mean far from zero, or shifts that crowd at "
+        "the bound, mean that the position errors exceed the slack.",
         slack_figure,
     ),
     _Section(
         "residuals",
         "Residuals",
-        "Every press may choose its position, so small residuals alone prove little; a pattern does. By taxel: unequal "
-        "gains. Against force or value: a law that is not linear. Over the session: drift. A taxel of a press takes "
-        "part where it is measured or simulated above the noise; what noise alone lights is left out, but counts in "
-        "the rmse of a press, which is over all taxels.",
+        "The position of every press is fitted, so small residuals alone prove little; look for patterns. By taxel: "
+        "unequal gains. Against force or value: a nonlinear law. Over the session: drift. A taxel of a press is "
+        "included where it is measured or simulated above the noise; the others are left out here, but count in "
+        "the rmse of a press.",
         residuals_figure,
     ),
     _Section(
         "scatter",
         "Measured against simulated values",
-        "Left: all taxels that a press lights above the noise. Right: their differences. They lie closer than the "
-        "curves where a press touches so few taxels that its position explains most of them; the scatter that was "
-        "found allows for that.",
+        "Left: all taxels above the noise. Right: their differences. These are smaller than the "
+        "curves suggest if a press touches so few taxels that its position explains most of them; the estimated "
+        "scatter allows for that.",
         lambda result, _: scatter_figure(result),
     ),
 )
@@ -98,14 +98,14 @@ SECTIONS = (
 def write_fit_report(
     result: FitResult, calibration: Calibration, dataset: Dataset, folder: str | Path
 ) -> None:
-    """Writes ``report.html`` and its pictures (``valley.png`` ...) into a folder.
+    """Write ``report.html`` and its figures (``valley.png`` ...) into a folder.
 
-    The page holds its pictures itself and needs nothing from elsewhere; it can be sent to somebody as one file.
+    The page contains its figures and needs nothing from elsewhere; it can be sent as a single file.
 
     Args:
         result: the fit.
-        calibration: what it became; gives the provenance.
-        dataset: that was fitted.
+        calibration: the calibration of the fit, for the provenance.
+        dataset: the dataset that was fitted.
         folder: an existing folder; files of the same names are replaced.
     """
     folder = Path(folder)

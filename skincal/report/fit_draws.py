@@ -1,4 +1,4 @@
-"""The valley as its draws tell it: every parameter, and every pair of them, with the intervals."""
+"""The draws from a fit's valley: every parameter, and every pair of parameters, with the intervals."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MOST_DOTS = 1500
 
 
 def draws_figure(result: FitResult) -> Figure:
-    """Draws the cloud of the valley's draws.
+    """Draw the posterior draws of the valley.
 
     Args:
         result: a fit.
@@ -74,7 +74,7 @@ def _draw_alone(axes: Axes, of: Quantity) -> None:
 
 
 def _bins(of: Quantity) -> FloatArray:
-    """Edges of the bars. Draws from a grid fall on its few values: then there is one bar for each of them."""
+    """Return the edges of the bars; draws from a grid have few values, and each gets one bar."""
     low, high = _limits(of)
     different = np.unique(of.draws)
     if 1 < len(different) < BINS:
@@ -95,7 +95,7 @@ def _draw_pair(axes: Axes, col: Quantity, row: Quantity) -> None:
 
 
 def _mark(axes: Axes, of: Quantity, along: str, *, band: bool = False) -> None:
-    """Ends of the interval, and those of the searched range where they are in sight."""
+    """Mark the ends of the interval, and those of the searched range where they are in sight."""
     line = axes.axvline if along == "x" else axes.axhline
     if of.identified:
         for end in (of.low, of.high):
@@ -109,7 +109,7 @@ def _mark(axes: Axes, of: Quantity, along: str, *, band: bool = False) -> None:
 
 
 def _limits(of: Quantity) -> tuple[float, float]:
-    """All draws, the best and the interval, with a margin."""
+    """Return limits that contain all draws, the best value and the interval, with a margin."""
     low, high = min(float(of.draws.min()), of.best), max(float(of.draws.max()), of.best)
     if of.identified:
         low, high = min(low, of.low), max(high, of.high)
@@ -124,7 +124,7 @@ def _by_logarithm(of: Quantity) -> bool:
 
 
 def _spans_decades(of: Quantity, low: float, high: float) -> bool:
-    """Whether E spans so much that it is drawn by its logarithm."""
+    """Return whether E spans so wide a range that it is drawn on a logarithmic axis."""
     return of.logarithmic and low > 0 and high > 3 * low
 
 

@@ -1,4 +1,4 @@
-"""Measured against simulated images, press by press, as the taxels lie on the patch."""
+"""Measured and simulated images, press by press, with taxels at their places on the patch."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure,
 FloatArray = NDArray[np.floating[Any]]
 
 ALL_UP_TO = 48
-"""So many presses are all shown; of more, some of the worst, of the best and from between."""
+"""Up to this number, all presses are shown; of more, some of the worst, of the best and from between."""
 
 COLUMNS = 4
 COLOURS = "YlGnBu"
-"""Most taxels of a press read nothing: that is the light end."""
+"""Colour map whose light end is zero, as most taxels of a press read nothing."""
 
 UNREAD = "#D0D0D0"
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A press to show: its images (J,) [counts], NaN where not read, and what is written over them."""
+    """A press to show: its images (J,) [counts], NaN where not read, and its labels."""
 
     words: str
     mark: str
@@ -52,22 +52,22 @@ class _Pair:
 
 
 def images_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draws three maps a press: what was measured, what is simulated at the best point, and the difference.
+    """Draw three maps per press: the measured image, the simulated one at the best point, and the difference.
 
     Args:
         result: a fit.
-        dataset: that was fitted.
+        dataset: the dataset that was fitted.
 
     Returns:
-        A figure with the presses that match worst first, before them those that were left out as glitches; green
-        frames mark good ones, red frames bad ones.
+        A figure with the worst presses first, preceded by those that were left out as outliers; green
+        frames mark good matches, red frames bad ones.
     """
     chosen = chosen_presses(result.presses.rmse_counts, ALL_UP_TO)
     glitches, used = _left_out_pairs(result, dataset), _used_pairs(result, dataset, chosen)
     pairs = glitches + used
     tiles = _Tiles.of(result.problem.rig.layout, len(pairs))
     counts = Normalize(0.0, max((float(np.nanmax([p.observed, p.simulated])) for p in pairs), default=1.0))
-    # Glitches do not set this scale: next to them nothing else would be seen.
+    # Outliers do not set this scale: nothing else would be visible next to them.
     most = max((float(np.nanmax(np.abs(p.difference), initial=0.0)) for p in used), default=0.1)
     differences = Normalize(-max(most, 0.1), max(most, 0.1))
     count = len(result.problem)
@@ -117,13 +117,13 @@ def _left_out_pairs(result: FitResult, dataset: Dataset) -> list[_Pair]:
 
 @dataclass(frozen=True, eq=False)
 class _Tiles:
-    """Where everything lies in the figure: a tile a press, three maps in it; unit is the longer side of a map.
+    """Layout of the figure: one tile per press, with three maps in it; the unit is the longer side of a map.
 
     Attributes:
         corners: (J, 4, 2) corners of the taxels in a map.
-        map_width: of a map.
-        map_height: of a map.
-        rows: of tiles.
+        map_width: width of a map.
+        map_height: height of a map.
+        rows: rows of tiles.
     """
 
     corners: FloatArray
@@ -163,7 +163,7 @@ class _Tiles:
         return 11.0, max(self.height * scale, 0.8) + 0.85
 
     def corner(self, place: int) -> tuple[float, float]:
-        """Lower left corner of a tile's maps."""
+        """Return the lower left corner of a tile's maps."""
         row, column = divmod(place, COLUMNS)
         left = self.BETWEEN + column * (self.tile_width + self.BETWEEN)
         top = self.BETWEEN / 2 + row * (self.map_height + self.TITLE + self.BETWEEN) + self.TITLE
@@ -172,7 +172,7 @@ class _Tiles:
     def map(
         self, place: int, number: int, values: FloatArray, norm: Normalize, colours: str
     ) -> PolyCollection:
-        """One map: a rectangle a taxel, u to the right and v up; grey where nothing was read."""
+        """Return one map: one rectangle per taxel, u to the right and v up; grey where nothing was read."""
         left, bottom = self.corner(place)
         shift = np.array([left + number * (self.map_width + self.GAP), bottom])
         look = PolyCollection(

@@ -1,4 +1,4 @@
-"""Presses that a fit left out as glitches: what the best skin would have shown there."""
+"""Presses that a fit left out as outliers, with the images that the best skin would show."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from skincal.report.fit_presses import best_pose
 FloatArray = NDArray[np.floating[Any]]
 
 MOST = 8
-"""So many are simulated at most; more of them are no glitches."""
+"""Most presses to simulate; a larger number are not outliers."""
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """A press that was left out, though enough taxels answered.
+    """A press that was left out, though enough taxels were active.
 
     Attributes:
         row: its row in the table of presses.
         observed: (J,) observed values above rest; NaN where not read [counts].
-        simulated: (J,) simulated values at the best place within its slack [counts].
+        simulated: (J,) simulated values at the best position within its slack [counts].
         rmse_counts: root mean square difference over the taxels that were read [counts].
     """
 
@@ -40,7 +40,7 @@ class LeftOut:
 
 
 def left_out(result: FitResult, dataset: Dataset) -> list[LeftOut]:
-    """The presses that were left out, the worst first; at most ``MOST`` of them."""
+    """Return the presses that were left out, the worst first; at most ``MOST`` of them."""
     problem = result.problem
     least = int(problem.active[problem.rows].min(initial=len(problem.active)))
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
@@ -64,7 +64,7 @@ def _simulated(result: FitResult, dataset: Dataset, rows: NDArray[np.intp]) -> I
         indenter, force = dataset.indenter(float(radii[row])), dataset.presses.force_n[row]
 
         tilted = None if dataset.presses.normals is None else dataset.presses.normals[row]
-        # Measured normals are unit vectors to the digits of the file only.
+        # Measured normals are unit vectors only to the digits of the file.
         normal = tilted / np.linalg.norm(tilted) if tilted is not None and np.isfinite(tilted).all() else None
 
         def simulate(

@@ -1,4 +1,4 @@
-"""The presses of a fit by their numbers: which were used, where they lie on the patch, which to show."""
+"""The presses of a fit: which were used, where they lie on the patch, and which to show."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class PressView:
-    """All presses of the session (N) and those that were used (K), in patch coordinates of the best pose.
+    """All presses of the session (N) and the used ones (K), in patch coordinates of the best pose.
 
     Attributes:
         press: (N,) numbers of the presses.
         used: (K,) rows of the presses that were used.
         unused: (N - K,) rows of the others.
-        measured_uv_m: (N, 2) measured contact positions [m]; NaN where there is none.
-        estimated_uv_m: (K, 2) estimated ones [m].
+        measured_uv_m: (N, 2) measured contact positions [m]; NaN where not measured.
+        estimated_uv_m: (K, 2) estimated contact positions [m].
     """
 
     press: IntArray
@@ -39,7 +39,7 @@ class PressView:
 
     @classmethod
     def of(cls, result: FitResult, dataset: Dataset) -> PressView:
-        """The presses of a fit of a dataset."""
+        """Return the presses of a fit of a dataset."""
         rows = np.asarray(result.problem.rows, dtype=np.int64)
         surface = result.problem.rig.surface
         others = np.setdiff1d(np.arange(len(dataset.presses)), rows)
@@ -53,7 +53,7 @@ class PressView:
 
 
 def best_pose(result: FitResult) -> SensorPose:
-    """The best pose of the patch."""
+    """Return the best pose of the patch."""
     best, radius = result.best, result.problem.rig.arc_radius_m
     across = best["across_m"]
     if radius is not None:
@@ -62,17 +62,17 @@ def best_pose(result: FitResult) -> SensorPose:
 
 
 def why_unused(result: FitResult) -> list[tuple[str, int]]:
-    """Reasons why presses were not used, and how many of each, the most frequent first."""
+    """Return the reasons why presses were not used, with their numbers, the most frequent first."""
     return Counter(status for status in result.problem.status if status != USED).most_common()
 
 
 def chosen_presses(rmse_counts: FloatArray, most: int, few: int = 30) -> IntArray:
-    """Presses to show, the worst first: all of them, or if there are too many a part with worst and best.
+    """Return the presses to show, the worst first: all of them, or a selection with the worst and best.
 
     Args:
         rmse_counts: (K,) error of each press [counts].
-        most: up to so many are all shown.
-        few: else so many: a third of them the worst, a sixth the best, the rest evenly from between.
+        most: largest number of which all are shown.
+        few: else the number shown: a third are the worst, a sixth the best, the rest evenly from between.
 
     Returns:
         Indices of the presses.

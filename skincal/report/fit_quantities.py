@@ -1,4 +1,4 @@
-"""The five parameters of a fit as a person reads them: millimetres, degrees, MPa/m, as many digits as are known."""
+"""The five parameters of a fit in readable units (mm, degrees, MPa/m), with as many digits as are known."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ FloatArray = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """One parameter of a fit, in the unit of figures and tables.
+    """A parameter of a fit, in the unit of figures and tables.
 
     Attributes:
-        name: its name in the fit, one of ``PARAMETERS``.
-        label: its name for a person.
-        unit: the unit it is shown in.
-        factor: takes the fit's SI value to that unit.
+        name: name in the fit, one of ``PARAMETERS``.
+        label: displayed name.
+        unit: displayed unit.
+        factor: converts the fit's SI value to that unit.
         best: the best value.
-        low: lower end of its interval; -inf where the data say nothing.
-        high: upper end; inf where the data say nothing.
-        searched: low and high of the range that was searched; None for S, which is found analytically.
-        draws: (N,) values drawn from the valley.
+        low: lower end of the interval; -inf if the data do not bound it.
+        high: upper end; inf if the data do not bound it.
+        searched: low and high of the searched range; None for S, which is solved analytically.
+        draws: (N,) posterior draws.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Quantity:
 
     @property
     def identified(self) -> bool:
-        """Whether the data bound it on both sides."""
+        """True if the data bound the parameter on both sides."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     @property
@@ -52,17 +52,17 @@ class Quantity:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it is searched, and drawn over its whole range, by its logarithm."""
+        """True if the parameter is searched, and drawn over its whole range, on a logarithmic scale."""
         return self.name == "elasticity_pa_per_m"
 
     def shown(self, value: float) -> str:
-        """A value with so many digits that the interval's width has two."""
+        """Return a value with so many digits that the interval's width has two."""
         width = self.high - self.low if self.identified else abs(self.best) / 10
         return with_digits(value, width)
 
 
 def quantities(result: FitResult) -> tuple[Quantity, ...]:
-    """The parameters of a fit in the order in which people read them: pose, elasticity, scale."""
+    """Return the parameters of a fit in reading order: pose, elasticity, scale."""
     radius = result.problem.rig.arc_radius_m
     across = ("x", "mm", 1e3) if radius is None else ("beta", "°", math.degrees(1.0 / radius))
     shown = {
@@ -92,11 +92,11 @@ def _quantity(result: FitResult, name: str, label: str, unit: str, factor: float
 
 
 def with_digits(value: float, width: float) -> str:
-    """A value with so many decimals that a width has two significant digits: 24.30 for a width of 0.5."""
+    """Return a value with so many decimals that a width has two significant digits: 24.30 for a width of 0.5."""
     if not math.isfinite(value):
         return "−∞" if value < 0 else "∞"
     if not (math.isfinite(width) and width > 0):
         return f"{value:.4g}"
     decimals = max(0, 1 - math.floor(math.log10(width)))
-    # A hair below zero is zero.
+    # Tiny negative values are zero.
     return f"{round(value, decimals) + 0.0:.{min(decimals, 9)}f}".replace("-", "−")

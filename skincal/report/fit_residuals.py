@@ -1,4 +1,4 @@
-"""What the model leaves unexplained: by taxel, by force, by value, over the session."""
+"""The residuals of a fit by taxel, by force, by value, and over the session."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
 TOUCHED_COUNTS, TOUCHED_SIGMAS = 1.0, 4.0
-"""A taxel takes part where it answered, or should have answered, with so many counts, and so many times its noise."""
+"""A taxel is included if it reads, or should read, this many counts and this many times its noise."""
 
 MOST_DOTS = 4000
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Simulated minus measured values of the taxels that take part.
+    """Simulated minus measured values of the included taxels.
 
     Attributes:
-        difference: (K, J) [counts]; NaN where a taxel takes no part.
-        touched: (K, J) the taxel answered or should have, and was read.
-        level_counts: from so many counts on, measured or simulated, a taxel is touched; noise alone does not reach it.
+        difference: (K, J) [counts]; NaN where a taxel is not included.
+        touched: (K, J) the taxel was read, and is or should be active.
+        level_counts: level, measured or simulated, from which a taxel is touched; noise alone does not reach it.
     """
 
     difference: FloatArray
@@ -53,7 +53,7 @@ class Residuals:
 
     @classmethod
     def of(cls, result: FitResult) -> Residuals:
-        """The residuals at the best point. A saturated taxel, simulated higher, is right."""
+        """Return the residuals at the best point; a saturated taxel that is simulated higher has none."""
         presses, problem = result.presses, result.problem
         level = max(TOUCHED_COUNTS, TOUCHED_SIGMAS * problem.noise_sigma_counts)
         touched = (problem.weight > 0) & (np.maximum(presses.observed, presses.simulated) >= level)
@@ -63,16 +63,16 @@ class Residuals:
 
     @property
     def of_which(self) -> str:
-        """Which taxels take part, for the title of a figure."""
-        return f"of taxels lit above noise (measured or simulated ≥ {self.level_counts:.2g} counts)"
+        """Description of the included taxels, for the title of a figure."""
+        return f"of taxels above noise (measured or simulated ≥ {self.level_counts:.2g} counts)"
 
 
 def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draws the residuals of the taxels that were touched.
+    """Draw the residuals of the taxels that were touched.
 
     Args:
         result: a fit.
-        dataset: that was fitted.
+        dataset: the dataset that was fitted.
 
     Returns:
         A figure: mean and rms by taxel; against force, simulated value and time of the session.
@@ -84,7 +84,7 @@ def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
         grid = figure.add_gridspec(2, 6)
         mean = _by_taxel(found, np.mean)
         rms = _by_taxel(found, lambda d: np.sqrt(np.mean(d**2)))
-        # What is below the noise of a single reading shall not look like much.
+        # Residuals below the noise of a single reading must not look large.
         most = float(np.nanmax(np.abs(mean), initial=problem.noise_sigma_counts))
         places = [figure.add_subplot(grid[0, k : k + 2]) for k in (0, 2, 4)]
         _draw_taxels(
@@ -101,7 +101,7 @@ def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
 
 
 def scatter_figure(result: FitResult) -> Figure:
-    """Draws measured against simulated values, and how the residuals are distributed.
+    """Draw measured against simulated values, and the distribution of the residuals.
 
     Args:
         result: a fit.
@@ -148,7 +148,7 @@ def _draw_distribution(axes: Axes, result: FitResult, found: Residuals) -> None:
     axes.hist(np.clip(values, -reach, reach), bins=list(edges), color=BLUE, density=True)
     at = np.linspace(-reach, reach, 201)
     for width, colour, words in (
-        (sigma, ORANGE, f"normal, scatter found: {sigma:.2g} counts"),
+        (sigma, ORANGE, f"normal, estimated scatter: {sigma:.2g} counts"),
         (floor, BLACK, f"normal, noise of untouched taxels: {floor:.2g} counts"),
     ):
         line = "--" if colour == BLACK else "-"
@@ -163,7 +163,7 @@ def _draw_distribution(axes: Axes, result: FitResult, found: Residuals) -> None:
 
 
 def _by_taxel(found: Residuals, of: Any) -> FloatArray:
-    """A figure of every taxel's residuals (J,); NaN where it never took part."""
+    """Return a statistic of every taxel's residuals (J,); NaN where it was never included."""
     values = np.full(found.touched.shape[1], np.nan)
     for j in np.flatnonzero(found.touched.any(axis=0)):
         values[j] = of(found.difference[found.touched[:, j], j])
@@ -187,7 +187,7 @@ def _draw_taxels(
 
 
 def _draw_presses(axes: Axes, result: FitResult, dataset: Dataset) -> None:
-    """Error of the presses over the session: a trend here is a drift."""
+    """Draw the error of the presses over the session: a trend is a drift."""
     rows, presses = result.problem.rows, result.presses
     times = session_times_s(dataset)
     x = rows.astype(np.float64) if times is None else times[rows]

@@ -1,4 +1,4 @@
-"""Where the presses were measured to be, and where their images say they were."""
+"""The slack of a fit: the measured positions of the presses, and those estimated from their images."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from skincal.report.style import (
 FloatArray = NDArray[np.floating[Any]]
 
 MOST_NAMED = 40
-"""Up to so many presses are named by their numbers, those that have room."""
+"""Up to this number, presses are labelled with their numbers where there is room."""
 
 
 def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draws the slack of every press: on the patch, and all of them from one point.
+    """Draw the slack of every press: on the patch, and all slacks from one point.
 
     Args:
         result: a fit.
-        dataset: that was fitted.
+        dataset: the dataset that was fitted.
 
     Returns:
         A figure with two panels.
@@ -58,7 +58,7 @@ def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
 
 
 def _name_presses(figure: Figure, patch: Axes, slack: Axes, result: FitResult, view: PressView) -> None:
-    """Numbers of the presses, on both panels, where they have room; both must have found their place before."""
+    """Write the numbers of the presses on both panels where there is room; both must have been laid out before."""
     figure.draw_without_rendering()
     names = [str(number) for number in view.press[view.used]]
     start, end = 1e3 * view.measured_uv_m[view.used], 1e3 * view.estimated_uv_m
@@ -72,12 +72,12 @@ def _name_presses(figure: Figure, patch: Axes, slack: Axes, result: FitResult, v
 
 def _say_missing(axes: Axes, missing: int) -> None:
     if missing:
-        words = f"{missing} number{'s' if missing > 1 else ''} left out for want of room"
+        words = f"{missing} number{'s' if missing > 1 else ''} left out for lack of room"
         axes.text(1.0, 1.0, words, transform=axes.transAxes, ha="right", va="bottom", fontsize=7, color=GREY)
 
 
 def draw_taxels(axes: Axes, layout: TaxelLayout) -> None:
-    """The taxels as grey rectangles on axes over (u, v) in millimetres."""
+    """Draw the taxels as grey rectangles on axes over (u, v) in millimetres."""
     for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
         corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
         axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=GREY, linewidth=0.6))
@@ -115,7 +115,7 @@ def _draw_patch(axes: Axes, result: FitResult, view: PressView) -> None:
 
 
 def _draw_box(axes: Axes, result: FitResult, measured: FloatArray) -> bool:
-    """The slack's square round the press that was moved most; it lies across and along the finger."""
+    """Draw the slack's square around the most moved press, across and along the finger; return whether it was drawn."""
     slack, alpha = 1e3 * result.problem.rig.slack_m, result.best["alpha_rad"]
     if not np.isfinite(slack):
         return False
@@ -146,7 +146,7 @@ def _draw_slack(axes: Axes, result: FitResult, view: PressView) -> None:
         axes.add_patch(Circle((0, 0), 2 * declared, fill=False, edgecolor=GREY))
         handles.append(Line2D([], [], color=GREY, label=f"declared: 2 sigma, 2 × {declared:.2g} mm"))
     axes.add_patch(Circle((0, 0), 2 * found, fill=False, edgecolor=ORANGE))
-    handles.append(Line2D([], [], color=ORANGE, label=f"found: 2 sigma, 2 × {found:.2g} mm"))
+    handles.append(Line2D([], [], color=ORANGE, label=f"estimated: 2 sigma, 2 × {found:.2g} mm"))
     axes.plot(*slack[good].T, "o", color=RED, markersize=4)
     look: Any = {"markerfacecolor": "white", "markeredgecolor": RED, "markeredgewidth": 1.3}
     axes.plot(*slack[~good].T, "D", markersize=6, **look)
@@ -160,7 +160,7 @@ def _draw_slack(axes: Axes, result: FitResult, view: PressView) -> None:
 
 
 def _near(uv: FloatArray, bounds: FloatArray) -> FloatArray:
-    """Those within a patch's size of the patch; a stray one must not shrink the rest."""
+    """Return which points lie within a patch's size of the patch; a stray press must not shrink the others."""
     size = float(np.ptp(bounds, axis=0).max())
     return uv[(np.abs(uv - bounds.mean(axis=0)) <= 1.5 * size).all(axis=1)]
 

@@ -1,4 +1,4 @@
-"""What a fit found, in words and small tables: the part of the report that a person reads first."""
+"""The result of a fit in words and small tables: the part of the report to read first."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from skincal.report.fit_presses import why_unused
 from skincal.report.fit_quantities import Quantity, quantities, with_digits
 
 EXPLAINED = 1.5
-"""Residuals up to so many times the noise count as explained."""
+"""Residuals up to this multiple of the noise count as explained."""
 
 
 @dataclass(frozen=True)
 class EffectRow:
-    """One parameter of an effect that was fitted beside the base model: in words, its lists by their ends."""
+    """A parameter of an effect fitted with the base model, in words; lists are given by their ends."""
 
     effect: str
     name: str
@@ -30,17 +30,17 @@ class EffectRow:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One line of the table of intervals.
+    """A line of the table of intervals.
 
     Attributes:
-        name: of the parameter, with its unit.
+        name: name of the parameter, with its unit.
         best: best value.
-        low: lower end of the interval; empty where the data say nothing.
+        low: lower end of the interval; empty if the data do not bound it.
         high: upper end.
         searched: the searched range in words.
-        share: width of the interval over that of the searched range, in words.
-        share_percent: the same as a number for a bar, 0 to 100; None where nothing was searched.
-        start_percent: where the bar begins.
+        share: width of the interval relative to the searched range, in words.
+        share_percent: the same as a number for a bar, 0 to 100; None without a search.
+        start_percent: start of the bar.
     """
 
     name: str
@@ -55,7 +55,7 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class ScatterRow:
-    """One line of the table of scatter: what, what was said of it before, what the data tell, in words."""
+    """A line of the table of scatter, in words: the quantity, its declared and its estimated value."""
 
     what: str
     declared: str
@@ -65,7 +65,7 @@ class ScatterRow:
 
 @dataclass(frozen=True)
 class PressRow:
-    """One line of the table of presses, in words; empty where there is nothing to say."""
+    """A line of the table of presses, in words; empty where there is nothing to report."""
 
     press: str
     force: str
@@ -78,18 +78,18 @@ class PressRow:
 
 
 def headline(result: FitResult) -> tuple[bool, str]:
-    """Whether nothing needs attention, and that in a few words."""
+    """Return whether nothing needs attention, and a headline that says so."""
     warnings = sum(finding.severity == "warning" for finding in result.findings)
     if not warnings:
         return True, "Nothing needs attention. The calibration can be used as it is."
     if not result.told:
-        return False, "Do not use this calibration: the data do not tell its parameters."
+        return False, "Do not use this calibration: the data do not determine its parameters."
     things = "One thing needs" if warnings == 1 else f"{warnings} things need"
-    return False, f"{things} attention before this calibration is relied on."
+    return False, f"{things} attention before you rely on this calibration."
 
 
 def verdict(result: FitResult) -> list[str]:
-    """A few sentences a person can act on: presses, parameters, how well it fits."""
+    """Return a few sentences to act on: presses, parameters, quality of the fit."""
     return [
         _about_presses(result),
         _about_parameters(result),
@@ -128,23 +128,23 @@ def _about_taxels(result: FitResult) -> list[str]:
         f"{scales[j]:.3g} of taxel ({j // cols}, {j % cols})" for j in (np.argmin(scales), np.argmax(scales))
     )
     return [
-        f"Each taxel has a scale of its own, from {least} to {most} 1/N; they differ by "
+        f"Each taxel has its own scale, from {least} to {most} 1/N; they differ by "
         f"{100 * float(np.std(np.log(scales))):.2g} % rms."
     ]
 
 
 def _about_images(result: FitResult) -> str:
     found, floor = result.sigmas.noise_counts, result.problem.noise_sigma_counts
-    reason = "nothing is left to explain" if _explained(result) else "the model lacks something"
+    reason = "the noise explains all of it" if _explained(result) else "the model lacks something"
     return (
         f"At the best point simulated and measured images differ by {result.mse_counts2**0.5:.2g} counts rms per taxel "
-        f"(loss {result.mse_counts2:.3g} counts²). Values of touched taxels scatter by {found:.2g} counts about the "
-        f"model, and by {floor:.2g} counts through the sensor's own noise: {reason}."
+        f"(loss {result.mse_counts2:.3g} counts²). Values of touched taxels scatter by {found:.2g} counts around the "
+        f"model; the sensor's own noise is {floor:.2g} counts: {reason}."
     )
 
 
 def _explained(result: FitResult) -> bool:
-    """Whether the noise of the sensor explains how images differ."""
+    """Return whether the noise of the sensor explains the differences of the images."""
     return result.sigmas.noise_counts <= max(EXPLAINED * result.problem.noise_sigma_counts, 0.5)
 
 
@@ -152,11 +152,11 @@ def _about_positions(result: FitResult) -> str:
     rms = 1e3 * float(np.sqrt(np.mean(result.presses.slack_m**2))) if len(result.problem) else 0.0
     bad = int((~result.presses.good).sum())
     well = "All presses used are matched well" if not bad else f"{bad} of the presses used are matched badly"
-    return f"{well}. To match, contact positions were moved by {rms:.2f} mm rms along each direction."
+    return f"{well}. For this match, contact positions were moved by {rms:.2f} mm rms along each direction."
 
 
 def parameter_rows(result: FitResult) -> list[ParameterRow]:
-    """The table of intervals."""
+    """Return the table of intervals."""
     return [_parameter_row(q) for q in quantities(result)]
 
 
@@ -179,7 +179,7 @@ def _parameter_row(of: Quantity) -> ParameterRow:
 
 
 def effect_rows(calibration: Calibration) -> list[EffectRow]:
-    """The effects of a calibration, parameter by parameter."""
+    """Return the effects of a calibration, parameter by parameter."""
     rows: list[EffectRow] = []
     for effect in calibration.effects:
         for name, given in effect.parameters.items():
@@ -196,20 +196,20 @@ def _ends(numbers: Numbers) -> str:
 
 
 def scatter_rows(result: FitResult) -> list[ScatterRow]:
-    """The table of scatter: position, force, image."""
+    """Return the table of scatter: position, force, image."""
     rig, found = result.problem.rig, result.sigmas
     declared = rig.position_sigma_m
     position = "as declared"
     if np.isfinite(declared):
         ratio = found.position_m / declared if declared > 0 else np.inf
         if ratio > 1.5:
-            position = "the rig is worse than declared"
+            position = "larger than declared"
         elif ratio < 0.6:
-            position = "the rig is better than declared: a smaller sigma_m narrows the search"
+            position = "smaller than declared: a smaller sigma_m narrows the search"
     else:
-        position = "nothing was declared"
+        position = "not declared"
     floor = result.problem.noise_sigma_counts
-    image = "noise explains it" if _explained(result) else "more than noise explains"
+    image = "explained by noise" if _explained(result) else "more than noise explains"
     return [
         ScatterRow(
             "contact position, each direction",
@@ -225,7 +225,7 @@ def scatter_rows(result: FitResult) -> list[ScatterRow]:
 
 
 def press_rows(result: FitResult, dataset: Dataset) -> list[PressRow]:
-    """The table of all presses, in the order of the dataset."""
+    """Return the table of all presses, in the order of the dataset."""
     problem, presses = result.problem, result.presses
     place = {int(row): k for k, row in enumerate(problem.rows)}
     rows = []
@@ -247,7 +247,7 @@ def press_rows(result: FitResult, dataset: Dataset) -> list[PressRow]:
 
 
 def provenance_rows(calibration: Calibration) -> list[tuple[str, str]]:
-    """Where the calibration comes from, as names and words."""
+    """Return the provenance of the calibration, as names and words."""
     from_ = calibration.provenance
     options = ", ".join(f"{name} = {_plain(value)}" for name, value in from_.options.items())
     rows = [

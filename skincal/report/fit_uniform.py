@@ -1,4 +1,4 @@
-"""The report of a fit to uniform pressure: the scale of each taxel, and how straight its answer is."""
+"""The report of a fit to uniform pressure: the scale and the linearity of each taxel."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _MOST_LINES = 60
 
 
 def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str | Path) -> None:
-    """Writes ``report.html`` and its pictures (``scales.png``, ``answers.png``) into a folder.
+    """Write ``report.html`` and its figures (``scales.png``, ``answers.png``) into a folder.
 
     Args:
         outcome: the fit.
-        dataset: that was fitted.
+        dataset: the dataset that was fitted.
         folder: an existing folder; files of the same names are replaced.
     """
     folder, calibration = Path(folder), outcome.calibration
@@ -36,32 +36,32 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
             scales_figure(outcome),
             "scales",
             "The scale of each taxel",
-            "Left: on the patch; grey taxels do not answer. Right: how the scales are distributed, against the common "
+            "Left: on the patch; grey taxels do not respond. Right: the distribution of the scales, with the common "
             "one.",
             folder,
         ),
         picture(
             answers_figure(outcome, dataset),
             "answers",
-            "Answers of the taxels",
-            "Left: values above rest against the load of a taxel, and the straight line of the median scale. Right: "
-            "what each taxel's own line leaves. One curve that all follow is a law that is not linear, a difference "
-            "between rising and falling pressure is memory or a clock, a step is a taxel that fails.",
+            "Responses of the taxels",
+            "Left: values above rest against the load of a taxel, with the line of the median scale. Right: the "
+            "residuals of each taxel's own line. A curve common to all means a nonlinear law, a difference "
+            "between rising and falling pressure means memory or a clock offset, a step means a taxel that fails.",
             folder,
         ),
     ]
     low, high = calibration.intervals["scale_per_n"]
-    told = outcome.scales.told
+    responding = outcome.scales.told
     page = rendered(
         "fit_uniform.html",
         name=calibration.provenance.dataset or "dataset",
         source=dataset.meta.source,
         tone="",
-        headline="The scale of each taxel was found; pose and elasticity cannot be from uniform pressure.",
+        headline="The scale of each taxel was fitted; uniform pressure does not determine pose and elasticity.",
         verdict=[
-            f"{int(told.sum())} of {len(told)} taxels answer. Their median scale is "
+            f"{int(responding.sum())} of {len(responding)} taxels respond. Their median scale is "
             f"{with_digits(outcome.scales.common_per_n, 3)} counts/N, {with_digits(low, 3)} to {with_digits(high, 3)}; "
-            f"the straight lines leave {calibration.loss.mse_counts2**0.5:.2f} counts.",
+            f"the rms residual of the straight lines is {calibration.loss.mse_counts2**0.5:.2f} counts.",
         ],
         findings=calibration.findings,
         figures=figures,
@@ -71,7 +71,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
 
 
 def scales_figure(outcome: UniformOutcome) -> Figure:
-    """Draws the scales on the patch, and their distribution."""
+    """Draw the scales on the patch, and their distribution."""
     scales, layout = outcome.scales, outcome.calibration.layout()
     own = scales.scale_per_n[scales.told]
     with style():
@@ -92,14 +92,14 @@ def scales_figure(outcome: UniformOutcome) -> Figure:
 
 
 def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
-    """Draws values and residuals of the taxels against their load."""
+    """Draw values and residuals of the taxels against their load."""
     scales = outcome.scales
     taxels = np.flatnonzero(scales.told)
     taxels = taxels[np.unique(np.linspace(0, len(taxels) - 1, _MOST_LINES).round().astype(int))]
     branch = dataset.presses.column("branch")
     down = np.zeros(len(outcome.values), dtype=np.bool_) if branch is None else branch.astype(str) == "down"
     with style():
-        figure = new_figure(11, 5.2, "Answers to uniform pressure")
+        figure = new_figure(11, 5.2, "Responses to uniform pressure")
         grid = figure.add_gridspec(1, 2)
         values = np.where(outcome.use, outcome.values, np.nan)
         left, right = (figure.add_subplot(grid[k]) for k in (0, 1))
@@ -118,7 +118,7 @@ def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
 
 
 def _lines(axes: Axes, load: np.ndarray, value: np.ndarray, taxels: np.ndarray, down: np.ndarray) -> None:
-    """Thin lines of taxels, rising and falling apart, and the median of each."""
+    """Draw thin lines of taxels, rising and falling pressure apart, and the median of each."""
     for rows, colour, name in ((~down, BLUE, "rising"), (down, ORANGE, "falling")):
         if not rows.any():
             continue

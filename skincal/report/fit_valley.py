@@ -1,8 +1,8 @@
-"""The paper's loss over the macro variables: the grid, seen along every pair of them.
+"""The paper's loss over the macro variables: the grid, projected on every pair of them.
 
-On the grid every press is placed by its normalised image. By default the valley is bounded by another likelihood, that
-of the absolute images, so its bound is no level of this loss and is not drawn here; the loss of the grid at the best
-point is.
+The grid places every press by its normalised image. By default the valley is bounded by another likelihood, that of
+the absolute images, whose bound is not a level of this loss and is not drawn here. The loss of the grid at the best
+point is drawn.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from skincal.report.style import BLACK, BLUE, ORANGE, RED, few_logarithmic_ticks
 FloatArray = NDArray[np.floating[Any]]
 
 COLOURS = "viridis_r"
-"""Yellow where the loss is low, so that black marks stand out there."""
+"""Colour map that is yellow where the loss is low, so that black marks stand out."""
 
 LEVELS = 16
 MOST_DOTS = 400
@@ -38,7 +38,7 @@ _AXIS_OF = {"alpha_rad": 0, "elasticity_pa_per_m": 1, "across_m": 2, "y_m": 3}
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """A macro variable of the grid: its quantity, its axis in the grid's arrays, its values there."""
+    """A macro variable of the grid: its quantity, its axis in the grid's arrays, and its values."""
 
     quantity: Quantity
     axis: int
@@ -46,10 +46,10 @@ class _Axis:
 
 
 def valley_figure(result: FitResult) -> Figure:
-    """Draws the evaluated grid and the levels of its loss that mean something.
+    """Draw the evaluated grid with the meaningful levels of its loss.
 
-    On the diagonal is the loss along one macro variable, below it the loss over a pair of them, each minimised over
-    all the others (and over the scale and every contact position, as everywhere).
+    The diagonal shows the loss along one macro variable, the panels below it the loss over a pair, each minimised over
+    all other variables (and over the scale and every contact position).
 
     Args:
         result: a fit.
@@ -94,21 +94,21 @@ def _searched(result: FitResult) -> list[_Axis]:
 
 
 def _least(rmse: FloatArray, *keep: int) -> FloatArray:
-    """The smallest value over all axes but some; those stand in the order that is asked for."""
+    """Return the smallest value over all axes except ``keep``, in the order of ``keep``."""
     others = tuple(axis for axis in range(rmse.ndim) if axis not in keep)
     least = rmse.min(axis=others)
     return least if keep == tuple(sorted(keep)) else least.T
 
 
 def _levels(rmse: FloatArray) -> FloatArray:
-    """Levels of the contours, evenly spaced in the logarithm of the error [counts]."""
+    """Return the levels of the contours, evenly spaced in the logarithm of the error [counts]."""
     low = float(rmse.min())
     high = max(float(np.quantile(rmse, 0.99)), 1.5 * low)
     return np.geomspace(low, high, LEVELS)
 
 
 def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
-    """Error [counts], colour, line style and words of the levels to draw, all of the grid's own loss."""
+    """Return error [counts], colour, line style and label of the levels to draw, all of the grid's own loss."""
     paper = PAPER_BOUND_COUNTS2**0.5
     if result.bound == "fixed":
         own, words = result.valley_mse_counts2**0.5, "valley's bound"
@@ -135,7 +135,7 @@ def _draw_profile(axes: Axes, of: _Axis, least: FloatArray, result: FitResult) -
 def _draw_pair(
     axes: Axes, col: _Axis, row: _Axis, least: FloatArray, levels: FloatArray, result: FitResult
 ) -> None:
-    """The error over two macro variables; ``least`` is (values of col, values of row)."""
+    """Draw the error over two macro variables; ``least`` is (values of col, values of row)."""
     norm = LogNorm(levels[0], levels[-1])
     axes.contourf(col.values, row.values, least.T, levels=levels, cmap=COLOURS, norm=norm, extend="both")
     for value, colour, line, _ in _marks(result):
@@ -181,7 +181,7 @@ def _label(axes: Axes, col: _Axis, row: _Axis, *, bottom: bool, left: bool, prof
 
 
 def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResult) -> None:
-    """Legend and colour bar, in the upper right where the triangle leaves room."""
+    """Draw legend and colour bar in the upper right, where the triangle leaves room."""
     side = grid.ncols
     place = figure.add_subplot(grid[0, side // 2 :])
     place.set_axis_off()
@@ -201,5 +201,5 @@ def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResu
     bar_place = place.inset_axes((0.1, 0.2, 0.9, 0.08))
     mappable = ScalarMappable(LogNorm(levels[0], levels[-1]), COLOURS)
     bar = figure.colorbar(mappable, cax=bar_place, orientation="horizontal", extend="both")
-    bar.set_label("rmse per taxel [counts], least over the other variables", fontsize=8)
+    bar.set_label("rmse per taxel [counts], minimum over the other variables", fontsize=8)
     few_logarithmic_ticks(bar.ax.xaxis)

@@ -1,4 +1,4 @@
-"""Short names beside the points of a picture, none on top of another or of a point."""
+"""Short labels next to the points of a figure, without overlaps with each other or with points."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from skincal.report.style import BLACK, GREY
 FloatArray = NDArray[np.floating[Any]]
 
 SIZE_PT = 6.0
-"""Of the letters."""
+"""Size of the letters [pt]."""
 
 _WIDE, _HIGH = 0.62, 0.95
-"""Width of a digit and height of a line, over the size of the letters."""
+"""Width of a digit and height of a line, relative to the size of the letters."""
 
 _DOT_PT = 2.5
 _DISTANCES_PT = (3.0, 8.0, 14.0)
 _FAR_PT = 5.0
-"""From this distance on a thin line leads from the point to its name."""
+"""Distance from which a thin line leads from the point to its label."""
 
 _DIRECTIONS = np.radians([45, 315, 135, 225, 0, 180, 90, 270, 22, 338, 158, 202])
 
@@ -30,16 +30,16 @@ _DIRECTIONS = np.radians([45, 315, 135, 225, 0, 180, 90, 270, 22, 338, 158, 202]
 def name_points(
     axes: Axes, names: Sequence[str], points: FloatArray, *, keep_clear: FloatArray | None = None
 ) -> int:
-    """Writes names beside points; the axes must have their place and limits, as the figure was laid out before.
+    """Write labels next to points; the figure must have been laid out, so that the axes have their place and limits.
 
     Args:
-        axes: where the points are drawn.
-        names: one for each point.
+        axes: axes of the points.
+        names: one label per point.
         points: (N, 2) in the units of the axes.
-        keep_clear: (M, 2) other points that no name shall cover.
+        keep_clear: (M, 2) other points that no label may cover.
 
     Returns:
-        How many names found no room and were left out.
+        Number of labels that were left out for lack of room.
     """
     at = _in_points(axes, points)
     dots = at if keep_clear is None else np.concatenate([at, _in_points(axes, keep_clear)])
@@ -57,12 +57,12 @@ def name_points(
 
 
 def _in_points(axes: Axes, points: FloatArray) -> FloatArray:
-    """Places on the page [pt]."""
+    """Return the positions on the page [pt]."""
     return axes.transData.transform(points) * 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
 
 
 def _candidates(here: FloatArray, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Offsets of a name's middle from its point and the boxes (4,) it would fill there [pt], the nearest first."""
+    """Yield candidate offsets of a label from its point, with the boxes (4,) it would fill [pt], the nearest first."""
     half = 0.5 * SIZE_PT * np.array([_WIDE * len(name), _HIGH])
     for distance in _DISTANCES_PT:
         for direction in _DIRECTIONS:

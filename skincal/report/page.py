@@ -1,4 +1,4 @@
-"""Pages that hold everything themselves, and their pictures beside them."""
+"""Self-contained pages, and their figures as files."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from skincal.report.style import png_bytes
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a page.
+    """A figure of a page.
 
     Attributes:
-        title: above it.
-        caption: how to read it; what stands between backticks is code.
-        file: its name beside the page.
-        data: the same as base64.
+        title: title above it.
+        caption: explanation; text between backticks is code.
+        file: its file name next to the page.
+        data: its content as base64.
     """
 
     title: str
@@ -33,14 +33,14 @@ class Picture:
 
 
 def picture(figure: Figure, stem: str, title: str, caption: str, folder: Path) -> Picture:
-    """Writes a figure into a folder, and keeps it for a page."""
+    """Write a figure into a folder; return it for a page."""
     content, file = png_bytes(figure), f"{stem}.png"
     (folder / file).write_bytes(content)
     return Picture(title, caption, file, base64.b64encode(content).decode("ascii"))
 
 
 def rendered(template: str, **values: Any) -> str:
-    """A page from a template of ``skincal/report/templates``; every value that it uses must be given."""
+    """Return a page from a template of ``skincal/report/templates``; all its variables must be given."""
     environment = Environment(
         loader=PackageLoader("skincal.report"),
         autoescape=select_autoescape(["html"]),
@@ -52,5 +52,5 @@ def rendered(template: str, **values: Any) -> str:
 
 
 def with_code(text: str) -> Markup:
-    """Text with what stands between backticks set as code; everything in it is escaped."""
+    """Return escaped text, with the parts between backticks set as code."""
     return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))

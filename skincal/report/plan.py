@@ -1,4 +1,4 @@
-"""The picture of a plan: where it presses, how hard, and in which order."""
+"""The figure of a plan: sites, forces and order of the presses."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ MARKERS = {"o": "circles", "s": "squares", "D": "diamonds", "^": "triangles up",
 
 
 def plan_figure(plan: Plan, mount: Mount) -> Figure:
-    """Draws a plan.
+    """Draw a plan.
 
     Args:
         plan: the plan.
-        mount: the patch as it nominally lies.
+        mount: the patch at its nominal pose.
 
     Returns:
         A figure with the sites on the patch, and the forces over the order of the presses.
@@ -87,7 +87,7 @@ def _draw_order(axes: Axes, plan: Plan) -> None:
 
 
 def _draw_poses(axes: Axes, plan: Plan) -> None:
-    """Every second pose has a grey ground."""
+    """Draw a grey background for every second pose."""
     names = plan.pose_names
     for i, press in enumerate(plan.presses):
         if names.index(press.pose) % 2:

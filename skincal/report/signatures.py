@@ -1,4 +1,4 @@
-"""Pictures of what each effect does to a press: the model with it and without it, where it shows best."""
+"""Figures of the influence of each effect on a press: the model with and without it, where it is most visible."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from skincal.model.arrays import FloatArray
 from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, style
 
 FEW = 16
-"""Up to so many values are drawn as bars."""
+"""Most values that are drawn as bars."""
 
 STRENGTH = 2.0
-"""Strength of the effect in a picture: twice a typical case."""
+"""Strength of the effect in a figure: twice a typical case."""
 
 _FORCE_N, _SEED = 3.0, 3
 _CENTRE_M, _RADIUS_M = 0.0235, 0.0115
 _PLACE_M = (0.6e-3, 1.0e-3)
-"""Where presses are, across and along from the middle of the patch: between taxels, so that several feel it [m]."""
+"""Position of presses relative to the middle of the patch: between taxels, so that several feel them [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One line of a picture: values (n,) over x (n,), without the effect and with it."""
+    """A line of a figure: values (n,) over x (n,), without and with the effect."""
 
     label: str
     x: FloatArray
@@ -43,15 +43,15 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What an effect does.
+    """The influence of an effect.
 
     Attributes:
-        name: of the effect.
-        x_label: of the curves.
-        y_label: of the curves.
-        curves: where it shows best.
+        name: name of the effect.
+        x_label: label of the x axis.
+        y_label: label of the y axis.
+        curves: curves that show it best.
         change: (rows, cols) change of the image where it is largest [counts].
-        place_m: (2,) where that press is on the patch [m]; NaN where nothing touches.
+        place_m: (2,) position of that press on the patch [m]; NaN without contact.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Signature:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Samples of some presses, and how to look at them: label, taxel and rows of each curve."""
+    """Samples of some presses, with label, taxel and rows of each curve."""
 
     samples: Samples
     place_m: FloatArray
@@ -83,10 +83,10 @@ def _base() -> EffectSkin:
 
 
 def signature(name: str, strength: float = STRENGTH) -> Signature:
-    """What an effect does to a sensor of 4 by 4 taxels on a fingertip.
+    """Return the influence of an effect on a sensor of 4 by 4 taxels on a fingertip.
 
     Args:
-        name: of the effect.
+        name: name of the effect.
         strength: 1 is a typical case.
 
     Raises:
@@ -113,10 +113,10 @@ def signature(name: str, strength: float = STRENGTH) -> Signature:
 
 
 def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
-    """The picture of an effect: curves without it and with it, and a map of the largest change.
+    """Return the figure of an effect: curves without and with it, and a map of the largest change.
 
     Args:
-        name: of the effect.
+        name: name of the effect.
         strength: 1 is a typical case.
 
     Raises:
@@ -166,7 +166,7 @@ def _draw_change(figure: Figure, axes: Axes, found: Signature) -> None:
 
 
 def _samples(place_m: FloatArray, force_n: FloatArray, **covariates: ArrayLike) -> Samples:
-    """Presses at places (K, 2) across and along from the middle of the patch, with all covariates."""
+    """Return presses at positions (K, 2) across and along from the middle of the patch, with all covariates."""
     surface = Cylinder(_RADIUS_M)
     start = np.tile([0.0, _CENTRE_M, _RADIUS_M], (len(place_m), 1))
     points = surface.offset(start, place_m[:, 0], place_m[:, 1])
@@ -189,14 +189,14 @@ def _here(count: int) -> FloatArray:
 
 
 def _strongest() -> tuple[int, int]:
-    """The taxel that feels the press most, and the next one."""
+    """Return the taxel that feels the press most, and the next one."""
     image = _base().values(_samples(_here(1), np.array([_FORCE_N])))[0]
     order = np.argsort(-image)
     return int(order[0]), int(order[1])
 
 
 def _press(load_s: float, hold_s: float, rest_s: float, **more: ArrayLike) -> Samples:
-    """One press at 100 Hz: a fifth of a second of rest, load, hold, unload, rest."""
+    """Return one press at 100 Hz: a fifth of a second of rest, load, hold, unload, rest."""
     step, before = 0.01, 20
     load, hold, rest = (round(length / step) for length in (load_s, hold_s, rest_s))
     rise = np.arange(1, load + 1) / load
@@ -207,28 +207,28 @@ def _press(load_s: float, hold_s: float, rest_s: float, **more: ArrayLike) -> Sa
 
 
 def _course() -> _View:
-    """One press over time, with a long hold and a rest."""
+    """Return one press over time, with a long hold and a rest."""
     samples, taxel = _press(0.4, 4.0, 3.0), _strongest()[0]
     assert samples.time_s is not None
     return _View(samples, _here(len(samples)), samples.time_s, "time [s]", (("with it", taxel, slice(None)),))
 
 
 def _quick() -> _View:
-    """A quick press over time."""
+    """Return a quick press over time."""
     samples, taxel = _press(0.3, 0.4, 0.3), _strongest()[0]
     assert samples.time_s is not None
     return _View(samples, _here(len(samples)), samples.time_s, "time [s]", (("with it", taxel, slice(None)),))
 
 
 def _loop() -> _View:
-    """One slow press over its force."""
+    """Return one slow press over its force."""
     samples, taxel = _press(1.5, 0.3, 0.2), _strongest()[0]
     force = samples.contacts.force_n
     return _View(samples, _here(len(samples)), force, "force [N]", (("with it", taxel, slice(None)),))
 
 
 def _speeds() -> _View:
-    """Loading at two speeds, over the force."""
+    """Return the loading at two speeds, over the force."""
     force, taxel = np.linspace(0.05, _FORCE_N, 60), _strongest()[0]
     speed = np.repeat([2.5e-4, 4e-3], len(force))
     time = np.concatenate([np.linspace(0, 4, 60), np.linspace(10, 10.25, 60)])
@@ -245,7 +245,7 @@ def _speeds() -> _View:
 
 
 def _forces() -> _View:
-    """Holds at several forces: the strongest taxel and the next one."""
+    """Return holds at several forces: the strongest taxel and the next one."""
     force = np.linspace(0.0, 5.0, 51)
     first, second = _strongest()
     curves = (("strongest taxel", first, slice(None)), ("the next one", second, slice(None)))
@@ -253,7 +253,7 @@ def _forces() -> _View:
 
 
 def _poses() -> _View:
-    """Holds at several forces in two hand poses."""
+    """Return holds at several forces in two hand poses."""
     force, taxel = np.linspace(0.01, 4.0, 41), _strongest()[0]
     pose = np.repeat([0, 1], 41)
     samples = _samples(_here(82), np.tile(force, 2), pose=pose)
@@ -262,7 +262,7 @@ def _poses() -> _View:
 
 
 def _session(touching: bool) -> _View:
-    """The same press, or the untouched skin, over ten minutes."""
+    """Return the same press, or the untouched skin, over ten minutes."""
     time = np.linspace(0.0, 600.0, 31)
     samples = _samples(
         _here(31), np.full(31, _FORCE_N if touching else 0.0), time_s=time, phase=HOLD if touching else IDLE
@@ -275,7 +275,7 @@ def _session(touching: bool) -> _View:
 
 
 def _touches() -> _View:
-    """The same press again and again."""
+    """Return the same press again and again."""
     cycle = np.arange(7.0)
     samples = _samples(_here(7), np.full(7, _FORCE_N), cycle=cycle)
     curves = (("with it", _strongest()[0], slice(None)),)
@@ -283,7 +283,7 @@ def _touches() -> _View:
 
 
 def _places() -> _View:
-    """A press that wanders across the patch, as one taxel sees it."""
+    """Return a press that moves across the patch, as one taxel sees it."""
     across = np.linspace(-8e-3, 8e-3, 81)
     place = np.column_stack([across, np.full(81, _PLACE_M[1])])
     samples = _samples(place, np.full(81, _FORCE_N))
@@ -294,7 +294,7 @@ def _places() -> _View:
 
 
 def _taxels() -> _View:
-    """A press on each taxel, as that taxel sees it."""
+    """Return a press on each taxel, as that taxel sees it."""
     place = _base().skin.patch.layout.centres_m
     samples = _samples(place, np.full(len(place), _FORCE_N))
     x = np.arange(float(len(place)))
@@ -322,4 +322,4 @@ _VIEWS: Final[Mapping[str, Callable[[], _View]]] = MappingProxyType(
         "baseline_drift": lambda: _session(touching=False),
     }
 )
-"""Where an effect shows best. Others, those to come included, are drawn over force, or over time if they remember."""
+"""View in which an effect is most visible. Others, new ones included, are drawn over force, with memory over time."""

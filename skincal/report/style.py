@@ -1,6 +1,6 @@
-"""How figures look: one place for fonts, colours and saving, so that all of them belong together.
+"""Style of figures: one place for fonts, colours and saving.
 
-Figures are objects without a window or global state (no pyplot), so they can be made anywhere, in tests and
+Figures are objects without a window or global state (no pyplot), so that they can be made anywhere, in tests and
 on machines without a display.
 """
 
@@ -25,7 +25,7 @@ from skincal.errors import InputError, Problem
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#8A8A8A", "#222222",
 )  # fmt: skip
-"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+"""Okabe and Ito's colours, which people with any colour vision can distinguish."""
 
 LIGHT = "#E8E8E8"
 SEQUENTIAL = "viridis"
@@ -69,13 +69,13 @@ _RC: Any = {
 
 @contextmanager
 def style() -> Generator[None]:
-    """Figures and axes made within have skincal's look."""
+    """Give figures and axes that are made within this context skincal's style."""
     with mpl.rc_context({**_RC, "font.family": _families()}):
         yield
 
 
 def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
-    """An empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
+    """Return an empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     if title:
         figure.suptitle(as_it_is(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
@@ -84,43 +84,43 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
 
 @lru_cache(maxsize=1)
 def _families() -> list[str]:
-    """The usual font, then those installed here that have letters which it lacks."""
+    """Return the default font, followed by installed fonts with letters that it lacks."""
     installed = {font.name for font in font_manager.fontManager.ttflist}
     return [*mpl.rcParamsDefault["font.sans-serif"][:1], *(name for name in _WIDE_FONTS if name in installed)]
 
 
 @lru_cache(maxsize=1)
 def _letters() -> frozenset[int]:
-    """Code points that can be drawn with one font or another."""
+    """Return the code points that some font can draw."""
     fonts = [font_manager.get_font(font_manager.findfont(name)) for name in _families()]
     return frozenset[int]().union(*(font.get_charmap() for font in fonts))
 
 
 def as_it_is(text: str) -> str:
-    """A name that people gave, for a figure: a box for every letter that no font here has; dollars are no formula."""
+    """Return a user's name for a figure: letters that no font has become boxes, and dollars start no formula."""
     letters = (letter if ord(letter) in _letters() else _UNKNOWN for letter in text)
     return "".join(letters).replace("$", r"\$")
 
 
 def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:
-    """Axes over lengths in millimetres, of equal scale; the limits widen to fill the place there is."""
+    """Set up axes over lengths in millimetres with equal scales; the limits widen to fill the space."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{x_label} [mm]")
     axes.set_ylabel(f"{y_label} [mm]")
 
 
 def few_logarithmic_ticks(axis: Axis) -> None:
-    """Marks 1, 2 and 5 of every decade of a logarithmic axis, as plain numbers."""
+    """Put ticks at 1, 2 and 5 of every decade of a logarithmic axis, as plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def checked_suffix(path: Path) -> Path:
-    """The path of a picture, if its suffix is one that can be written.
+    """Return the path of a figure after checking its suffix.
 
     Raises:
-        InputError: it is another.
+        InputError: the suffix is not supported.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
@@ -130,11 +130,11 @@ def checked_suffix(path: Path) -> Path:
 
 
 PICTURE_MARK = "atplotlib"
-"""What every picture holds near its beginning or end, whatever its format."""
+"""Text near the beginning or end of every figure, whatever its format."""
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Writes a figure; the same figure gives the same bytes, as no date is kept in it."""
+    """Write a figure without a date, so that the same figure gives the same bytes."""
     suffix = Path(path).suffix.lower()
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with style():
@@ -142,7 +142,7 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def png_bytes(figure: Figure) -> bytes:
-    """A figure as the bytes of a PNG, for a page that holds its pictures itself."""
+    """Return a figure as the bytes of a PNG, for a self-contained page."""
     buffer = io.BytesIO()
     with style():
         figure.savefig(buffer, format="png", dpi=DPI)

@@ -1,4 +1,4 @@
-"""A value of each taxel as a map: taxels as they lie on the patch, u to the right, v up."""
+"""Maps with a value per taxel: taxels at their places on the patch, u to the right, v up."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from skincal.model.arrays import FloatArray, IntArray
 from skincal.report.style import BLACK, DIVERGING, GREY, LIGHT
 
 MOST_LABELLED = 36
-"""Values are written into the taxels of a sensor with so many at most."""
+"""Largest number of taxels whose values are written on them."""
 
 
 def draw_taxels(
     axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draws a map without axes; see :func:`taxel_boxes`."""
+    """Draw a map without axes; see :func:`taxel_boxes`."""
     boxes = taxel_boxes(axes, layout, taxels, values, norm, colours)
     axes.set_aspect("equal")
     axes.set_xticks([])
@@ -31,14 +31,14 @@ def draw_taxels(
 def taxel_boxes(
     axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draws taxels as coloured boxes [mm], with their values where there are not too many.
+    """Draw taxels as coloured boxes [mm], with their values where there are not too many.
 
     Args:
-        axes: where to.
-        layout: of all taxels.
-        taxels: (J,) those that have a value; others are light grey.
-        values: (J,) NaN where there is none.
-        norm: from values to colours.
+        axes: axes to draw on.
+        layout: layout of all taxels.
+        taxels: (J,) taxels with a value; others are light grey.
+        values: (J,) NaN without a value.
+        norm: normalisation of the colours.
         colours: name of the colour map.
     """
     shown = np.full(layout.taxels, np.nan)
@@ -65,7 +65,7 @@ def taxel_boxes(
 def _label(axes: Axes, centre: FloatArray, value: float, share: float, colours: str) -> None:
     dark = abs(share - 0.5) > 0.3 if colours == DIVERGING else share > 0.6
     digits = 2 if abs(value) < 10 else 1 if abs(value) < 100 else 0
-    # Adding zero makes of −0.00, a small value rounded, 0.00.
+    # Adding zero turns a rounded −0.00 into 0.00.
     text = f"{round(float(value), digits) + 0.0:.{digits}f}"
     axes.text(
         centre[0],

@@ -1,4 +1,4 @@
-"""The picture of learning curves: reward, tracking error and lost objects over environment steps."""
+"""The figure of learning curves: reward, tracking error and lost objects over environment steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, as_it_is, new
 
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
 SMOOTH_STEPS = 10_000
-"""Figures are means over so many steps: a single round holds eight episodes."""
+"""Steps over which figures are averaged: a single round holds eight episodes."""
 
 Curve = Mapping[str, NDArray[np.float64]]
 
@@ -24,11 +24,11 @@ _PANELS = (
 
 
 def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
-    """Draws learning curves.
+    """Draw learning curves.
 
     Args:
-        curves: columns of each run, by its name (see :func:`skincal.train.read_curve`).
-        title: above it all.
+        curves: columns of each run by name (see :func:`skincal.train.read_curve`).
+        title: title of the figure.
     """
     with style():
         figure = new_figure(10.5, 3.2, title)
@@ -48,7 +48,7 @@ def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
 def smoothed(
     steps: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means over blocks of :data:`SMOOTH_STEPS`; a block without any value is left out."""
+    """Return means over blocks of :data:`SMOOTH_STEPS`, without empty blocks."""
     block = (steps - 1) // SMOOTH_STEPS
     finite = np.isfinite(values)
     rows = [(steps[block == b].mean(), values[(block == b) & finite].mean())

@@ -1,4 +1,4 @@
-"""What a hand is: its description, kinematics, and the contact that its joints tell of."""
+"""The hand: its description, its kinematics, and the contact inferred from its joints."""
 
 from skincal.robot.bundled import DEFAULT_HAND, bundled_hand
 from skincal.robot.chain import Chain, TipFrames

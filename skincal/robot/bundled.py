@@ -1,4 +1,4 @@
-"""The hands that come with skincal."""
+"""The bundled hands."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ DEFAULT_HAND = "dlr_hand_2"
 
 
 def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
-    """The description of a hand that comes with skincal.
+    """Return the description of a bundled hand.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is no bundled hand of that name.
     """
     folder = Path(__file__).parent / "hands"
     known = sorted(path.parent.name for path in folder.glob("*/hand.toml"))

@@ -1,4 +1,4 @@
-"""One finger: from joint angles to the frame of its tip, and to the Jacobian of a point on it."""
+"""The kinematic chain of one finger: from joint angles to the frame of its tip and the Jacobian of a point on it."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ class TipFrames:
     pivots_m: FloatArray
 
     def to_tip(self, points_m: FloatArray) -> FloatArray:
-        """Points (K, 3) of the root's frame in the tip's frame."""
+        """Transform points (K, 3) from the root's frame to the tip's frame."""
         return ((points_m - self.origins_m)[:, None] @ self.rotations)[:, 0]
 
     def to_root(self, points_m: FloatArray) -> FloatArray:
-        """Points (K, 3) of the tip's frame in the root's frame."""
+        """Transform points (K, 3) from the tip's frame to the root's frame."""
         return self.origins_m + (self.rotations @ points_m[..., None])[..., 0]
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A finger's joints from the root to its tip link, fixed steps merged into them.
+    """A finger's joints from the root to its tip link, with fixed joints merged into them.
 
-    A revolute joint turns by R(q) = constant + sin q * sine + cos q * cosine (Rodrigues' formula, the fixed step
-    before it multiplied in).
+    A revolute joint rotates by R(q) = constant + sin q * sine + cos q * cosine (Rodrigues' formula, premultiplied by
+    the fixed rotation before it).
 
     Attributes:
-        columns: (J,) where the finger's joints stand among all joints of the hand.
+        columns: (J,) indices of the finger's joints among all joints of the hand.
         steps_m: (J, 3) from joint to joint, in the frame before the joint moves [m].
         constant: (J, 3, 3).
         sine: (J, 3, 3).
@@ -69,7 +69,7 @@ class Chain:
 
     @classmethod
     def of(cls, urdf: Urdf, finger: FingerDescription, joints: tuple[str, ...]) -> Chain:
-        """The chain of a finger whose joints have been checked."""
+        """Return the chain of a finger whose joints have been checked."""
         rotation, origin = np.eye(3), np.zeros(3)
         steps: list[FloatArray] = []
         turns: list[tuple[FloatArray, FloatArray, FloatArray]] = []
@@ -91,7 +91,7 @@ class Chain:
                    origin)  # fmt: skip
 
     def frames(self, q_rad: FloatArray) -> TipFrames:
-        """Frames of the tip for joint angles (K, n) of the whole hand [rad]."""
+        """Return the frames of the tip for joint angles (K, n) of the whole hand [rad]."""
         q = q_rad[:, self.columns]
         sine, cosine = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
         turns = self.constant + sine * self.sine + cosine * self.cosine
@@ -107,14 +107,14 @@ class Chain:
         return TipFrames(rotation @ self.end_rotation, origin + rotation @ self.end_m, axes, pivots)
 
     def jacobian(self, frames: TipFrames, points_m: FloatArray) -> FloatArray:
-        """Velocity of points (K, 3) fixed to the tip link, per joint velocity: (K, 3, J) [m/rad]."""
+        """Return the velocity of points (K, 3) fixed to the tip link per joint velocity, (K, 3, J) [m/rad]."""
         arm = points_m[:, None] - frames.pivots_m
         columns = np.where(self.slides[:, None], frames.axes, cross(frames.axes, arm))
         return np.swapaxes(columns, 1, 2)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of vectors (..., 3); numpy's own takes many times as long for a few."""
+    """Return the cross products of vectors (..., 3); numpy's own is many times slower for a few vectors."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -123,7 +123,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _turn(before: FloatArray, joint: UrdfJoint) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constant, sine and cosine part (3, 3) of a joint's rotation, after a fixed rotation."""
+    """Return the constant, sine and cosine part (3, 3) of a joint's rotation after a fixed rotation."""
     if joint.kind == "prismatic":
         return before, np.zeros((3, 3)), np.zeros((3, 3))
     x, y, z = joint.axis

@@ -1,4 +1,4 @@
-"""The contact that the joints tell of: where the indenter touches, how hard, and how far away it is."""
+"""The contact inferred from the joints: where the indenter touches, with what force, and how far away it is."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from skincal.robot.kinematics import Kinematics
 FloatArray = NDArray[np.float64]
 
 _SINGULAR = 1e6
-"""How many times the smallest eigenvalue of the normal equations for the force the largest may be."""
+"""Largest condition number of the normal equations for the force."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointContact:
-    """K contacts, from joint angles and torques; positions and vectors in the fingertip frame.
+    """K contacts from joint angles and torques; positions and vectors are in the fingertip frame.
 
     Attributes:
         points_m: (K, 3) the point of the surface nearest to the indenter [m].
@@ -26,7 +26,7 @@ class JointContact:
         force_n: (K,) normal force [N], positive when pressing.
         shear_u_n: (K,) force on the skin towards growing beta (on a plane +x) [N].
         shear_v_n: (K,) force on the skin along +y [N].
-        gap_m: (K,) distance of sphere and surface at rest [m]; negative where the sphere goes in.
+        gap_m: (K,) distance of sphere and surface at rest [m]; negative where the sphere penetrates.
         centres_m: (K, 3) the sphere's centre [m].
     """
 
@@ -45,25 +45,25 @@ class JointContact:
 def contact_from_joints(
     kinematics: Kinematics, q_rad: ArrayLike, tau_nm: ArrayLike, *, indenter_radius_m: float | None = None
 ) -> JointContact:
-    """Contacts of the indenter with the skin (Kasolowsky & Baeuml, IROS 2024, section III-A).
+    """Return the contacts of the indenter with the skin (Kasolowsky & Baeuml, IROS 2024, section III-A).
 
-    At rest, and with gravity off or compensated, the force F of the indenter on the skin is what the drives hold:
+    At rest, and with gravity off or compensated, the drives hold the force F of the indenter on the skin:
     tau = J^T F for the finger with the indenter, tau = -J^T F for the finger with the skin, J the Jacobians of the
-    contact point. Six torques for three components: the least squares solution is taken, which for one finger alone
-    is J^-T tau. While the fingers accelerate, the force is off by their inertia.
+    contact point. Six torques determine three components by least squares, which for one finger alone is J^-T tau.
+    While the fingers accelerate, their inertia disturbs the force.
 
     Args:
         kinematics: the hand.
         q_rad: measured joint angles (K, n) or (n,) [rad].
         tau_nm: measured joint torques, of the same shape [N m].
-        indenter_radius_m: radius of the indenter where it is not that of the description [m].
+        indenter_radius_m: radius of the indenter [m]; default: that of the description.
 
     Returns:
-        K contacts. A NaN in a row of the angles gives a row of NaN; one in the torques a force of NaN.
+        K contacts. A NaN in a row of the angles gives a row of NaN; a NaN in the torques gives a force of NaN.
 
     Raises:
-        ValueError: shapes that do not fit the hand.
-        WorkError: joint angles for which a force does not show in the torques.
+        ValueError: shapes do not fit the hand.
+        WorkError: the torques do not determine the force at these joint angles.
     """
     tau = kinematics.angles(tau_nm)
     q = kinematics.link_angles(q_rad, np.where(np.isfinite(tau), tau, 0.0))
@@ -91,7 +91,7 @@ def contact_from_joints(
 def nearest_on_surface(
     cylinder_radius_m: float | None, points_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The nearest points of a cylinder about y, or of the plane z = 0.
+    """Return the nearest points of a cylinder about y, or of the plane z = 0.
 
     Args:
         cylinder_radius_m: radius [m]; None: the plane.
@@ -115,7 +115,7 @@ def nearest_on_surface(
 
 
 def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: FloatArray) -> FloatArray:
-    """The force on the skin (K, 3) [N], root frame: least squares of both fingers' torques."""
+    """Return the force on the skin (K, 3) [N], root frame: least squares of both fingers' torques."""
     square = push @ np.swapaxes(push, 1, 2) + hold @ np.swapaxes(hold, 1, 2)
     right = (push @ tau_push[..., None] - hold @ tau_hold[..., None])[..., 0]
     known = np.asarray(np.isfinite(square).all(axis=(1, 2)))
@@ -127,7 +127,7 @@ def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: F
     except np.linalg.LinAlgError as error:
         raise _hidden() from error
     # For eigenvalues l of a positive matrix, sum l times sum 1 / l bounds the ratio of the largest to the smallest.
-    # Rounding may make a matrix that has no inverse one of negative eigenvalues.
+    # Rounding may give a singular matrix a negative eigenvalue.
     spread = _trace(square) * _trace(inverse)
     if not np.all((spread > 0) & (spread <= _SINGULAR)):
         raise _hidden()

@@ -1,4 +1,4 @@
-"""A hand as its description tells it: ``hand.toml`` beside a URDF."""
+"""The description of a hand: ``hand.toml`` and a URDF next to it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """What no command may pass; each (n,), in the order of the joints.
+    """Limits that no command may exceed; each (n,), in the order of the joints.
 
     Attributes:
         lower_rad: smallest angle [rad].
@@ -52,9 +52,9 @@ class FingerDescription:
     Attributes:
         name: name of the finger.
         joints: names of its joints, from the base to the tip.
-        tip_link: the URDF link whose frame is meant: for the finger that carries the skin the fingertip frame of the
+        tip_link: the URDF link with the tip's frame: for the finger that carries the skin, the fingertip frame of the
             datasets (origin on the axis of the cylindrical part at its base, +y to the tip, +z out of the surface
-            where beta = 0); for the finger with the indenter a frame with its origin at the sphere's centre.
+            where beta = 0); for the finger with the indenter, a frame with its origin at the sphere's centre.
     """
 
     name: str
@@ -75,11 +75,11 @@ class HandDescription:
         skin_finger: the finger that carries the skin.
         indenter_finger: the finger with the cap and the indenter.
         home_rad: angles at which nothing touches, from which a session starts and to which it returns (n,) [rad].
-        max_force_n: contact force that must never be passed [N].
-        meta: what a dataset of this hand says of sensor, surface, indenter, mount, position and clock.
-        digest: SHA-256 of ``hand.toml`` and the URDF, so that a session is resumed with the hand that it began with.
-        compliance_rad_per_nm: give of the drives between where angles are measured and the links (n,) [rad/(N m)]: a
-            link lags behind its measured angle by this times the torque. None: angles are measured on the links.
+        max_force_n: contact force that must never be exceeded [N].
+        meta: metadata of this hand's datasets: sensor, surface, indenter, mount, position and clock.
+        digest: SHA-256 of ``hand.toml`` and the URDF, so that a session resumes only with the same hand.
+        compliance_rad_per_nm: compliance of the drives between angle sensor and link (n,) [rad/(N m)]: a
+            link lags behind its measured angle by this times the torque. None: angles are measured at the links.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""``hand.toml``: strict reading, all violations at once."""
+"""Strict reader of ``hand.toml``; it reports all violations at once."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ _JOINTS = ("names", "lower_deg", "upper_deg", "velocity_deg_per_s", "torque_nm",
 _GAINS = ("stiffness_nm_per_rad", "damping_nms_per_rad", "low_pass_hz", "compliance_rad_per_nm")
 _FINGER = ("carries", "joints", "tip_link")
 _ROUNDING_RAD = 1e-3
-"""Limits may pass those of the URDF by this much [rad], for files that round."""
+"""Tolerance by which limits may exceed those of the URDF [rad], for files with rounded numbers."""
 
 
 def read_hand(path: str | Path) -> HandDescription:
-    """Reads the description of a hand.
+    """Read the description of a hand.
 
     Args:
         path: ``hand.toml``, or the folder that holds it.
 
     Raises:
-        InputError: violations, all of them.
+        InputError: the file has violations; all are reported.
     """
     path = Path(path)
     path = (path / "hand.toml" if path.is_dir() else path).resolve()
@@ -58,7 +58,7 @@ def read_hand(path: str | Path) -> HandDescription:
 
 
 class _Reader:
-    """Reads the tables of one file; what is wrong goes to the findings and reads as a placeholder."""
+    """Reader of the tables of one file; a wrong value adds an error and reads as a placeholder."""
 
     def __init__(self, path: Path, findings: Findings, top: TomlTable) -> None:
         self._path = path
@@ -107,7 +107,7 @@ class _Reader:
         self._findings.error(
             f"{self._path.name}, [{name}]", f"a table [{name}]", "nothing" if values is None else values
         )
-        # One error for the missing table is enough.
+        # Report only the missing table, not its keys.
         return TomlTable(Findings(), self._path.name, name, {}, known)
 
     def _names(self, table: TomlTable, key: str) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ class _Reader:
     def _each(
         self, table: TomlTable, key: str, count: int, *, low: float = -math.inf, high: float = math.inf
     ) -> FloatArray:
-        """One number a joint; a single one stands for all."""
+        """Return one number per joint; a single number stands for all."""
         value = table.raw(key)
         numbers = cast(list[Any], value) if isinstance(value, list) else [value] * count
         plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers)
@@ -155,7 +155,7 @@ class _Reader:
         return home
 
     def _fingers(self) -> tuple[FingerDescription, FingerDescription]:
-        """The finger with the skin and the one with the indenter; empty ones, and an error, where there is none."""
+        """Return the finger with the skin and the one with the indenter; a missing one is empty, with an error."""
         found: dict[str, FingerDescription] = {}
         values = self._top.raw("fingers")
         tables = cast(dict[str, Any], values) if isinstance(values, dict) else {}
@@ -250,12 +250,12 @@ def _shown(value: Any) -> object:
 
 
 def _digest(*paths: Path) -> str:
-    """SHA-256 of some files, of those that can be read."""
+    """Return the SHA-256 of the files that can be read."""
     digest = hashlib.sha256()
     for path in paths:
         try:
             content = read_bytes(path)
-        except (OSError, UnreadableError):  # which has been said
+        except (OSError, UnreadableError):  # already reported
             content = b""
         digest.update(len(content).to_bytes(8, "big") + content)
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Inverse kinematics of the indenter: joint angles that put the sphere where it is wanted."""
+"""Inverse kinematics of the indenter: joint angles that put the sphere's centre at a given point."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from skincal.robot.kinematics import Kinematics
 FloatArray = NDArray[np.float64]
 
 TOLERANCE_M = 1e-7
-"""How near to its target the centre has to be [m]."""
+"""Largest distance of the centre from its target [m]."""
 _ROUNDS = 100
 _DAMPING = 1e-4
-"""Added to the eigenvalues of J J^T, over their mean: near a singular posture steps stay short."""
+"""Damping, relative to the mean eigenvalue of J J^T: it keeps steps short near a singular posture."""
 _LONGEST_RAD = 0.2
-"""Largest change of a joint in a round [rad]."""
+"""Largest change of a joint per iteration [rad]."""
 
 
 def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike) -> FloatArray:
-    """Joint angles at which the sphere's centre lies at a point of the fingertip frame.
+    """Return the joint angles at which the sphere's centre lies at a point of the fingertip frame.
 
     Damped Newton steps, clipped to the joint limits. The finger with the skin stays where it is.
 
     Args:
         kinematics: the hand.
-        centre_m: (3,) where the centre shall be, fingertip frame [m].
-        q_rad: (n,) angles of the links to start from [rad]; those of the skin's finger are kept.
+        centre_m: (3,) target of the centre, fingertip frame [m].
+        q_rad: (n,) angles of the links to start from [rad]; those of the skin's finger stay.
 
     Returns:
         (n,) angles of the links [rad].
@@ -61,7 +61,7 @@ def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike
 def _step(
     jacobian: FloatArray, error: FloatArray, q: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """A damped step (J,) towards an error (3,); joints that would leave their limits take no part."""
+    """Return a damped step (J,) towards an error (3,), without the joints that would leave their limits."""
     step = _damped(jacobian, error)
     held = ((q <= low) & (step < 0)) | ((q >= high) & (step > 0))
     if held.any() and not held.all():
@@ -71,7 +71,7 @@ def _step(
 
 def _damped(jacobian: FloatArray, error: FloatArray) -> FloatArray:
     square = jacobian @ jacobian.T
-    # The damping fades with the error, so that the last rounds are Newton's own.
+    # The damping fades with the error, so that the last iterations are plain Newton steps.
     fade = min(1.0, float(np.linalg.norm(error)) / 1e-3)
     damping = _DAMPING * (fade + 1e-6) * float(np.trace(square)) / 3
     return jacobian.T @ np.linalg.solve(square + damping * np.eye(3), error)

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Where the two tips are, and how they move with the joints.
+    """Forward kinematics of the two tips.
 
     Build it with ``Kinematics(description)``; the URDF is read once.
 
@@ -49,30 +49,30 @@ class Kinematics:
         object.__setattr__(self, "_pair", ChainPair.of(skin, indenter))
 
     def skin_frames(self, q_rad: ArrayLike) -> TipFrames:
-        """Fingertip frames for joint angles (K, n) or (n,) [rad]."""
+        """Return the fingertip frames for joint angles (K, n) or (n,) [rad]."""
         return self.skin.frames(self.angles(q_rad))
 
     def indenter_frames(self, q_rad: ArrayLike) -> TipFrames:
-        """Frames at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
+        """Return the frames at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
         return self.indenter.frames(self.angles(q_rad))
 
     def frames(self, q_rad: ArrayLike) -> tuple[TipFrames, TipFrames]:
-        """Frames of the fingertip and at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
+        """Return the frames of the fingertip and at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
         return self._pair.frames(self.angles(q_rad))
 
     def centre_in_tip(self, q_rad: ArrayLike) -> FloatArray:
-        """The sphere's centre in the fingertip frame (K, 3) [m], for joint angles (K, n) or (n,) [rad]."""
+        """Return the sphere's centre in the fingertip frame (K, 3) [m], for joint angles (K, n) or (n,) [rad]."""
         skin, indenter = self.frames(q_rad)
         return skin.to_tip(indenter.origins_m)
 
     def link_angles(self, q_rad: ArrayLike, tau_nm: ArrayLike) -> FloatArray:
-        """Angles of the links (K, n) [rad]: measured ones (K, n) less what the drives give under torques (K, n)."""
+        """Return the link angles (K, n) [rad]: measured angles (K, n) less the give of the drives at torques (K, n)."""
         q = self.angles(q_rad)
         give = self.description.compliance_rad_per_nm
         return q if give is None else q - give * self.angles(tau_nm)
 
     def angles(self, values: ArrayLike) -> FloatArray:
-        """Values (K, n) or (n,) as (K, n).
+        """Return values (K, n) or (n,) as (K, n).
 
         Raises:
             ValueError: another number of joints.

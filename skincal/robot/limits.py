@@ -1,4 +1,4 @@
-"""Bounds of what a hand's description may allow: a slip of the pen in ``hand.toml`` must not lift a limit."""
+"""Plausibility bounds on the limits of a hand: a typing error in ``hand.toml`` must not lift a limit."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ MOST_TURN_DEG = 360.0
 MOST_VELOCITY_DEG_PER_S = 720.0
 MOST_TORQUE_NM = 10.0
 MOST_FORCE_N = 50.0
-"""Largest limits that are taken without being asked for. Twice the speed of the DLR-Hand II (360 deg/s; its torque is
-1.8 N m, the force of its fingertips 30 N), and what no finger of a hand this size gives or a skin bears."""
+"""Largest limits that are accepted by default. Twice the speed of the DLR-Hand II (360 deg/s; its torque is
+1.8 N m, the force of its fingertips 30 N), and more than any finger of this size gives or any skin bears."""
 
 FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits."
 
 
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
-    """Refuses limits that no finger has.
+    """Refuse limits that no finger has.
 
     Args:
         description: the hand.
-        beyond: whether any limit is allowed, as somebody has said so.
+        beyond: whether the user allows any limit.
 
     Raises:
-        InputError: a limit is above its bound; all of them.
+        InputError: some limits are above their bounds; all are reported.
     """
     limits = description.limits
     turn = np.maximum(np.abs(limits.lower_rad), np.abs(limits.upper_rad))
@@ -44,7 +44,7 @@ def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
 
 
 def _exceeds(values: NDArray[np.float64], bound: float) -> bool:
-    # Rounding of degrees; a NaN is no limit at all.
+    # Allow for rounding of degrees; a NaN sets no limit at all.
     return not bool((values <= bound * (1 + 1e-9)).all())
 
 

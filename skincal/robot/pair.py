@@ -1,4 +1,4 @@
-"""Both fingers' forward kinematics in one go: for one posture at a time that takes little more than one finger."""
+"""Forward kinematics of both fingers in one pass; for a single posture it takes little more than one finger."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ChainPair:
-    """Two chains side by side; the shorter one is filled up with joints that do nothing.
+    """Two chains side by side; the shorter one is padded with joints that do nothing.
 
     Attributes:
         counts: number of joints of each.
-        columns: (2, J) where the joints stand among all joints of the hand.
+        columns: (2, J) indices of the joints among all joints of the hand.
         steps_m: (J, 2, 3, 1) from joint to joint [m].
         constant: (2, J, 3, 3) rotation = constant + sin q * sine + cos q * cosine, as are the next two.
         sine: (2, J, 3, 3).
@@ -42,7 +42,7 @@ class ChainPair:
 
     @classmethod
     def of(cls, first: Chain, second: Chain) -> ChainPair:
-        """Two chains."""
+        """Return the pair of two chains."""
         both = (first, second)
         length = max(len(chain.columns) for chain in both)
 
@@ -70,7 +70,7 @@ class ChainPair:
         )
 
     def frames(self, q_rad: FloatArray) -> tuple[TipFrames, TipFrames]:
-        """Frames of both tips for joint angles (K, n) of the whole hand [rad]."""
+        """Return the frames of both tips for joint angles (K, n) of the whole hand [rad]."""
         q = q_rad[:, self.columns]
         turns = (
             self.constant + np.sin(q)[..., None, None] * self.sine + np.cos(q)[..., None, None] * self.cosine
@@ -78,7 +78,7 @@ class ChainPair:
         moves = q * self.slides if self.slides.any() else None
         count, _, length = q.shape
         axes, pivots = np.empty((count, length, 2, 3, 1)), np.empty((count, length, 2, 3, 1))
-        # Before the first joint nothing is turned.
+        # Nothing is rotated before the first joint.
         rotation, origin = np.broadcast_to(np.eye(3), (count, 2, 3, 3)), np.zeros((count, 2, 3, 1))
         for j in range(length):
             step = self.steps_m[j]

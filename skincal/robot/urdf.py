@@ -1,4 +1,4 @@
-"""The kinematic part of a URDF: fixed steps and joints from the root to a link."""
+"""The kinematic part of a URDF: joints, fixed ones included, from the root to a link."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from skincal.files import check_input, reason
 FloatArray = NDArray[np.float64]
 
 MOST_PARTS = 2000
-"""Links and joints of a hand, with the arm that carries it."""
+"""Largest number of links and joints: a hand with the arm that carries it."""
 
 LARGEST = 1e4
-"""No length [m] and no angle [rad] of a hand is larger."""
+"""Largest length [m] or angle [rad] of a hand."""
 BESIDE = "Copy it into the folder of hand.toml."
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -34,13 +34,13 @@ class UrdfJoint:
     Attributes:
         name: its name.
         kind: revolute, continuous, prismatic or fixed.
-        parent: the link that it hangs on.
-        child: the link that it moves.
+        parent: its parent link.
+        child: its child link.
         rotation: (3, 3) from the joint's frame to the parent's, at angle 0.
-        origin_m: (3,) where it sits in the parent's frame [m].
+        origin_m: (3,) its origin in the parent's frame [m].
         axis: (3,) unit axis in its own frame.
-        lower_rad: smallest angle [rad]; -inf where it has none.
-        upper_rad: largest angle [rad]; inf where it has none.
+        lower_rad: smallest angle [rad]; -inf without a limit.
+        upper_rad: largest angle [rad]; inf without a limit.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Urdf:
     """The tree of a URDF.
 
     Attributes:
-        root: the link without a parent; positions are given in its frame.
+        root: the link without a parent, whose frame all positions use.
         links: names of all links.
         joints: the joint above each link but the root, by the link's name.
     """
@@ -69,7 +69,7 @@ class Urdf:
     joints: dict[str, UrdfJoint]
 
     def chain(self, link: str) -> tuple[UrdfJoint, ...]:
-        """The joints from the root to a link, fixed ones too."""
+        """Return the joints from the root to a link, fixed joints included."""
         found: list[UrdfJoint] = []
         while link != self.root:
             found.append(self.joints[link])
@@ -78,15 +78,15 @@ class Urdf:
 
 
 def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
-    """Reads the tree of a URDF.
+    """Read the tree of a URDF.
 
     Args:
         path: the file.
-        findings: where errors go.
-        within: the folder that must hold the file and its meshes.
+        findings: collects the errors.
+        within: folder that must hold the file and its meshes.
 
     Returns:
-        The tree; None, and errors, where there is none.
+        The tree; None, with errors added, where it is invalid.
     """
     try:
         robot = parse_xml(read_text(path, within=within))
@@ -119,7 +119,7 @@ def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urd
 
 
 def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, findings: Findings) -> None:
-    """Adds an error for a mesh or texture that lies elsewhere; the simulation does without one that is missing."""
+    """Add an error for a mesh or texture outside the folder; the simulation does without a missing one."""
     for name in sorted({element.get("filename") or "?" for element in robot.iter()}):
         try:
             check_input(path.parent / name.rpartition("://")[2], within)
@@ -130,10 +130,10 @@ def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, fin
 
 
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
-    """A URDF whose link collides as a sphere about its origin, to be written to any folder.
+    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder.
 
     Args:
-        path: the URDF, one that has been read before.
+        path: a URDF that has been read before.
         link: the link.
         radius_m: radius of the sphere [m].
     """
@@ -152,7 +152,7 @@ def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
 
 
 def _root(file: str, links: tuple[str, ...], joints: dict[str, UrdfJoint], findings: Findings) -> str:
-    """The link without a parent, checked that all others hang on it."""
+    """Return the link without a parent; check that all other links descend from it."""
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -168,7 +168,7 @@ def _root(file: str, links: tuple[str, ...], joints: dict[str, UrdfJoint], findi
 
 
 def _check_tree(file: str, root: str, joints: dict[str, UrdfJoint], findings: Findings) -> None:
-    """Every link leads to the root; a loop of links is named."""
+    """Check that every link leads to the root; report a loop of links."""
     for link in joints:
         way = [link]
         while way[-1] in joints and joints[way[-1]].parent not in way:
@@ -189,9 +189,7 @@ def _joint(element: ElementTree.Element, file: str, findings: Findings) -> UrdfJ
         findings.error(place, f"one of {', '.join((*MOVING, 'fixed'))}", kind or "nothing")
         return None
     if element.find("mimic") is not None:
-        findings.error(
-            place, "joints that move by themselves", "<mimic>", "Describe a coupled pair as one joint."
-        )
+        findings.error(place, "independent joints", "<mimic>", "Describe a coupled pair as one joint.")
         return None
     origin, axis, limit = element.find("origin"), element.find("axis"), element.find("limit")
     parent, child = element.find("parent"), element.find("child")
@@ -243,7 +241,7 @@ def _numbers(
 
 
 def rotation_of(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """The rotation matrix (3, 3) of a URDF's rpy [rad]: about x, then y, then z of the parent's frame."""
+    """Return the rotation matrix (3, 3) of a URDF's rpy [rad]: about x, then y, then z of the parent's frame."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
     return np.array(
         [

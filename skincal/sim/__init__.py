@@ -1,4 +1,4 @@
-"""One PyBullet client: the fingers, their drives, contact and a reference skin with a hidden truth."""
+"""The simulated hand in a PyBullet client: fingers, drives, contact, and a reference skin with a hidden truth."""
 
 from skincal.sim.memory import SkinMemory
 from skincal.sim.options import SimOptions, TruthOptions

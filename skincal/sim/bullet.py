@@ -1,9 +1,10 @@
-"""One PyBullet client with one hand in it; nothing here is shared between objects or processes."""
+"""A PyBullet client with one hand in it; objects and processes share nothing."""
 
 from __future__ import annotations
 
 import ctypes
 import importlib
+import importlib.util
 import math
 import os
 import sys
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import WorkError
+from skincal.errors import InputError, Problem, WorkError
 from skincal.robot import HandDescription, urdf_with_sphere
 from skincal.sim.options import SimOptions
 
@@ -30,7 +31,7 @@ class Fingers:
 
     Args:
         description: the hand.
-        options: physics.
+        options: options of the physics.
         contact_stiffness_n_per_m: spring constant of the contact [N/m].
     """
 
@@ -38,7 +39,7 @@ class Fingers:
         self, description: HandDescription, options: SimOptions, contact_stiffness_n_per_m: float
     ) -> None:
         with quiet():
-            self._engine: Any = importlib.import_module("pybullet")
+            self._engine: Any = load_engine()
             self._client: int = self._engine.connect(self._engine.DIRECT)
             if self._client < 0:
                 raise WorkError(
@@ -69,7 +70,7 @@ class Fingers:
             ) from error
 
     def _named(self, description: HandDescription) -> tuple[list[int], int, int]:
-        """PyBullet's indices of the joints, the skin's tip and the indenter."""
+        """Return PyBullet's indices of the joints, the skin's tip and the indenter."""
         engine, client = self._engine, self._client
         count: int = engine.getNumJoints(self._body, physicsClientId=client)
         rows = [engine.getJointInfo(self._body, i, physicsClientId=client) for i in range(count)]
@@ -97,7 +98,7 @@ class Fingers:
                 body, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
             )
             engine.setCollisionFilterGroupMask(body, link, 0, 0, physicsClientId=client)
-        # Friction and stiffness of a pair: the product of the two, and the two in series.
+        # PyBullet combines friction as the product of the two links', and stiffness in series.
         for link in (self._skin, self._indenter):
             engine.changeDynamics(
                 body,
@@ -113,17 +114,17 @@ class Fingers:
         engine.setCollisionFilterPair(body, body, self._skin, self._indenter, 1, physicsClientId=client)
 
     def reset(self, q_rad: Sequence[float]) -> None:
-        """Puts the links at angles (n,) [rad], at rest."""
+        """Put the links at angles (n,) [rad], at rest."""
         for joint, angle in zip(self._joints, q_rad, strict=True):
             self._engine.resetJointState(self._body, joint, angle, 0.0, physicsClientId=self._client)
 
     def joints(self) -> tuple[list[float], list[float]]:
-        """Angles [rad] and velocities [rad/s] of the links (n,)."""
+        """Return angles [rad] and velocities [rad/s] of the links (n,)."""
         rows = self._engine.getJointStates(self._body, self._joints, physicsClientId=self._client)
         return [row[0] for row in rows], [row[1] for row in rows]
 
     def step(self, torque_nm: Sequence[float]) -> None:
-        """Moves on by one step under torques (n,) [N m]."""
+        """Advance by one step under torques (n,) [N m]."""
         engine, client = self._engine, self._client
         engine.setJointMotorControlArray(
             self._body, self._joints, engine.TORQUE_CONTROL, forces=torque_nm, physicsClientId=client
@@ -131,27 +132,27 @@ class Fingers:
         engine.stepSimulation(physicsClientId=client)
 
     def force(self) -> FloatArray:
-        """The force of the indenter on the skin in the last step (3,), frame of the URDF's root [N]."""
+        """Return the force of the indenter on the skin in the last step (3,), frame of the URDF's root [N]."""
         points = self._engine.getContactPoints(self._body, self._body, physicsClientId=self._client)
         return summed_force(points or (), self._skin, self._largest_force)
 
     def close(self) -> None:
-        """Ends the client; may be called twice."""
+        """Close the client; may be called twice."""
         client, self._client = self._client, -1
         if client >= 0 and self._engine.isConnected(client):
             self._engine.disconnect(client)
 
 
 def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: float) -> FloatArray:
-    """The force on a link (3,) [N] as the sum over PyBullet's contact points.
+    """Return the force on a link (3,) [N] as the sum over PyBullet's contact points.
 
-    PyBullet now and then gives a force or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point
-    is left out, as is one that pulls.
+    PyBullet sometimes gives a force or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point is left
+    out, as is one that pulls.
 
     Args:
         points: rows of ``getContactPoints``.
         skin_link: index of the link.
-        largest_n: forces beyond this are not believed [N].
+        largest_n: larger forces are rejected [N].
     """
     total = np.zeros(3)
     for row in points:
@@ -166,14 +167,32 @@ def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: flo
             sideways = float(size) * np.array(direction)
             if np.isfinite(sideways).all() and abs(float(size)) <= largest_n:
                 force = force + sideways
-        # Normal and friction are those that act on the first of the two links.
+        # Normal and friction act on the first of the two links.
         total += force if row[3] == skin_link else -force
     return total
 
 
+def check_engine() -> None:
+    """Check that PyBullet is installed, without importing it.
+
+    Raises:
+        InputError: it is not; there are no wheels for Python 3.12 and later.
+    """
+    if importlib.util.find_spec("pybullet") is None:
+        here = f"none for Python {sys.version_info.major}.{sys.version_info.minor}"
+        fix = "Use Python 3.11, for which it is installed with skincal; or build it: pip install pybullet"
+        raise InputError([Problem("physics", "the package pybullet", here, fix)])
+
+
+def load_engine() -> Any:
+    """Return the module ``pybullet``; raise as :func:`check_engine` does."""
+    check_engine()
+    return importlib.import_module("pybullet")
+
+
 @contextmanager
 def quiet() -> Generator[None]:
-    """Keeps off standard output and error what PyBullet's C code prints when it is loaded and reads a URDF."""
+    """Keep off standard output and error what PyBullet's C code prints when it is loaded and reads a URDF."""
     try:
         library = ctypes.CDLL(None)
         streams = [stream.fileno() for stream in (sys.__stdout__, sys.__stderr__) if stream is not None]

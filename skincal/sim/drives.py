@@ -7,8 +7,8 @@ Per joint, with commanded angle q_d, motor angle m and link angle q:
     motor          tau_m = K_e (m - q) + friction          (a motor without inertia)
     link           tau   = K_e (m - q) + d (m' - q')
 
-Friction holds the motor while the rest stays within the stick friction, and is of that size, against the motion, when
-it moves. At rest and without friction a deflection q_d - q so meets K_p and K_e in series.
+Friction holds the motor while the remaining torque stays within the stick friction; when the motor moves, friction has
+that size, against the motion. At rest and without friction a deflection q_d - q thus meets K_p and K_e in series.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class DriveParameters:
-    """What a drive is, each (n,).
+    """Parameters of the drives, each (n,).
 
     Attributes:
         stiffness_nm_per_rad: K_p [N m/rad].
@@ -33,7 +33,7 @@ class DriveParameters:
         low_pass_hz: corner frequency of the filter on commanded angles [Hz].
         drive_stiffness_nm_per_rad: K_e [N m/rad].
         friction_nm: stick friction [N m].
-        torque_limit_nm: largest torque that the controller asks for [N m].
+        torque_limit_nm: largest torque of the controller [N m].
         link_damping_nms_per_rad: d, damping in the drive's elasticity [N m s/rad].
     """
 
@@ -47,11 +47,11 @@ class DriveParameters:
 
 
 class Drives:
-    """All drives of a hand. They are stepped with plain numbers: for six joints numpy would take longer.
+    """All drives of a hand, computed with plain numbers: for six joints numpy would be slower.
 
     Args:
-        parameters: what the drives are.
-        q_rad: angles of the links, where they begin at rest [rad].
+        parameters: parameters of the drives.
+        q_rad: initial angles of the links, at rest [rad].
         step_s: time step [s].
     """
 
@@ -61,7 +61,7 @@ class Drives:
         self._share = -math.expm1(-2 * math.pi * parameters.low_pass_hz * step_s)
         self._damping = parameters.link_damping_nms_per_rad
         self._step = step_s
-        # The motor's speed is found implicitly, so that no step is too long for it.
+        # The motor's speed is solved implicitly, so that any step is stable.
         slow = damp + step_s * (stiff + elastic)
         columns = (stiff, elastic, parameters.friction_nm, parameters.torque_limit_nm, 1 / slow)
         table: list[list[float]] = np.column_stack([np.broadcast_to(v, count) for v in columns]).tolist()
@@ -73,12 +73,12 @@ class Drives:
         self.torque_nm = [0.0] * count
 
     def hold(self) -> None:
-        """Holds to the motors' angles from now on: what was exerted fades, and nothing new comes."""
+        """Hold the motors' present angles: the exerted torques fade, and no new ones arise."""
         self.target_rad = list(self.motor_rad)
         self.filtered_rad = list(self.motor_rad)
 
     def step(self, q_rad: Sequence[float], dq_rad_per_s: Sequence[float]) -> list[float]:
-        """Moves on by one step.
+        """Advance by one step.
 
         Args:
             q_rad: angles of the links [rad].

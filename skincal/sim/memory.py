@@ -1,4 +1,4 @@
-"""What has touched a simulated skin, kept in a file: a session that goes on does so with a skin that remembers."""
+"""Contact history of a simulated skin in a file, so that the skin of a resumed session remembers it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from skincal.sim.touch import TrueContact
 FloatArray = NDArray[np.float64]
 
 MAGIC = b"skinmem1"
-"""The file begins with this; rows of float64 follow."""
+"""First bytes of the file; rows of float64 follow."""
 
 MOST_BYTES = 1 << 30
-"""Of the file: four million looks."""
+"""Largest size of the file: four million looks."""
 
 _FIXED = 11
-"""Numbers of a row that every hand has: time, point, normal, force, shear (u, v), gap."""
+"""Number of values in a row for every hand: time, point, normal, force, shear (u, v), gap."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What was there when an image was taken.
+    """State of the contact when an image was taken.
 
     Attributes:
-        contact: what truly touched.
+        contact: the true contact.
         q_rad: angles (n,) where the hand measures them, without noise [rad].
         tau_nm: torques (n,) of the drives [N m].
     """
@@ -40,14 +40,14 @@ class Look:
 
 
 class SkinMemory:
-    """The looks of a session in a file that is there as far as it got, whatever ends the process.
+    """The looks of a session in a file that is complete up to any end of the process.
 
     Args:
-        path: the file; made where there is none.
+        path: the file; created if missing.
         joints: number of the hand's joints.
 
     Raises:
-        InputError: the file is something else.
+        InputError: the file is of another kind.
     """
 
     def __init__(self, path: Path, joints: int) -> None:
@@ -57,12 +57,12 @@ class SkinMemory:
         except UnreadableError as error:
             raise InputError([Problem(str(path), error.expected, error.got)]) from None
         if not MAGIC.startswith(content[: len(MAGIC)]):
-            raise InputError([Problem(str(path), "what a simulated skin remembers", "another file")])
-        # The last row may have been cut off.
+            raise InputError([Problem(str(path), "the contact history of a simulated skin", "another file")])
+        # The last row may be incomplete.
         rows = max(0, len(content) - len(MAGIC)) // (8 * width)
         end = len(MAGIC) + 8 * rows * width
         self.past = [_look(row) for row in np.frombuffer(content[len(MAGIC) : end]).reshape(-1, width)]
-        # No buffer: what is written is there even if the process is killed.
+        # No buffer: what is written stays even if the process is killed.
         self._file = path.open("ab", buffering=0)
         self._file.truncate(end if rows else 0)
         if not rows:
@@ -70,17 +70,17 @@ class SkinMemory:
 
     @property
     def end_s(self) -> float:
-        """When the last image was taken [s]; minus infinity where there is none."""
+        """Time of the last image [s]; minus infinity without one."""
         return self.past[-1].contact.time_s if self.past else -np.inf
 
     def keep(self, look: Look) -> None:
-        """Keeps another look."""
+        """Append a look."""
         c = look.contact
         row = [c.time_s, *c.point_m, *c.normal, c.force_n, c.shear_u_n, c.shear_v_n, c.gap_m]
         self._file.write(np.array([*row, *c.q_rad, *look.q_rad, *look.tau_nm]).tobytes())
 
     def close(self) -> None:
-        """Closes the file; may be called twice."""
+        """Close the file; may be called twice."""
         self._file.close()
 
 

@@ -1,4 +1,4 @@
-"""How the hand is simulated, and from which ranges a hidden truth is drawn."""
+"""Options of the simulated hand, and the ranges from which a hidden truth is drawn."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class SimOptions:
-    """Physics and sensors of the simulated hand; what is no measured figure is an assumption.
+    """Physics and sensors of the simulated hand; figures that are not measured are assumptions.
 
     Attributes:
         physics_hz: steps of physics and controller (paper: 1000) [Hz].
@@ -21,7 +21,7 @@ class SimOptions:
         contact_depth_force_n: the contact's spring constant is force over depth of the skin at this force [N].
         contact_damping_ns_per_m: damping of the contact [N s/m].
         friction: coefficient of friction between skin and indenter.
-        largest_force_n: contact forces beyond this are a solver's slip, and not believed [N].
+        largest_force_n: larger contact forces are solver errors, and rejected [N].
     """
 
     physics_hz: int = 1000
@@ -51,28 +51,28 @@ class SimOptions:
 
 @dataclass(frozen=True)
 class TruthOptions:
-    """Ranges of what a session's truth is drawn from: uniform where there is a pair, else normal with this sigma.
+    """Ranges from which a session's truth is drawn: uniform for a pair, else normal with this sigma.
 
-    The joints are those of a calibrated hand: together their errors put the contact 0.3 mm to 1.5 mm off. Sources:
+    The joints are those of a calibrated hand: together their errors move the contact by 0.3 mm to 1.5 mm. Sources:
     (1) Kasolowsky & Baeuml, IROS 2024: result of the calibration and table II; the rest is assumed.
 
     Attributes:
-        mount_share: the pose lies within this share of the ranges of ``[mount]``, about their middle.
+        mount_share: part of the ranges of ``[mount]``, about their middle, that contains the pose.
         elasticity_pa_per_m: E, uniform in its logarithm [Pa/m] (1).
         scale_per_n: S [1/N] (1).
         noise_counts: noise of a taxel value [counts].
         rest_counts: level at rest [counts].
         joint_offset_rad: constant error of a joint angle [rad].
-        joint_wave_rad: amplitude of an error that comes and goes with the angle [rad].
-        joint_wave_length_rad: the angle after which it repeats [rad].
+        joint_wave_rad: amplitude of an error that is periodic in the angle [rad].
+        joint_wave_length_rad: period of that error [rad].
         joint_noise_rad: noise of a joint angle [rad].
         joint_speed_noise_rad_per_s: noise of a joint velocity [rad/s].
         torque_offset_nm: constant error of a joint torque [N m].
         torque_scale: relative error of a joint torque.
         torque_noise_nm: noise of a joint torque [N m].
         drive_stiffness_nm_per_rad: parasitic stiffness K_e [N m/rad] (1).
-        stick_friction_nm: stick friction of all joints of a finger but the last [N m] (1).
-        last_stick_friction_nm: stick friction of the last [N m] (1).
+        stick_friction_nm: stick friction of all joints of a finger except the last [N m] (1).
+        last_stick_friction_nm: stick friction of the last joint [N m] (1).
     """
 
     mount_share: float = 0.5

@@ -1,4 +1,4 @@
-"""How far a hand's measured contact positions are off because of its joints."""
+"""Errors of a hand's measured contact positions that its joints cause."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from skincal.sim.truth import Truth
 FloatArray = NDArray[np.float64]
 
 FORCE_N = 3.0
-"""Force at which the error is taken [N]."""
+"""Force at which the error is evaluated [N]."""
 _HALF_M = 0.006
 _SIDE = 5
 
 
 @dataclass(frozen=True, eq=False)
 class PositionError:
-    """Measured less true contact position over a grid of places round the sensor's nominal centre, in the home pose.
+    """Error of the contact position over a grid around the sensor's nominal centre, in the home pose.
 
     Attributes:
         mean_across_m: mean towards growing beta (on a plane +x) [m].
@@ -36,15 +36,15 @@ class PositionError:
     scatter_m: float
 
     def as_dict(self) -> dict[str, float]:
-        """Plain numbers, for a JSON file."""
+        """Return plain numbers, for a JSON file."""
         return dict(vars(self))
 
 
 def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
-    """The error that joint offsets, waves and the drives' true stiffness cause.
+    """Return the position error caused by joint offsets, waves and the drives' true stiffness.
 
     Raises:
-        WorkError: none of the places can be reached from the home pose.
+        WorkError: no point of the grid can be reached from the home pose.
     """
     errors = [
         error for place in _places(kinematics) if (error := _error_at(kinematics, truth, *place)) is not None
@@ -62,10 +62,10 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
 
 
 def surface_error(radius_m: float | None, measured_m: FloatArray, true_m: FloatArray) -> FloatArray:
-    """Measured less true points (K, 3) of a cylinder about y, or of the plane z = 0, along the surface.
+    """Return measured minus true points (K, 3) along the surface, a cylinder about y or the plane z = 0.
 
     Args:
-        radius_m: of the cylinder [m]; None on a plane.
+        radius_m: radius of the cylinder [m]; None on a plane.
         measured_m: (K, 3) [m].
         true_m: (K, 3) [m].
 
@@ -80,7 +80,7 @@ def surface_error(radius_m: float | None, measured_m: FloatArray, true_m: FloatA
 
 
 def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
-    """Points (3,) and normals (3,) of a grid round the nominal centre."""
+    """Return points (3,) and normals (3,) of a grid around the nominal centre."""
     meta = kinematics.description.meta
     steps = np.linspace(-_HALF_M, _HALF_M, _SIDE)
     places: list[tuple[FloatArray, FloatArray]] = []
@@ -100,7 +100,7 @@ def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
 def _error_at(
     kinematics: Kinematics, truth: Truth, point: FloatArray, normal: FloatArray
 ) -> tuple[float, float] | None:
-    """Measured less true position, across and along [m]; None where the place is out of reach."""
+    """Return the error of the position, across and along [m]; None if the point is out of reach."""
     meta = kinematics.description.meta
     assert meta.indenter.radius_m is not None
     try:
@@ -124,7 +124,7 @@ def _error_at(
 def _torques(
     kinematics: Kinematics, q: FloatArray, skin: TipFrames, point: FloatArray, force: FloatArray
 ) -> FloatArray:
-    """Torques (n,) [N m] that hold a force (3,) on the skin at a point (3,), both in the fingertip frame."""
+    """Return torques (n,) [N m] that hold a force (3,) on the skin at a point (3,), both in the fingertip frame."""
     at, root_force = skin.to_root(point[None]), skin.rotations[0] @ force
     tau = np.zeros(len(q))
     indenter = kinematics.indenter_frames(q)

@@ -1,4 +1,4 @@
-"""What a skin's effects need to know of a session besides the contact: told from the true contacts, as they come."""
+"""Covariates of a session for a skin's effects, derived from the true contacts as they occur."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from skincal.sim.touch import TrueContact
 FloatArray = NDArray[np.float64]
 
 SITE_M = 1e-3
-"""Touches nearer than this are of the same site [m]."""
+"""Largest distance of touches of one site [m]."""
 POSE_RAD = 0.06
-"""Angles of the finger with the skin that differ by more are another hand pose [rad]."""
+"""Largest difference in angles of the finger with the skin within one hand pose [rad]."""
 APART_S = 0.2
-"""A press that lost contact for less goes on [s]."""
+"""Longest loss of contact within one press [s]."""
 STEADY_N_PER_S = 0.4
-"""Forces that change slower are held [N/s]."""
+"""Largest change of a force that counts as held [N/s]."""
 
 
 @dataclass(frozen=True)
 class Covariates:
-    """What is known of one sample besides the contact; see :class:`skincal.effects.Samples`."""
+    """Covariates of one sample; see :class:`skincal.effects.Samples`."""
 
     press: int
     phase: int
@@ -36,7 +36,7 @@ class Covariates:
 
 
 class PressTracker:
-    """Numbers presses, counts earlier touches of a site, tells poses apart and loading from holding.
+    """Tracker that numbers presses, counts earlier touches of a site, and detects poses and phases.
 
     Args:
         kinematics: the hand.
@@ -54,7 +54,7 @@ class PressTracker:
         self._touched_s = -np.inf
 
     def next(self, contact: TrueContact) -> Covariates:
-        """The covariates of the next sample."""
+        """Return the covariates of the next sample."""
         if contact.touching and contact.time_s - self._touched_s > APART_S:
             self._begin(contact)
         phase = self._phase(contact)
@@ -67,7 +67,7 @@ class PressTracker:
         return Covariates(self._press, phase, self._speed, float(self._cycle), self._met_n, self._pose)
 
     def _begin(self, contact: TrueContact) -> None:
-        """A press begins: where, how often there before, in which pose, and how fast."""
+        """Start a press: record its site, earlier touches, pose and speed."""
         self._press += 1
         near = [np.linalg.norm(site - contact.point_m) < SITE_M for site in self._sites]
         self._cycle = int(np.sum(near))
@@ -79,7 +79,7 @@ class PressTracker:
         if not same:
             self._poses.append(angles)
         self._pose = same[0] if same else len(self._poses) - 1
-        # The speed before the touch: after it, the skin slows the indenter down.
+        # Use the speed before the touch: afterwards the skin slows the indenter down.
         self._speed = max(self._closing_m_per_s, 0.0)
 
     def _phase(self, contact: TrueContact) -> int:
@@ -91,7 +91,7 @@ class PressTracker:
         return LOAD if change > 0 else UNLOAD
 
     def _change(self, contact: TrueContact, name: str, sign: float) -> float:
-        """How fast something changes since the last sample; 0 at the first."""
+        """Return the rate of change since the last sample; 0 at the first."""
         last = self._last
         if last is None or contact.time_s <= last.time_s:
             return 0.0

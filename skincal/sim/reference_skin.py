@@ -21,10 +21,10 @@ _AT_ONCE = 256
 
 
 class ReferenceSkin:
-    """Turns true contacts into counts, one image after the other.
+    """Converter of true contacts to counts, one image after the other.
 
-    Effects on pose and force act on the true ones: the skin feels something else than what presses, and than what the
-    joints tell of.
+    Effects on pose and force act on the true ones: the skin feels another contact than the true one, and than the one
+    inferred from the joints.
 
     Args:
         kinematics: the hand.
@@ -51,23 +51,23 @@ class ReferenceSkin:
         return self._skin.patch.layout.taxels
 
     def prepare(self) -> None:
-        """Makes the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
+        """Compile, so that the first touch is as fast as the others; see :meth:`skincal.model.Skin.prepare`."""
         self._skin.prepare(self._indenter)
 
     def image(self, contact: TrueContact) -> FloatArray:
-        """The next tactile image (J,) [counts]; contacts come in the order of time."""
+        """Return the next tactile image (J,) [counts]; contacts must come in the order of time."""
         noise = self._truth.noise_counts * self._rng.standard_normal(self.taxels)
         # Adding zero turns the converter's -0 into 0.
         return self._skin.converter.apply(self._values(contact) + noise) + 0.0
 
     def base_values(self, contact: TrueContact) -> FloatArray:
-        """Values (J,) [counts] of the base model, without effects and noise, neither rounded nor clipped."""
+        """Return the values (J,) [counts] of the base model, without effects and noise, neither rounded nor clipped."""
         if not contact.touching:
             return np.full(self.taxels, self._truth.rest_counts)
         return self._truth.rest_counts + self._skin.values(self._indenter, contact.contacts())[0]
 
     def remember(self, contacts: Sequence[TrueContact]) -> None:
-        """Lets the skin feel what touched it before: its effects are then as if it had gone on without a break."""
+        """Replay earlier contacts, so that the effects continue as if there had been no break."""
         if self._truth.effects:
             for first in range(0, len(contacts), _AT_ONCE):
                 self._stream.step(self._samples(contacts[first : first + _AT_ONCE]))
@@ -78,7 +78,7 @@ class ReferenceSkin:
         return self._truth.rest_counts + self._stream.step(self._samples([contact]))[0]
 
     def _samples(self, contacts: Sequence[TrueContact]) -> Samples:
-        """Contacts that follow those before, with what the effects need to know of them."""
+        """Return the contacts as samples that follow the earlier ones, with the covariates of the effects."""
         known = [self._tracker.next(contact) for contact in contacts]
         return Samples.of(
             Contacts(

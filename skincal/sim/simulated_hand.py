@@ -1,4 +1,4 @@
-"""The simulated hand: fingers, drives, joint sensors and skin, moved on together."""
+"""The simulated hand: fingers, drives, joint sensors and skin, advanced together."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from skincal.sim.truth import Truth
 FloatArray = NDArray[np.float64]
 
 _TOUCH_N = 0.3
-"""Contacts from this force on tell how far the measured places of a session are off [N]."""
+"""Smallest force of contacts that count for the position error of a session [N]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimReading:
-    """What the hand's sensors say.
+    """Readings of the hand's sensors.
 
     Attributes:
         time_s: the hand's clock [s].
         q_rad: measured joint angles (n,) [rad].
         dq_rad_per_s: measured joint velocities (n,) [rad/s].
         tau_nm: measured joint torques (n,) [N m].
-        q_desired_rad: the angles last commanded (n,) [rad].
+        q_desired_rad: last commanded angles (n,) [rad].
         taxels: the last image (J,) [counts].
-        taxel_time_s: when each of its taxels was read (J,) [s].
+        taxel_time_s: time at which each of its taxels was read (J,) [s].
     """
 
     time_s: float
@@ -50,15 +50,15 @@ class SimReading:
 
 
 class SimulatedHand:
-    """A hand in a PyBullet client of its own. Two of them know nothing of each other.
+    """A hand in its own PyBullet client, independent of others.
 
     Args:
         description: the hand.
-        truth: what is true of its skin and joints.
-        rng: all noise.
-        options: physics.
-        start_s: where the hand's clock begins [s]: a session that goes on drifts on.
-        memory: what has touched the skin before, and where what touches it is kept; None: nothing.
+        truth: true parameters of its skin and joints.
+        rng: generator of all noise.
+        options: options of the physics.
+        start_s: start of the hand's clock [s]: drifts of a resumed session continue.
+        memory: contact history of the skin, to which new contacts are added; None: none.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class SimulatedHand:
         self._kinematics = Kinematics(description)
         self._rng, skin_rng = rng.spawn(2)
         self._skin = ReferenceSkin(self._kinematics, truth, skin_rng)
-        # A driver's guard gives observe() little time, and compiling takes seconds.
+        # A driver's guard gives observe() little time, and compilation takes seconds.
         self._skin.prepare()
         self._skin.remember([look.contact for look in past])
         stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
@@ -109,10 +109,10 @@ class SimulatedHand:
         return 1 / self._options.physics_hz
 
     def command(self, q_desired_rad: ArrayLike) -> None:
-        """Angles to hold to from now on (n,) [rad], as the joint sensors measure them.
+        """Set the target angles (n,) [rad], as the joint sensors measure them.
 
         Raises:
-            WorkError: another number of angles, or one that is not finite.
+            WorkError: the number of angles is wrong, or one is not finite.
         """
         desired = np.array(q_desired_rad, dtype=np.float64)
         if desired.shape != self._desired.shape or not np.isfinite(desired).all():
@@ -122,14 +122,14 @@ class SimulatedHand:
         self._desired = desired
 
     def hold(self) -> None:
-        """Holds to where the motors are: no force that was not there, and that fades."""
+        """Hold the motors where they are: no new force arises, and the present force fades."""
         self._drives.hold()
         self._desired = self._measured_angles()
 
     def advance(self, steps: int) -> None:
-        """Moves on by some physics steps."""
+        """Advance by some physics steps."""
         fingers, drives = self._fingers, self._drives
-        # The controller sees angles with the sensors' errors, which change little over such a time.
+        # The controller sees angles with the sensors' errors, which change little in such a time.
         motors = np.array(drives.motor_rad)
         drives.target_rad = (self._desired - self._truth_error(motors)).tolist()
         q, dq = fingers.joints()
@@ -140,14 +140,14 @@ class SimulatedHand:
             if self._steps % self._between == 0:
                 self._look(q)
         if not all(map(_sound, q)):
-            raise WorkError("simulated hand: expected finite joint angles; the simulation has gone astray")
+            raise WorkError("simulated hand: expected finite joint angles; the simulation has diverged")
 
     def contact(self) -> TrueContact:
-        """What truly touches at this moment."""
+        """Return the present true contact."""
         return self._contact(self._fingers.joints()[0])
 
     def reading(self) -> SimReading:
-        """What the sensors say now; every call draws new noise."""
+        """Return the present readings of the sensors; every call draws new noise."""
         joints, count = self.truth.joints, len(self._desired)
         noise = self._rng.standard_normal((3, count))
         speed = np.array(self._drives.speed_rad_per_s)
@@ -163,7 +163,7 @@ class SimulatedHand:
         )
 
     def truth_dict(self) -> dict[str, Any]:
-        """The truth as plain numbers, lists and texts, for a JSON file."""
+        """Return the truth as plain numbers, lists and texts, for a JSON file."""
         truth = self.truth
         return {
             "model": truth.model_dict(plane=self.description.meta.surface.kind == "plane"),
@@ -175,7 +175,7 @@ class SimulatedHand:
         }
 
     def _session_dict(self) -> dict[str, Any]:
-        """How far the measured places of the contacts so far are off on average, and the pose with that error in it."""
+        """Return the mean position error of the contacts so far, and the pose that includes it."""
         if not self._touches:
             return {"contacts": 0}
         looks = self._touches
@@ -197,7 +197,7 @@ class SimulatedHand:
         }
 
     def close(self) -> None:
-        """Ends the client, and what is remembered; may be called twice."""
+        """Close the client and the contact history; may be called twice."""
         self._fingers.close()
         if self._memory is not None:
             self._memory.close()
@@ -219,7 +219,7 @@ class SimulatedHand:
         return self.truth.joints.angle_error_rad(q_rad)
 
     def _measured_angles(self) -> FloatArray:
-        """Angles (n,) without noise, where the hand measures them: on the motors, or on the links."""
+        """Return angles (n,) without noise where the hand measures them: at the motors, or at the links."""
         if self.description.compliance_rad_per_nm is None:
             q = np.array(self._fingers.joints()[0])
         else:

@@ -1,4 +1,4 @@
-"""The true contact in the simulated hand."""
+"""The true contact of the simulated hand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class TrueContact:
-    """What truly touches, at one moment; positions and vectors in the fingertip frame.
+    """True contact at one moment; positions and vectors are in the fingertip frame.
 
     Attributes:
         time_s: the hand's clock [s].
@@ -26,7 +26,7 @@ class TrueContact:
         force_n: normal force [N].
         shear_u_n: force on the skin towards growing beta [N].
         shear_v_n: force on the skin along +y [N].
-        gap_m: distance of sphere and surface at rest; negative where it goes in [m].
+        gap_m: distance of sphere and surface at rest; negative where it penetrates [m].
         q_rad: (n,) true angles of the links [rad].
     """
 
@@ -41,18 +41,18 @@ class TrueContact:
 
     @property
     def touching(self) -> bool:
-        """Whether a force is there."""
+        """True if there is a force."""
         return self.force_n > 0
 
     def contacts(self) -> Contacts:
-        """The contact as the skin model takes it."""
+        """Return the contact in the form of the skin model."""
         return Contacts(self.point_m[None], self.normal[None], np.array([self.force_n]))
 
 
 def true_contact(
     kinematics: Kinematics, time_s: float, q_rad: FloatArray, force_root_n: FloatArray
 ) -> TrueContact:
-    """The contact at true angles of the links.
+    """Return the contact at true angles of the links.
 
     Args:
         kinematics: the hand.
@@ -79,10 +79,10 @@ def true_contact(
 
 
 def contact_stiffness(description: HandDescription, elasticity_pa_per_m: float, force_n: float) -> float:
-    """Force over depth of a sphere in the skin at some force [N/m].
+    """Return the force over depth of a sphere in the skin at some force [N/m].
 
-    For depths that are small beside the radii the skin model gives F = pi E sqrt(R1 R2) d², with R1 and R2 the radii
-    of the gap along and across: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.
+    For depths that are small compared with the radii the skin model gives F = pi E sqrt(R1 R2) d², with R1 and R2 the
+    radii of the gap along and across: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.
     """
     radius, round_m = description.meta.indenter.radius_m, description.meta.surface.radius_m
     assert radius is not None

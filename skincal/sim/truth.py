@@ -1,4 +1,4 @@
-"""What is true in a simulated session and hidden from the fit."""
+"""The true parameters of a simulated session, which are hidden from the fit."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class JointTruth:
-    """Errors of the joints' sensors, and what the drives really are; each (n,).
+    """Errors of the joint sensors, and true parameters of the drives; each (n,).
 
     Attributes:
         offset_rad: constant error of the angles [rad].
         wave_rad: amplitude of an error sin(2 pi q / length + phase) of the angles [rad].
-        wave_length_rad: the angle after which it repeats [rad].
-        wave_phase_rad: its phase [rad].
+        wave_length_rad: period of that error [rad].
+        wave_phase_rad: phase of that error [rad].
         noise_rad: noise of the angles [rad].
         speed_noise_rad_per_s: noise of the velocities [rad/s].
         torque_offset_nm: constant error of the torques [N m].
@@ -53,28 +53,28 @@ class JointTruth:
     friction_nm: FloatArray
 
     def angle_error_rad(self, q_rad: FloatArray) -> FloatArray:
-        """Measured less true angles (..., n) at true angles (..., n) [rad]."""
+        """Return measured minus true angles (..., n) at true angles (..., n) [rad]."""
         turn = 2 * math.pi / self.wave_length_rad
         return self.offset_rad + self.wave_rad * np.sin(turn * q_rad + self.wave_phase_rad)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists, for a JSON file."""
+        """Return plain numbers and lists, for a JSON file."""
         return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The skin's and the joints' truth.
+    """True parameters of the skin and the joints.
 
     Attributes:
-        pose: where the sensor sits.
+        pose: pose of the sensor.
         elasticity_pa_per_m: E [Pa/m].
         scale_per_n: S [1/N]: one number, or one for each taxel (J,).
         noise_counts: noise of a taxel value [counts].
         rest_counts: level at rest [counts].
         joints: errors of the joints.
         strengths: strength of each effect that was drawn, by name; 1 is a typical case.
-        effects: parameters of all effects that the skin has beyond the base model, by name.
+        effects: parameters of all effects beyond the base model, by name.
     """
 
     pose: SensorPose
@@ -96,16 +96,16 @@ class Truth:
         options: TruthOptions | None = None,
         effects: Mapping[str, float] | None = None,
     ) -> Truth:
-        """Draws a truth.
+        """Draw a truth.
 
         Args:
-            rng: source of chance.
+            rng: random generator.
             description: the hand; its ``[mount]`` bounds the pose.
             options: ranges.
-            effects: strengths of effects by name. They change nothing else that is drawn.
+            effects: strengths of effects by name. They do not change the other draws.
 
         Raises:
-            InputError: an effect that is not known, or a strength that cannot be.
+            InputError: an unknown effect, or an invalid strength.
         """
         options = options or TruthOptions()
         pose = _pose(rng, description, options.mount_share)
@@ -122,21 +122,21 @@ class Truth:
         return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
 
     def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
-        """The same joints and noise under the skin of a calibration, its effects beside those that were drawn.
+        """Return the same joints and noise with the skin of a calibration; its effects join those that were drawn.
 
         Args:
-            calibration: of the hand's sensor.
+            calibration: calibration of the hand's sensor.
             description: the hand.
 
         Raises:
-            InputError: the calibration is of another sensor, or has an effect that was drawn as well.
+            InputError: the calibration has another sensor, or an effect that was drawn as well.
         """
         meta, place = description.meta, f"hand {description.name}"
         layout = layout_of(meta.sensor, None)
         found = sensor_differences(calibration, meta.sensor, layout, meta.surface, {}, place=place)
         own = effects_of(calibration)
         found += [
-            Problem(f"effect {name}", "either drawn or the calibration's", "both", "Take one of them out.")
+            Problem(f"effect {name}", "either drawn or the calibration's", "both", "Remove one of them.")
             for name in own
             if name in self.effects
         ]
@@ -152,7 +152,7 @@ class Truth:
         )
 
     def effects_list(self) -> list[dict[str, Any]]:
-        """The effects as plain numbers, lists and texts."""
+        """Return the effects as plain numbers, lists and texts."""
         return [
             {
                 "name": name,
@@ -163,13 +163,13 @@ class Truth:
         ]
 
     def skin_dict(self) -> dict[str, Any]:
-        """What else is true of the skin, as plain numbers and lists."""
+        """Return further true values of the skin, as plain numbers and lists."""
         scale = np.asarray(self.scale_per_n)
         each = {"scale_per_taxel_per_n": scale.tolist()} if scale.ndim else {}
         return {"noise_counts": self.noise_counts, "rest_counts": self.rest_counts, **each}
 
     def model_dict(self, *, plane: bool) -> dict[str, float]:
-        """The fitted parameters by the names of ``calibration.toml``; the mean scale, where taxels have their own."""
+        """Return the fitted parameters by the names of ``calibration.toml``; the mean of individual scales."""
         place = {"x_m": self.pose.x_m} if plane else {"beta_deg": math.degrees(self.pose.beta_rad)}
         return {
             "y_m": self.pose.y_m,
@@ -183,7 +183,7 @@ class Truth:
 def _effects(
     rng: np.random.Generator, description: HandDescription, strengths: Mapping[str, float]
 ) -> dict[str, Mapping[str, FloatArray]]:
-    """Parameters of effects; each is drawn for itself, whatever others there are."""
+    """Return the parameters of effects; each effect is drawn independently of the others."""
     root = int(rng.integers(2**63))
     layout = layout_of(description.meta.sensor, None)
     return {

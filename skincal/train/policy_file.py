@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,9 @@ DESCRIPTION_KEY: Final = "skincal"
 
 INPUT: Final = "observation"
 OUTPUT: Final = "action"
+LONGEST_AGO: Final = 1000
+"""Steps that an observation may lie back: a hundred seconds."""
+
 LARGEST_BYTES: Final = 50_000_000
 """A policy is half a megabyte; whatever is larger than this is none."""
 
@@ -82,7 +86,29 @@ class Description:
         for size in (known["actions"], *(part["size"] for part in known["observation"])):
             if type(size) is not int or not 0 < size < 2**20:
                 raise ValueError(f"a size of {size!r:.40}")
+        for part in known["observation"]:
+            ago = part.get("steps_ago", 0)
+            if not isinstance(part["name"], str) or type(ago) is not int or not 0 <= ago <= LONGEST_AGO:
+                raise ValueError(f"an observation of {part!r:.80}")
+        for name, kinds in _PLAIN.items():
+            value = known[name]
+            if not isinstance(value, kinds) or isinstance(value, bool) or not _is_plain(value):
+                raise ValueError(f"{name} of {value!r:.40}")
         return cls(**known)
+
+
+_PLAIN: Final[dict[str, tuple[type, ...]]] = {
+    "ranges_sha256": (str,), "seed": (int,), "steps": (int,), "wall_time_s": (int, float), "backend": (str,),
+    "environment": (dict,), "versions": (dict,), "created": (str,),
+}  # fmt: skip
+"""What the other fields of a description are."""
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value is a text, or a finite number; or such, by names."""
+    if isinstance(value, dict):
+        return all(_is_plain(inner) for inner in cast("dict[str, Any]", value).values())
+    return isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value))
 
 
 class Policy:

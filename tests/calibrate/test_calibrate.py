@@ -10,6 +10,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -225,7 +226,23 @@ def _slab(value: float) -> GridSlab:
     return GridSlab(np.full((2, 2, 2), value), np.ones((2, 2, 2)), np.zeros((2, 2, 2)))
 
 
-def test_foreign_or_damaged_checkpoints_are_not_used(
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"turn": np.inf}, {"turn": "x"}, {"mse_counts2": np.zeros((2, 2))}, {"scale_per_n": np.array("text")},
+        {"slack_rms_m": np.zeros((3, 1, 1), dtype=np.int8)},
+    ],
+)  # fmt: skip
+def test_a_checkpoint_of_other_kinds_is_not_used(tmp_path: Path, change: dict[str, Any]) -> None:
+    kept = {name: np.zeros((3, 1, 1)) for name in ("mse_counts2", "scale_per_n", "slack_rms_m")}
+    np.savez(tmp_path / "turn-000.npz", **{"key": "key", "turn": np.array(0), **kept, **change})
+    assert Checkpoint(tmp_path, "key").load() == {}
+    table = {name: np.zeros(3) for name in ("key", "reach")} | {"reach": np.full(6, np.inf)}
+    np.savez(tmp_path / "table-one.npz", **{**table, "key": "key"})
+    assert Checkpoint(tmp_path, "key").table("one") is None
+
+
+def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(
     session: Dataset, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     box = search_box(session)

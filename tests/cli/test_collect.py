@@ -141,11 +141,11 @@ def test_a_driver_that_goes_away_is_told_and_the_session_goes_on(
     status, _, err = run(capsys, *command)
     assert status == 1
     before = json.loads(Path("truth.json").read_text())["session"]["contacts"]
-    assert "the network is gone" in err and "finished presses are kept" in err and "same command" in err
+    assert "the network is gone" in err and "finished presses are saved" in err and "same command" in err
     status, _, err = run(capsys, *command[:2], "9", *command[3:])
     assert status == 2 and "--restart" in err and "seed" in err
     status, out, err = run(capsys, *command)
-    assert status == 0 and "were taken from an interrupted session" in err and "3 presses" in out
+    assert status == 0 and "come from the interrupted session" in err and "3 presses" in out
     # The skin remembers what touched it before.
     after = json.loads(Path("truth.json").read_text())["session"]["contacts"]
     assert after > before > 0

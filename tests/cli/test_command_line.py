@@ -93,6 +93,18 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"skincal {__version__}\n"
 
 
+def test_a_shell_completes_verbs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (
+        ("_SKINCAL_COMPLETE", "complete_bash"),
+        ("COMP_WORDS", "skincal di"),
+        ("COMP_CWORD", "1"),
+    ):
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit):
+        main([])
+    assert capsys.readouterr().out.split() == ["diagnose"]
+
+
 @pytest.mark.parametrize(
     "arguments", [["nonsense"], ["dataset", "chek"], ["dataset", "check"], ["dataset", "check", "--no"]]
 )
@@ -103,6 +115,37 @@ def test_a_wrong_command_line_is_status_two(arguments: list[str], capsys: pytest
     out, err = capsys.readouterr()
     assert out == ""
     assert "Traceback" not in err
+
+
+CHATTY = """
+import os
+from skincal.hand.stage_sim import StageSim
+
+print("imported")
+
+class Chatty(StageSim):
+    def connect(self):
+        super().connect()
+        print("connected")
+        os.write(1, b"a library writes to the descriptor\\n")
+"""
+
+
+def test_nothing_but_json_is_on_standard_output_whatever_a_driver_prints(tmp_path: Path) -> None:
+    (tmp_path / "chatty.py").write_text(CHATTY)
+    command = ["hand", "test", "chatty:Chatty", "--no-move", "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "skincal", *command], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert json.loads(done.stdout)["ok"], done.stderr
+    assert all(text in done.stderr for text in ("imported", "connected", "a library writes"))
+
+
+@pytest.mark.parametrize("more", ["", "--json"])
+def test_a_standard_output_that_is_closed(more: str) -> None:
+    command = f"{sys.executable} -m skincal hand show {more} >&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert "internal error" not in done.stderr
 
 
 def test_json_is_one_object_that_any_reader_takes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -98,8 +98,8 @@ def test_nothing_hidden(cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     write_dataset(session(), tmp_path / "run")
     assert run("diagnose", tmp_path / "run", cal, "--out", tmp_path / "new", "--no-report") == 0
     out, err = capsys.readouterr()
-    assert out.splitlines()[0] == "Nothing is missing that these presses could show."
-    assert "these presses could not show: shear" in out
+    assert out.splitlines()[0] == "These presses show no missing effect."
+    assert "these presses cannot show: shear" in out
     assert str(tmp_path / "new") in err
     told = json.loads((tmp_path / "new" / "diagnosis.json").read_text(encoding="utf-8"))
     assert (told["verdict"], told["effects"], told["gap"]["closed"]) == ("none", [], None)
@@ -130,7 +130,7 @@ def test_refusals(cal: Path, looped: Path, tmp_path: Path, capsys: pytest.Captur
     content = (cal / "calibration.toml").read_text()
     for given in (cal, cal / "calibration.toml"):
         assert run("diagnose", looped, given, "--out", cal, "--force") == 2
-        assert "what is read stays as it is" in capsys.readouterr().err
+        assert "inputs are not replaced" in capsys.readouterr().err
     assert (cal / "calibration.toml").read_text() == content
 
 

@@ -155,7 +155,9 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
     kept = tmp_path / ".cal.fit"
     assert status == 1 and "No space left" in err
     assert kept.exists() == (turns > 0)
-    assert (f"its grid so far is kept in {kept}; the same command goes on from there" in err) == (turns > 0)
+    assert (f"its grid so far is saved in {kept}; give the same command again to continue" in err) == (
+        turns > 0
+    )
 
 
 def test_a_fault_that_would_come_again_keeps_nothing(
@@ -215,7 +217,7 @@ def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) 
     _, err = first.communicate(timeout=60)
     assert first.returncode == 130, err
     assert "Traceback" not in err
-    assert f"interrupted. The grid so far is kept in {kept}" in err
+    assert f"interrupted. The grid so far is saved in {kept}" in err
     assert kept.is_dir() and not (tmp_path / "cal").exists()
     second = subprocess.run(command, capture_output=True, text=True, timeout=300, env=os.environ)
     assert second.returncode == 0, second.stderr

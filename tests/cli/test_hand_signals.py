@@ -42,11 +42,33 @@ class SlowHand(HandDriver):
     def close(self): pass
 """
 
+SLOW_STAGE = """
+import time
+from skincal.hand.stage_sim import StageSim
 
-def signalled(folder: Path, number: int, times: int, stop_s: float) -> tuple[int, str]:
-    """Tries a hand, and sends signals once it has given states; returns exit status and standard error."""
-    (folder / "slow_hand.py").write_text(SLOW_HAND)
+class SlowStage(StageSim):
+    def __init__(self, *, stop_s: float = 0.0, seed: int = 0):
+        super().__init__(seed=seed)
+        self.stop_s = stop_s
+    def log(self, letter):
+        with open("log", "a") as file:
+            file.write(letter)
+    def observe(self):
+        time.sleep(0.02)
+        self.log("o")
+        return super().observe()
+    def stop(self):
+        time.sleep(self.stop_s)
+        self.log("s")
+"""
+
+
+def signalled(folder: Path, number: int, times: int, stop_s: float, rig: str = "hand") -> tuple[int, str]:
+    """Moves a rig, and sends signals once it has given states; returns exit status and standard error."""
+    (folder / f"slow_{rig}.py").write_text({"hand": SLOW_HAND, "stage": SLOW_STAGE}[rig])
     command = ["hand", "test", "slow_hand:SlowHand", "--driver-option", f"stop_s={stop_s}"]
+    if rig == "stage":
+        command[:3] = ["collect", "--out", "run", "--driver", "slow_stage:SlowStage"]
     process = subprocess.Popen(
         [sys.executable, "-m", "skincal", *command],
         cwd=folder,
@@ -73,6 +95,20 @@ def test_every_signal_stops_the_hand(tmp_path: Path, number: int) -> None:
     assert "s" in (tmp_path / "log").read_text()[-2:]
     assert err.strip() == "skincal: interrupted. The hand was stopped."
     assert status == 130
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP, signal.SIGUSR1])
+def test_every_signal_stops_a_stage_that_collects(tmp_path: Path, number: int) -> None:
+    status, err = signalled(tmp_path, number, 1, 0.0, "stage")
+    assert "s" in (tmp_path / "log").read_text()[-2:]
+    assert err.splitlines()[-1].startswith("skincal: interrupted. The stage was stopped.")
+    assert status == 130
+
+
+def test_a_stage_that_was_not_stopped_is_told(tmp_path: Path) -> None:
+    status, err = signalled(tmp_path, signal.SIGTERM, 4, 30.0, "stage")
+    assert "Cut the stage's power" in err and "was stopped" not in err
+    assert status != 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

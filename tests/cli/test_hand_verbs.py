@@ -62,7 +62,7 @@ def test_list_names_the_shipped_drivers_and_their_options(run: Run) -> None:
     }
     status, out, _ = run("hand", "list")
     assert status == 0
-    assert "  address       text (default tcp://127.0.0.1:5555): where the hand's side listens" in out
+    assert "  address       text (default tcp://127.0.0.1:5555): address of the server" in out
 
 
 def test_show_tells_joints_limits_and_sensor(run: Run) -> None:

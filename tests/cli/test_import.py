@@ -42,7 +42,7 @@ def test_csv_says_what_was_read_and_left_out(run: Run, source: tuple[Path, Path]
     assert status == 0
     assert out == f"{tmp_path / 'd'}: 59 presses\n"
     assert "read 60 rows of p.csv\n" in err
-    assert "left out 1 row: nothing in a column that is needed (force_n)\n" in err
+    assert "left out 1 row: no value in a required column (force_n)\n" in err
     assert run("dataset", "check", tmp_path / "d")[0] == 0
 
 
@@ -54,7 +54,7 @@ def test_csv_as_json(run: Run, source: tuple[Path, Path], tmp_path: Path):
         "presses": 59,
         "frames": 0,
         "read": [{"file": "p.csv", "rows": 60}],
-        "dropped": [{"count": 1, "what": "row", "why": "nothing in a column that is needed (force_n)"}],
+        "dropped": [{"count": 1, "what": "row", "why": "no value in a required column (force_n)"}],
         "assumed": [],
         "warnings": [],
         "notes": [],

@@ -109,11 +109,11 @@ def test_what_is_read_is_not_replaced(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     for out in (folder, folder.parent / "." / folder.name):
         assert run(cal, folder, "--out", out, "--force") == 2
-        assert "expected another place than those that are read" in capsys.readouterr().err
+        assert "expected an output that is not an input" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(folder), "--effects", str(cal), "--out", str(cal), "--force"])
     assert ended.value.code == 2
-    assert "another place than those that are read" in capsys.readouterr().err
+    assert "an output that is not an input" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 

@@ -80,7 +80,7 @@ def test_a_run_that_begins_anew_says_so(trained, tmp_path, capsys):
     shutil.copytree(trained, out)
     shutil.rmtree(out / "checkpoint")
     assert run("train", "marble", "--out", out, "--resume", "--steps", ROUND) == 0
-    assert "there is no checkpoint; the run begins anew, at step 0" in capsys.readouterr().err
+    assert "no checkpoint; the run starts over at step 0" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

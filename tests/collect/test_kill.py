@@ -24,7 +24,8 @@ PLAN = Plan(
     ),
     {"A": (0.0, 0.25, 0.83)},
 )
-TIMEOUT_S = 180
+TIMEOUT_S = 900
+"""A process that hangs is given up after this; sessions take seconds, and minutes where many others are at work."""
 ASKED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Requests to end that a session answers: it stops the hand and says what is kept."""
 
@@ -54,9 +55,11 @@ class Killed:
         )
         if die is not None:
             deadline = time.monotonic() + TIMEOUT_S
-            while die in ASKED and not (self.folder / ".run.collect.lock").exists():
-                # Before the program has begun, a request to end is the interpreter's own affair.
-                assert process.poll() is None and time.monotonic() < deadline
+            lock = self.folder / ".run.collect.lock"
+            # Before the program has begun, a request to end is the interpreter's own affair. A session of which only
+            # the dataset was missing may be over before anybody looks.
+            while die in ASKED and not lock.exists() and process.poll() is None:
+                assert time.monotonic() < deadline
                 time.sleep(0.02)
             time.sleep(after_s)
             process.send_signal(die)

@@ -47,4 +47,4 @@ def test_a_tare_under_load_is_told(tmp_path: Path, tares_in: int) -> None:
     (shift,) = found.rest_shifts
     assert shift.place == "press 2"
     assert "at 20.4 counts before and 0 after" in str(shift)
-    assert "only while nothing touches" in str(shift)
+    assert "only without contact" in str(shift)

@@ -118,6 +118,24 @@ def test_a_stage_is_no_hand() -> None:
         create_driver(DRIVER, seed=1)
 
 
+@pytest.mark.parametrize(
+    ("more", "given"),
+    [(["--plan-only"], "run-plan.toml"), ([], "run"), (["--truth", "notes.json"], "notes.json")],
+)
+def test_the_command_takes_the_place_of_no_input_and_no_stranger(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: list[str], given: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = 'format = "skincal-plan/1"\nname = "x"\n[[press]]\nu_m = 0\nv_m = 0\nforce_n = 1\n'
+    plan = "p.toml" if given == "notes.json" else given
+    for name in (plan, given):
+        Path(name).write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        main(["collect", "--driver", DRIVER, "--plan", plan, "--out", "run", "--force", *more])
+    assert ended.value.code == 2
+    assert Path(given).read_text() == text
+
+
 def test_the_command_collects_with_a_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "plan.csv").write_text(
         "u_m,v_m,force_n,speed_m_per_s,hold_s\n0,0,2,0.02,0.5\n0.002,0,3,0.02,0.5\n"

@@ -130,7 +130,7 @@ PRESSES: list[tuple[Edit, list[str]]] = [
     ),
     (put("force_n", 3, "2,5"), ["column force_n, row 4", "decimal point"]),
     (put("x_m", 2, np.nan), ["column x_m, row 3"]),
-    (put("press", 5, 4), ["column press, row 6", "each number once; got 4. Take the copy out"]),
+    (put("press", 5, 4), ["column press, row 6", "each number once; got 4. Remove the copy"]),
     (put("press", 5, 4.5), ["column press, row 6", "whole number", "4.5"]),
     (put("press", 5, -1), ["column press, row 6", "-1"]),
     (put("taxel_1_2", 5, 255.5), ["column taxel_1_2, row 6", "[0, 255]", "255.5"]),
@@ -202,7 +202,7 @@ FRAMES: list[tuple[Edit, list[str]]] = [
     (scale(1000, "x_m", "y_m", "z_m"), ["frames.csv, columns x_m, y_m, z_m", "looks like millimetres"]),
     (scale(1000, "time_s"), ["frames.csv, column time_s", "session clock", "milliseconds"]),
     (scale(0.0, "force_n"), ["frames.csv, column force_n", "got 0 times", "Was the force recorded?"]),
-    (renumbered, ["frames.csv, column press", "of the presses of the table", "numbered alike"]),
+    (renumbered, ["frames.csv, column press", "of the presses of the table", "numbered equally"]),
 ]
 
 
@@ -434,5 +434,5 @@ def test_one_press_with_the_frames_of_another_is_told(folder: Path) -> None:
         table.loc[first[:count], columns] = table.loc[last[:count], columns].to_numpy()
 
     edit_table(folder, "frames.csv", swapped)
-    said = [str(w) for w in check_dataset(folder).warnings if "numbered alike" in str(w)]
+    said = [str(w) for w in check_dataset(folder).warnings if "numbered equally" in str(w)]
     assert len(said) == 1 and "1 of" in said[0] and "(press 0)" in said[0]

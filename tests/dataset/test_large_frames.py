@@ -86,7 +86,7 @@ def test_a_file_that_changes_meanwhile(both):
     frames = both[1].frames
     path = both[1].folder / "frames.parquet"
     path.write_bytes(path.read_bytes())
-    with pytest.raises(InputError, match="replaced meanwhile"):
+    with pytest.raises(InputError, match="has been replaced"):
         frames.counts  # noqa: B018
 
 

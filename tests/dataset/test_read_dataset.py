@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import trimesh
 
@@ -142,6 +144,28 @@ def test_optional_columns_are_kept_and_may_have_gaps(folder: Path) -> None:
     assert dataset.presses.normals is not None
     assert np.isnan(dataset.presses.normals[1]).all()
     assert "nx" not in columns
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (pa.list_(pa.float64()), [1.0, 2.0]), (pa.struct([("a", pa.int8())]), {"a": 1}), (pa.binary(), b"\xff"),
+        (pa.map_(pa.string(), pa.int8()), [("a", 1)]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("table", ["presses", "frames"])
+def test_unknown_columns_of_other_types_are_ignored(
+    session: Session, tmp_path: Path, table: str, kind: pa.DataType, value: object
+) -> None:
+    write_dataset(session(), tmp_path / "d", frames_as="parquet", presses_as="parquet")
+    file = tmp_path / "d" / f"{table}.parquet"
+    content = pq.read_table(file)
+    pq.write_table(content.append_column("images", pa.array([value] * content.num_rows, kind)), file)
+    found = check_dataset(tmp_path / "d")
+    assert not found.errors and found.dataset is not None
+    notes = [str(note) for note in found.warnings if f"{table}.parquet" in note.place]
+    assert len(notes) == 1 and "column images: expected single numbers or texts" in notes[0]
+    assert "images" not in getattr(found.dataset, table).columns
 
 
 def test_a_radius_of_a_press_goes_before_the_indenters(session: Session) -> None:

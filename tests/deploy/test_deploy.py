@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from skincal.cli.main import main
@@ -122,3 +123,27 @@ def test_verb_refuses_a_policy_of_another_task(tmp_path: Path, capsys: pytest.Ca
         main(["deploy", "bolt", "marble-tactile-1", "--out", str(tmp_path / "x")])
     assert end.value.code == 2
     assert "expected a policy for bolt" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("speed", [50.0, 0.0, -0.3, "fast"])
+def test_verb_refuses_a_policy_that_is_faster_than_the_hand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], speed: object
+) -> None:
+    model = onnx.load(policy_path("marble-desired-1"))
+    (told,) = [p for p in model.metadata_props if p.key == "skincal"]
+    told.value = json.dumps({**json.loads(told.value), "environment": {"speed_rad_per_s": speed}})
+    onnx.save(model, tmp_path / "p.onnx")
+    with pytest.raises(SystemExit) as ended:
+        main(
+            [
+                "deploy",
+                "marble",
+                str(tmp_path / "p.onnx"),
+                "--driver",
+                "reference",
+                "--out",
+                str(tmp_path / "o"),
+            ]
+        )
+    assert ended.value.code == 2
+    assert f"got one of {speed} rad/s" in capsys.readouterr().err

@@ -150,6 +150,7 @@ VERBS = {
             prepare=_both,
         ),
         Verb("dataset show", _verb("dataset", "show", "data", "--out", "out.png"), ("out.png",), prepare=_session),
+        Verb("audit", _verb("audit", "plan.toml"), prepare=lambda folder: write_plan(PLAN, folder / "plan.toml")),
         Verb("fit", _fit),
         Verb("diagnose", _diagnosis),
         Verb("eval", _evaluation),
@@ -165,6 +166,12 @@ VERBS = {
             look=_collected,
             prepare=lambda folder: write_plan(PLAN, folder / "plan.toml"),
         ),
+        Verb(
+            "collect with a stage",
+            _verb("collect", "--driver", "skincal.hand.stage_sim:StageSim", "--plan", "plan.toml"),
+            look=_collected,
+            prepare=lambda folder: write_plan(PLAN, folder / "plan.toml"),
+        ),
         Verb("train", _train, look=_trained, partial=True),
     )
 }  # fmt: skip
@@ -172,11 +179,12 @@ VERBS = {
 WAYS = {"new": (False, True), "replaced": (True, True), "replaced by two moves": (True, False)}
 """Whether there is an earlier output, and whether the kernel can exchange two names."""
 
-CASES = [(verb, way) for verb in VERBS for way in WAYS if way == "new" or verb not in ("collect", "train")]
+GOING_ON = ("collect", "collect with a stage", "train")
+CASES = [(verb, way) for verb in VERBS for way in WAYS if way == "new" or verb not in GOING_ON]
 """Sessions and runs go on in place of beginning again; what replaces them is written as all else."""
 
 
-def _study(folder: Path, verb: str, way: str) -> Study:
+def make_study(folder: Path, verb: str, way: str) -> Study:
     if verb in ("hand keys", "train"):
         pytest.importorskip("zmq" if verb == "hand keys" else "stable_baselines3")
     return Study(VERBS[verb], folder / "study", *WAYS[way])
@@ -185,7 +193,7 @@ def _study(folder: Path, verb: str, way: str) -> Study:
 @pytest.mark.parametrize("verb", ["export-dr", "import", "fit", "eval"])
 def test_a_kill_loses_nothing(tmp_path: Path, verb: str) -> None:
     """The last moves, and two events before."""
-    study = _study(tmp_path, verb, "replaced")
+    study = make_study(tmp_path, verb, "replaced")
     for at in (study.events // 3, 2 * study.events // 3, study.events - 2):
         study.kill(at)
 
@@ -194,7 +202,7 @@ def test_a_kill_loses_nothing(tmp_path: Path, verb: str) -> None:
 @pytest.mark.parametrize(("verb", "way"), CASES)
 def test_no_kill_loses_anything(tmp_path: Path, verb: str, way: str) -> None:
     """At every write event."""
-    study = _study(tmp_path, verb, way)
+    study = make_study(tmp_path, verb, way)
     for at in range(1, study.events + 1):
         study.kill(at)
     print(f"{verb}, {way}: {study.events} kills")

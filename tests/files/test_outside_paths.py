@@ -1,4 +1,4 @@
-"""Every reader refuses devices, pipes and files outside of the folder that names them, without reading a byte."""
+"""Every reader refuses devices, pipes and files outside the folder that names them, without reading a byte."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_devices_and_pipes_are_refused(tmp_path: Path, reader: str, special: str
     else:
         (folder / name).symlink_to("/dev/zero")
     assert any(
-        reason in _refused(folder, reader) for reason in (f"{special}, not a file", "outside of the folder")
+        reason in _refused(folder, reader) for reason in (f"{special}, not a file", "outside the folder")
     )
 
 
@@ -107,7 +107,7 @@ def test_links_out_of_a_folder_are_refused(tmp_path: Path, reader: str) -> None:
     (tmp_path / "secret").write_text(SECRET)
     (folder / name).unlink(missing_ok=True)
     (folder / name).symlink_to("../secret")
-    assert "outside of the folder" in _refused(folder, reader)
+    assert "outside the folder" in _refused(folder, reader)
 
 
 PLACES = ("/etc/passwd", "../secret", "/dev/zero", "a/../../secret", "../..", "a\\u0000b")
@@ -119,7 +119,7 @@ def test_a_mapping_names_only_what_lies_beside_it(tmp_path: Path, place: str, ki
     (tmp_path / "secret").write_text(SECRET)
     (tmp_path / "here" / "a").mkdir(parents=True)
     path = _mapping(tmp_path / "here", kind, f'"{place}"')
-    with pytest.raises(InputError, match=r"map\.toml, .*(outside of the folder|null character)") as caught:
+    with pytest.raises(InputError, match=r"map\.toml, .*(outside the folder|null character)") as caught:
         (import_csv if kind == "csv" else import_rosbag)(path, tmp_path / "out")
     assert SECRET not in str(caught.value)
 
@@ -131,7 +131,7 @@ def test_a_hand_names_only_a_urdf_in_its_folder(tmp_path: Path, place: str) -> N
     (tmp_path / "hand" / "a").mkdir()
     path.write_text(path.read_text().replace("other.urdf", place))
     with pytest.raises(
-        InputError, match=r"expected the URDF .*(outside of the folder|null character)"
+        InputError, match=r"expected the URDF .*(outside the folder|null character)"
     ) as caught:
         read_hand(path)
     assert SECRET not in str(caught.value)
@@ -147,7 +147,7 @@ def test_a_urdf_names_only_meshes_in_the_hands_folder(tmp_path: Path, place: str
     urdf.write_text(
         urdf.read_text().replace("<geometry><sphere", f"<{of.format(place)}/><geometry><sphere", 1)
     )
-    with pytest.raises(InputError, match=r"other\.urdf, filename .* outside of the folder"):
+    with pytest.raises(InputError, match=r"other\.urdf, filename .* outside the folder"):
         read_hand(path)
     urdf.write_text(urdf.read_text().replace(place, "meshes/none.stl"))
     read_hand(path)
@@ -177,5 +177,5 @@ def test_every_file_of_a_bag_lies_in_its_folder(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "metadata.yaml").symlink_to("/etc/passwd")
-    with pytest.raises(InputError, match=r"metadata\.yaml: .* outside of the folder"):
+    with pytest.raises(InputError, match=r"metadata\.yaml: .* outside the folder"):
         import_rosbag(_mapping(tmp_path, "rosbag", '"bag"'), tmp_path / "out", [bag])

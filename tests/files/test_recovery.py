@@ -45,7 +45,7 @@ def test_leftovers_are_swept_and_told(tmp_path: Path, caplog: pytest.LogCaptureF
             "out",
         ]
     )
-    assert f"removed what interrupted runs left: {ABANDONED}" in caplog.text
+    assert f"removed leftovers of interrupted runs: {ABANDONED}" in caplog.text
 
 
 def test_what_another_process_writes_is_left_alone(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_a_kill_between_two_moves_is_mended(
     assert not (tmp_path / "out").exists() and len(listed(tmp_path)) == 2
     recover(tmp_path / "out")
     assert listed(tmp_path) == ["out"] and (tmp_path / "out" / "eval.json").read_text() == "old"
-    assert "had moved it away; it is back" in caplog.text
+    assert "an interrupted run had moved it away" in caplog.text
 
 
 def test_a_move_that_fails_brings_the_old_folder_back(
@@ -152,5 +152,5 @@ def test_the_command_line_tells(tmp_path: Path, capsys: pytest.CaptureFixture[st
             main(["export-dr", str(tmp_path / "cal"), "--out", str(tmp_path / "ranges.toml")])
     finally:
         logging.getLogger("skincal").handlers.clear()
-    assert "skincal: " in (err := capsys.readouterr().err) and "removed what interrupted runs left" in err
+    assert "skincal: " in (err := capsys.readouterr().err) and "removed leftovers of interrupted runs" in err
     assert listed(tmp_path) == ["cal", "ranges.toml"]

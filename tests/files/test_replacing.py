@@ -116,7 +116,7 @@ def test_keys_do_not_take_the_place_of_a_project(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_what_appears_meanwhile_stays(tmp_path: Path, way: bool, force: bool, kind: str) -> None:
     out = tmp_path / "cal.v2"
-    with pytest.raises(InputError, match=r"cal\.v2: .* The new one is whole, as .*cal-\w{8}\.v2"):
+    with pytest.raises(InputError, match=r"cal\.v2: .* The new output is complete, as .*cal-\w{8}\.v2"):
         if kind == "folder":
             with whole_folder(out, marker="m.toml", force=force) as folder:
                 write(folder / "m.toml", "new")
@@ -162,7 +162,7 @@ def test_what_appears_during_the_exchange_stays(
             return rename(self, target)
 
         monkeypatch.setattr(Path, "rename", late)
-    with pytest.raises(InputError, match=r"also thesis\.txt\. The new one is whole"):
+    with pytest.raises(InputError, match=r"also thesis\.txt\. The new output is complete"):
         output(out, "new", force=True)
     assert (out / "thesis.txt").is_file() and (out / "m.toml").read_text() == "old"
     (kept,) = tmp_path.glob("out-*")
@@ -228,7 +228,7 @@ def test_inputs_are_never_replaced(tmp_path: Path, place: str, listed: bool) -> 
         (data / NAME).unlink()
     (tmp_path / "link").symlink_to(data)
     for base in (data, tmp_path / "link"):
-        with pytest.raises(InputError, match="another place than those that are read"):
+        with pytest.raises(InputError, match="an output that is not an input"):
             refuse_existing((base / place).resolve() if place == ".." else base / place, data, force=True)
     refuse_existing(data / "cal", data, force=True, marker="calibration.toml")
     refuse_existing(data / "notes.toml", data, force=True)
@@ -244,7 +244,7 @@ def test_export_dr_spares_its_calibration(tmp_path: Path, capsys: pytest.Capture
     write_calibration(make_calibration(), tmp_path / "c")
     before = (tmp_path / "c" / "calibration.toml").read_bytes()
     assert run("export-dr", tmp_path / "c", "--out", tmp_path / "c" / "calibration.toml", "--force") == 2
-    assert "what is read stays as it is" in capsys.readouterr().err
+    assert "inputs are not replaced" in capsys.readouterr().err
     assert run("export-dr", tmp_path / "c", "--out", tmp_path / "c" / "ranges.toml") == 0
     assert run("export-dr", tmp_path / "c", "--out", tmp_path / "c" / "ranges.toml", "--force") == 0
     assert (tmp_path / "c" / "calibration.toml").read_bytes() == before
@@ -274,5 +274,5 @@ def test_an_import_spares_its_recording(tmp_path: Path) -> None:
     text = template("csv").replace("# files", "files")
     mapping = write(tmp_path / "rec" / "map.toml", text)
     write(tmp_path / "rec" / "presses.csv"), write(tmp_path / "rec" / "dataset.toml")
-    with pytest.raises(InputError, match="what is read stays as it is"):
+    with pytest.raises(InputError, match="inputs are not replaced"):
         import_csv(mapping, tmp_path / "rec", force=True)

@@ -62,7 +62,7 @@ def test_an_error_comes_back() -> None:
         (b"[" * 100_000, "expected at most 65536 bytes"),
         (b"[" * 60_000, "expected JSON"),
         (b"[1, 2]", "expected a JSON object; got list"),
-        (b'{"v": NaN}', "NaN is no JSON"),
+        (b'{"v": NaN}', "NaN is not JSON"),
         (
             {**GOOD, "v": "skincal-hand/2"},
             "expected a message of version \"skincal-hand/1\"; got 'skincal-hand/2'",

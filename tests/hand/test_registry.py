@@ -104,7 +104,7 @@ def test_a_driver_that_cannot_be_imported_or_made(tmp_path: Path, monkeypatch: p
     with pytest.raises(WorkError, match="needs the package a_vendor_library, which is not installed"):
         create_driver("needing_hand:Hand")
     monkeypatch.setattr(OptionHand, "__init__", lambda self: 1 / 0)
-    with pytest.raises(WorkError, match="cannot be made: ZeroDivisionError"):
+    with pytest.raises(WorkError, match="cannot be created: ZeroDivisionError"):
         create_driver(NAME)
 
 

@@ -314,7 +314,7 @@ def test_another_hand_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nobody_there() -> None:
     driver = RemoteDriver("tcp://127.0.0.1:9", silence_s=0.3)
     start = time.monotonic()
-    with pytest.raises(HandError, match=r"has not answered hello for .* nobody listens there") as caught:
+    with pytest.raises(HandError, match=r"has not answered hello for .* no server listens there") as caught:
         driver.connect()
     assert caught.value.kind == "lost"
     assert time.monotonic() - start < 0.3 + SLACK_S
@@ -450,13 +450,39 @@ def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path)
         for name, folder in (("client.key_secret", "others"), ("hand.key", "keys")):
             (mixed / name).write_bytes((tmp_path / folder / "client" / name).read_bytes())
         for keys in (None, tmp_path / "others" / "client", mixed):
-            with pytest.raises(HandError, match="nobody who admits a client") as caught:
+            with pytest.raises(HandError, match="none that admits a client") as caught:
                 RemoteDriver(server.address, keys=keys, silence_s=0.3).connect()
             assert caught.value.kind == "lost"
         assert hands.last is first
         # A client with keys does not talk to a server that cannot show the hand's.
-    with served(hands) as server, pytest.raises(HandError, match="nobody who admits"):
+    with served(hands) as server, pytest.raises(HandError, match="none that admits"):
         RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
+
+
+def test_a_client_that_does_not_wait_for_answers_fills_no_memory() -> None:
+    hands = Hands(lambda: FakeHand(hang={"observe": 0.2}))
+    with served(hands) as server:
+        driver = RemoteDriver(server.address)
+        driver.connect()
+        session = server._session  # pyright: ignore[reportPrivateUsage]
+        assert session is not None
+        for number in range(2, 5000):
+            session.request(b"x", Message("observe", number, session.token))
+        waiting = session._requests.qsize()  # pyright: ignore[reportPrivateUsage]
+        driver.stop()
+        driver.close()
+    assert waiting <= 8
+
+
+def test_keys_are_read_once(tmp_path: Path) -> None:
+    """What lies in the folder later is never opened: a pipe, say, at which the authenticator would wait for ever."""
+    make_keys(tmp_path / "keys")
+    keys = hand_keys(tmp_path / "keys" / "hand")
+    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
+    with served(Hands(), keys=keys) as server:
+        driver = RemoteDriver(server.address, keys=tmp_path / "keys" / "client")
+        driver.connect()
+        driver.close()
 
 
 def test_keys_are_private_and_kept(tmp_path: Path) -> None:
@@ -553,7 +579,7 @@ def test_making_a_driver_may_fail_or_hang_without_end(monkeypatch: pytest.Monkey
     monkeypatch.setattr("skincal.hand.serve.MAKE_S", 0.1)
     made = iter([FakeHand, lambda: time.sleep(0.5), lambda: exec("raise SystemExit(0)"), FakeHand])
     with served(Hands(lambda: next(made)())) as server:
-        for text in ("", "not made within 0.1 s", "SystemExit", ""):
+        for text in ("", "not created within 0.1 s", "SystemExit", ""):
             driver = RemoteDriver(server.address)
             if text:
                 with pytest.raises(HandError, match=text):

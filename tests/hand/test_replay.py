@@ -111,11 +111,11 @@ def test_it_begins_anew_with_every_connection(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("without", "frames", "text"),
     [
-        (("tau_1",), FRAMES, "expected columns tau_0 to tau_1, one a joint; got tau_0"),
+        (("tau_1",), FRAMES, "expected columns tau_0 to tau_1, one per joint; got tau_0"),
         (
             ("q_0", "q_1", "q_desired_0", "q_desired_1"),
             FRAMES,
-            "columns q_0 to q_1, one a joint; got none of them",
+            "columns q_0 to q_1, one per joint; got none of them",
         ),
         ((), 0, "expected a dataset with frames, to play them; got none"),
         ((), 1, "expected two frames or more; got 1"),

@@ -155,3 +155,9 @@ def test_it_is_registered_and_reads_its_options_from_text(tmp_path: Path) -> Non
 def test_a_rate_that_does_not_fit_the_physics(rate_hz: int) -> None:
     with pytest.raises(InputError, match="divisor"):
         SimDriver(rate_hz=rate_hz)
+
+
+def test_missing_physics_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"physics: expected the package pybullet; got none for Python 3\."):
+        SimDriver()

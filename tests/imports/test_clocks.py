@@ -107,7 +107,7 @@ def test_equal_stamps_are_spread(tmp_path: Path):
     """Stamps of whole tenths: five rows each."""
     back, done = bring(tmp_path, np.floor(TIME * 10 + 1e-6) / 10, {"unit": "s"})
     assert_same(back)
-    assert "have the stamp of the row before" in done.notes[0]
+    assert "have the stamp of the previous row" in done.notes[0]
 
 
 def test_rate_in_the_place_of_stamps(tmp_path: Path):

@@ -310,9 +310,7 @@ def test_incomplete_rows_are_left_out_where_asked(tmp_path: Path, original: Data
     path = write_press_table(tmp_path / "p.csv", table)
     content = mapping(PRESS_ROWS, csv={"drop_incomplete": True})
     done = import_csv(write_mapping(tmp_path, content), tmp_path / "out", [path])
-    assert [str(dropped) for dropped in done.dropped] == [
-        "2 rows: nothing in a column that is needed (force_n)"
-    ]
+    assert [str(dropped) for dropped in done.dropped] == ["2 rows: no value in a required column (force_n)"]
     assert read_dataset(tmp_path / "out").presses.press.tolist() == [k for k in range(60) if k not in (3, 7)]
 
 
@@ -338,7 +336,9 @@ def test_every_bad_cell_is_named_at_once(tmp_path: Path, original: Dataset):
     table.loc[6, "s2"] = "?"
     found = refused(tmp_path, table, mapping(PRESS_ROWS, csv={"decimal": "."}))
     assert found[0].startswith("p.csv, column \"X\", row 5 (line 6): expected a number; got 'left'")
-    assert any('column "Fz", row 6 (line 7): expected a number (force_n is needed' in text for text in found)
+    assert any(
+        'column "Fz", row 6 (line 7): expected a number (force_n is required' in text for text in found
+    )
     assert any("column \"s2\", row 7 (line 8): expected a number; got '?'" in text for text in found)
     assert len(found) == 3
 

@@ -198,7 +198,7 @@ def test_what_lacks_a_covariate_is_left_out_and_said(session: Session) -> None:
     assert lacking.abstaining == {"rate": ("speed",)}
     (warning,) = lacking.warnings
     assert str(warning) == (
-        "the dataset, for the effect rate: expected speed_m_per_s; got none. The prediction is without it."
+        "the dataset, for the effect rate: expected speed_m_per_s; got none. The prediction leaves it out."
     )
     assert lacking.dataset.frames is not None and base.dataset.frames is not None
     np.testing.assert_array_equal(lacking.dataset.frames.counts, base.dataset.frames.counts)

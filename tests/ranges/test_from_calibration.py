@@ -46,7 +46,7 @@ def test_unidentified_parameters_keep_the_preset():
         "calibration.toml, [intervals] elasticity_pa_per_m",
     ]
     assert "got [1e+08, inf]" in str(ranges.warnings[1])
-    assert "the preset's range takes its place, as assumed" in str(ranges.warnings[1])
+    assert "the preset's range is used instead, as assumed" in str(ranges.warnings[1])
 
 
 def test_a_preset_that_the_mount_rules_out_is_not_used():
@@ -149,8 +149,8 @@ def test_parameters_without_interval_stay_at_the_estimate():
     assert ranges["skin.effects.taxel_gain.gain"].high == (1.0,) * 3 + (1.2,) * 13
     assert ranges["skin.effects.creep.breadth"] == constant(1.0)
     assert [w.fix for w in ranges.warnings] == [
-        "The data do not tell gain of 3 of 16; the value stays as it was found.",
-        "The data do not tell breadth; the value stays as it was found.",
+        "The data do not determine gain of 3 of 16; the fitted value stays.",
+        "The data do not determine breadth; the fitted value stays.",
     ]
 
 
@@ -242,7 +242,7 @@ def test_a_cloud_that_is_not_there_is_said():
     with pytest.raises(InputError, match="above 0"):
         from_calibration(make_calibration(), joint=True, draws=0)
     untold = dict.fromkeys(make_calibration().intervals, (-np.inf, np.inf))
-    with pytest.raises(InputError, match="a parameter that the data tell; got none"):
+    with pytest.raises(InputError, match="a parameter that the data determine; got none"):
         from_calibration(make_calibration(intervals=untold), joint=True, assumed_scale=(50.0, 80.0))
     with pytest.raises(InputError, match="iros24, icra26"):
         from_calibration(make_calibration(), "iros25")

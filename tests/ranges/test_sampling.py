@@ -122,11 +122,11 @@ def test_taxel_noise_has_the_level_of_the_episode():
 
 def test_what_a_draw_needs_and_does_not_get_is_said():
     ranges, rng = preset("iros24"), np.random.default_rng(0)
-    with pytest.raises(ValueError, match="hand it in"):
+    with pytest.raises(ValueError, match="pass it"):
         ranges.sample(rng, "step")
     with pytest.raises(ValueError, match="episode, step"):
         ranges.sample(rng, "hour")
-    with pytest.raises(ValueError, match="three joints a finger"):
+    with pytest.raises(ValueError, match="three joints per finger"):
         ranges.sample(rng, joints=7)
     gains = Ranges({"skin.scale_offset_per_n": Parameter.constant((1.0, 2.0, 3.0))})
     with pytest.raises(ValueError, match="3 numbers, but a draw has 16"):

@@ -53,11 +53,11 @@ def test_every_press_and_taxel_is_drawn(session: Session, caplog: pytest.LogCapt
 def test_answers_and_forces_are_counted(session: Session, caplog: pytest.LogCaptureFixture) -> None:
     dataset = session(30)
     figure = drawn(dataset, caplog)
-    answers = axes_titled(figure, "Answers")
+    answers = axes_titled(figure, "Active taxels")
     heights = [bar.get_height() for bar in answers.patches]
     assert heights == np.bincount(active_taxels(dataset).sum(axis=1)).tolist()
     assert sum(bar.get_height() for bar in axes_titled(figure, "Forces").patches) == 30
-    (image,) = axes_titled(figure, "Presses answered").images
+    (image,) = axes_titled(figure, "Presses with an active taxel").images
     np.testing.assert_array_equal(np.asarray(image.get_array()).ravel(), active_taxels(dataset).sum(axis=0))
 
 
@@ -94,7 +94,7 @@ def on_branches(dataset: Dataset) -> Dataset:
     [
         (without_positions, "12 presses without a position"),
         (at_one_place, "12 presses at one place"),
-        (one_far_away, "1 presses far off are not drawn"),
+        (one_far_away, "1 presses far away are not drawn"),
         (silent, "at its nominal pose"),
         (on_branches, "at its nominal pose"),
         (lambda d: replace(d, frames=None), "at its nominal pose"),
@@ -126,7 +126,7 @@ def test_titles_and_labels_do_not_overlap(session: Session, caplog: pytest.LogCa
 
 def test_the_insole_is_drawn(shared: Path, caplog: pytest.LogCaptureFixture) -> None:
     figure = drawn(read_dataset(shared / "real" / "insole"), caplog)
-    assert "20" in axes_titled(figure, "Presses answered").get_title(loc="left")
+    assert "20" in axes_titled(figure, "Presses with an active taxel").get_title(loc="left")
 
 
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])

@@ -40,8 +40,8 @@ def test_what_was_named_is_said_with_its_numbers():
 def test_nothing_is_said_with_what_did_best():
     found, _ = diagnosed("none")
     assert tone(found) == "good"
-    assert verdict_lines(found)[0] == "Nothing is missing that these presses could show."
-    assert any("are asked for" in s for s in verdict_sentences(found))
+    assert verdict_lines(found)[0] == "These presses show no missing effect."
+    assert any("are required" in s for s in verdict_sentences(found))
 
 
 def test_other_programs_find_the_keys_that_they_know():

@@ -67,6 +67,25 @@ def test_the_description_comes_back(file):
     assert read_policy(file).description == ABOUT
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"environment": "x"}, {"environment": {"speed_rad_per_s": [1]}}, {"seed": "1"}, {"wall_time_s": "1"},
+        {"wall_time_s": True}, {"versions": ["x"]}, {"created": 1}, {"backend": None},
+        {"observation": [{"name": "image", "size": 6, "steps_ago": 10**18}]},
+        {"observation": [{"name": "image", "size": 6, "steps_ago": -5}]},
+        {"observation": [{"name": "image", "size": 6, "steps_ago": "x"}]},
+        {"observation": [{"name": ["image"], "size": 6}]},
+    ],
+)  # fmt: skip
+def test_a_description_of_other_kinds_is_refused(file, change):
+    model = onnx.load(file)
+    helper.set_model_props(model, {"skincal": json.dumps({**ABOUT.as_table(), **change})})
+    onnx.save(model, file)
+    with pytest.raises(InputError, match="description with a fault"):
+        read_policy(file)
+
+
 def test_it_is_the_same_bytes_again(file, tmp_path):
     write_policy(network(), ABOUT, tmp_path / "again.onnx")
     assert (tmp_path / "again.onnx").read_bytes() == file.read_bytes()

@@ -1,4 +1,4 @@
-"""Commented mapping files to begin with."""
+"""Commented mapping files to start from."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ FOLDER = Path(__file__).parent
 
 
 def template_names() -> tuple[str, ...]:
-    """Names of the mapping files that there are."""
+    """Return the names of the bundled mapping files."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
 def template(kind: str) -> str:
-    """A mapping file that works, with comments.
+    """Return a working mapping file with comments.
 
     Args:
         kind: ``csv`` or ``rosbag``, or the name of a public data set.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is no file of that name.
     """
     names = template_names()
     if kind not in names:

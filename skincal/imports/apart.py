@@ -1,0 +1,127 @@
+"""Foreign formats are read in a process of their own, with bounds on its memory and its time.
+
+Libraries that read them run into whatever a damaged file tells them to: they crash, take all memory, or never come
+back. None of that reaches the process that asked.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from skincal.bounded import UnreadableError
+
+Value = TypeVar("Value")
+
+MOST_BYTES: Final = 8 << 30
+"""Of memory for one file, on a machine that has twice as much; half of a smaller one's."""
+
+LEAST_BYTES: Final = 2 << 30
+"""With less, the libraries themselves are not loaded."""
+
+LONGEST_S: Final = 60.0
+BYTES_PER_S: Final = 1e5
+"""A file is read for a minute, and so many bytes of it each second more; the slowest bags come at ten times that."""
+
+_CHILD: Final = (
+    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
+    "from skincal.imports.apart import answer; answer()"
+)
+
+
+def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
+    """Return what a function makes of a file, in a process of its own.
+
+    Args:
+        read: a function of a module; it is given the file and the arguments.
+        path: the file, or a folder of files.
+        arguments: more of them; they and the result are sent from one process to the other.
+
+    Raises:
+        UnreadableError: the process crashed, or the file needs more memory or more time than it may have.
+        Exception: what the function raised.
+    """
+    most = min(MOST_BYTES, max(LEAST_BYTES, _memory_bytes() // 2))
+    longest_s = LONGEST_S + _size(path) / BYTES_PER_S
+    asked = pickle.dumps(sys.path) + pickle.dumps((most, int(longest_s) + 1, read, path, arguments))
+    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    command = [sys.executable, "-P", "-c", _CHILD]
+    try:
+        done = subprocess.run(
+            command,
+            input=asked,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | one_thread,
+            timeout=longest_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise UnreadableError(f"a file that is read within {longest_s:.0f} s", "one that is not") from None
+    try:
+        value, error = pickle.loads(done.stdout)
+    except Exception:  # it ended before it had answered, or half-way
+        ended = f"signal {-done.returncode}" if done.returncode < 0 else f"status {done.returncode}"
+        raise UnreadableError(
+            "a whole file", f"one that crashes the library that reads it ({ended})"
+        ) from None
+    if isinstance(error, MemoryError):
+        raise UnreadableError(f"a file that is read in {most >> 20} MiB of memory", "one that needs more")
+    if error is not None:
+        raise error
+    return value
+
+
+def answer() -> None:
+    """In the other process: do what is asked, and send what came of it."""
+    most, longest_s, read, path, arguments = pickle.load(sys.stdin.buffer)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked, which ends this one
+    sink = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no part of the answer
+    _limit(most, longest_s)
+    try:
+        found: tuple[Any, BaseException | None] = read(path, *arguments), None
+        data = pickle.dumps(found)
+    except MemoryError:
+        data = pickle.dumps((None, MemoryError()))
+    except Exception as error:
+        data = pickle.dumps((None, _sendable(error)))
+    with sink:
+        sink.write(data)
+
+
+def _limit(most_bytes: int, longest_s: int) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    for kind, most in ((resource.RLIMIT_AS, most_bytes), (resource.RLIMIT_CPU, longest_s)):
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def _sendable(error: Exception) -> Exception:
+    """An error, or one that says the same, if its class cannot be sent."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return ValueError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _memory_bytes() -> int:
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return 2 * MOST_BYTES
+
+
+def _size(path: Path) -> int:
+    files = path.iterdir() if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())

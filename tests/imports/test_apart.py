@@ -1,0 +1,70 @@
+"""Files of foreign formats that crash the library that reads them, or take all memory or time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import tomli_w
+
+from skincal.bounded import UnreadableError
+from skincal.dataset.findings import Findings
+from skincal.errors import InputError, Problem
+from skincal.imports import apart as module
+from skincal.imports.apart import apart
+from skincal.imports.csv_source import read_csv_files
+from skincal.imports.read_mapping import read_mapping
+from tests.imports.foreign import RIG, SERIES
+
+
+def double(path: Path, factor: int) -> str:
+    print("a library says something")
+    return str(path) * factor
+
+
+def refuse(path: Path) -> None:
+    raise InputError([Problem(str(path), "a bag", "none")])
+
+
+def crash(_: Path) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def hoard(_: Path) -> int:
+    return len(bytearray(1 << 40))
+
+
+def wait(_: Path) -> None:
+    time.sleep(60)
+
+
+def test_results_and_errors_come_back(tmp_path: Path):
+    assert apart(double, tmp_path / "x", 2) == f"{tmp_path / 'x'}" * 2
+    with pytest.raises(InputError) as caught:
+        apart(refuse, tmp_path)
+    assert caught.value.problems[0].got == "none"
+
+
+@pytest.mark.parametrize(
+    ("work", "said"), [(crash, "signal 11"), (hoard, "MiB of memory"), (wait, "within 2 s")]
+)
+def test_the_process_ends_instead_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, work, said):
+    monkeypatch.setattr(module, "LONGEST_S", 2.0 if work is wait else 60.0)
+    with pytest.raises(UnreadableError, match=said):
+        apart(work, tmp_path / "x")
+
+
+def test_a_matlab_file_that_crashes_its_reader(tmp_path: Path):
+    scipy.io.savemat(tmp_path / "a.mat", {"t": np.arange(5.0)})
+    content = bytearray((tmp_path / "a.mat").read_bytes())
+    content[176] ^= 1  # the type of the numbers
+    (tmp_path / "a.mat").write_bytes(content)
+    (tmp_path / "map.toml").write_text(tomli_w.dumps(RIG | SERIES))
+    findings = Findings()
+    assert read_csv_files(read_mapping(tmp_path / "map.toml", "csv"), [tmp_path / "a.mat"], findings) is None
+    assert "a.mat: expected a whole file of arrays" in str(findings.errors[0])
