@@ -242,7 +242,7 @@ def test_a_checkpoint_of_other_kinds_is_not_used(tmp_path: Path, change: dict[st
     assert Checkpoint(tmp_path, "key").table("one") is None
 
 
-def test_a_checkpoint_of_another_fit_or_a_damaged_one_is_not_used(
+def test_foreign_or_damaged_checkpoints_are_not_used(
     session: Dataset, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     box = search_box(session)

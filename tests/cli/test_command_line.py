@@ -131,7 +131,7 @@ class Chatty(StageSim):
 """
 
 
-def test_nothing_but_json_is_on_standard_output_whatever_a_driver_prints(tmp_path: Path) -> None:
+def test_standard_output_is_json_whatever_a_driver_prints(tmp_path: Path) -> None:
     (tmp_path / "chatty.py").write_text(CHATTY)
     command = ["hand", "test", "chatty:Chatty", "--no-move", "--json"]
     done = subprocess.run(

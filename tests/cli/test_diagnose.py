@@ -152,7 +152,7 @@ def test_other_sensor_and_too_few_presses(
 
 def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Its faults have no equation: something is missing, and a calibration comes out all the same."""
-    chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,), noisy=(9,), plateaus=7)
+    chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,), noisy=(9,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
     assert run("fit", data, "--out", tmp_path / "cal") == 0

@@ -205,7 +205,7 @@ def test_a_hand_that_does_not_connect_is_stopped_and_closed() -> None:
 
 
 def test_a_simulated_hand_may_take_longer_to_connect() -> None:
-    """It may compile its skin model, on a computer that is busy."""
+    """The skin model may be compiled first, on a busy computer."""
     with GuardedHand(FakeHand(hang={"connect": 2 * QUICK.connect_timeout_s}), QUICK) as hand:
         hand.observe()
 

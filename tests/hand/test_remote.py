@@ -475,7 +475,7 @@ def test_a_client_that_does_not_wait_for_answers_fills_no_memory() -> None:
 
 
 def test_keys_are_read_once(tmp_path: Path) -> None:
-    """What lies in the folder later is never opened: a pipe, say, at which the authenticator would wait for ever."""
+    """Files added to the folder later are never opened: at a pipe the authenticator would wait for ever."""
     make_keys(tmp_path / "keys")
     keys = hand_keys(tmp_path / "keys" / "hand")
     (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
