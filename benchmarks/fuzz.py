@@ -4,10 +4,10 @@
 
 A reader may accept an input, or refuse it with an error that names the file. Anything else is a fault: another
 exception, more than 10 s, more than 4 GiB, the end of the process (these three not where skincal has a process of its
-own read the file; here it is this one). Each is kept under ``faults/`` with its input and
-traceback. The count goes on where an earlier call ended, in ``progress.json``. Every reader gets ``--least`` inputs;
-the rest go to all for the same time, so that quick ones get more. ``--coverage`` lets atheris guide the damage by the
-lines that it reaches (``pip install atheris``), for one reader.
+own read the file; here it is this one). Each is kept under ``faults/`` with its input and traceback. The count goes on
+where an earlier call ended, in ``progress.json``. Every reader gets ``--least`` inputs; the rest go to all for the same
+time, so that quick ones get more. ``--coverage`` lets atheris guide the damage by the lines that it reaches
+(``pip install atheris``), for one reader.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def unguided(arguments: argparse.Namespace, chosen: list[Reader]) -> None:
         faults[reader.name] += run_batch(arguments.out, reader, arguments.seed, done[reader.name])
         done[reader.name] += BATCH
         spent[reader.name] += _cpu_s() - begun
-        state = {"seed": arguments.seed, "inputs": done, "faults": +faults, "cpu_s": spent}
+        state = {**kept, "seed": arguments.seed, "inputs": done, "faults": +faults, "cpu_s": spent}
         file.with_suffix(".part").write_text(json.dumps(state, indent=1, sort_keys=True))
         file.with_suffix(".part").replace(file)
     kinds = len(list((arguments.out / "faults").glob("*")))

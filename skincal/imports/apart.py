@@ -27,7 +27,11 @@ LEAST_BYTES: Final = 2 << 30
 
 LONGEST_S: Final = 60.0
 BYTES_PER_S: Final = 1e5
-"""Time for a file: a minute, plus its size over this rate [byte/s]; the slowest bags are read at ten times the rate."""
+"""Processor time for a file: a minute, plus its size over this rate [byte/s]; the slowest bags are read at ten times the
+rate."""
+
+WAIT: Final = 10.0
+"""The wall-clock limit is so many times the processor time, as other processes are at work too."""
 
 _CHILD: Final = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
@@ -59,11 +63,13 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=os.environ | one_thread,
-            timeout=longest_s,
+            timeout=WAIT * longest_s,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise UnreadableError(f"a file that is read within {longest_s:.0f} s", "one that is not") from None
+        raise _slow(longest_s) from None
+    if done.returncode == -signal.SIGXCPU:
+        raise _slow(longest_s)
     try:
         value, error = pickle.loads(done.stdout)
     except Exception:  # the process ended before or while it answered
@@ -76,6 +82,10 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
     if error is not None:
         raise error
     return value
+
+
+def _slow(longest_s: float) -> UnreadableError:
+    return UnreadableError(f"a file that is read within {longest_s:.0f} s", "one that is not")
 
 
 def answer() -> None:
@@ -101,7 +111,9 @@ def _limit(most_bytes: int, longest_s: int) -> None:
         import resource
     except ImportError:  # Windows
         return
-    for kind, most in ((resource.RLIMIT_AS, most_bytes), (resource.RLIMIT_CPU, longest_s)):
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    ends_s = int(used.ru_utime + used.ru_stime) + longest_s
+    for kind, most in ((resource.RLIMIT_AS, most_bytes), (resource.RLIMIT_CPU, ends_s)):
         hard = resource.getrlimit(kind)[1]
         resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 

@@ -40,7 +40,12 @@ def hoard(_: Path) -> int:
 
 
 def wait(_: Path) -> None:
-    time.sleep(60)
+    time.sleep(600)
+
+
+def work(_: Path) -> None:
+    while True:
+        pass
 
 
 def test_results_and_errors_come_back(tmp_path: Path):
@@ -51,12 +56,14 @@ def test_results_and_errors_come_back(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("work", "said"), [(crash, "signal 11"), (hoard, "MiB of memory"), (wait, "within 2 s")]
+    ("read", "said"),
+    [(crash, "signal 11"), (hoard, "MiB of memory"), (wait, "within 1 s"), (work, "within 1 s")],
 )
-def test_the_process_ends_instead_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, work, said):
-    monkeypatch.setattr(module, "LONGEST_S", 2.0 if work is wait else 60.0)
+def test_the_process_ends_instead_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read, said):
+    monkeypatch.setattr(module, "LONGEST_S", 1.0 if read in (wait, work) else 60.0)
+    monkeypatch.setattr(module, "WAIT", 3.0 if read is wait else 100.0)
     with pytest.raises(UnreadableError, match=said):
-        apart(work, tmp_path / "x")
+        apart(read, tmp_path / "x")
 
 
 def test_a_matlab_file_that_crashes_its_reader(tmp_path: Path):
