@@ -42,7 +42,10 @@ class Stage(IntEnum):
 
 
 class Effect(ABC):
-    """What a skin does beyond the base model. Add one with a file beside this one and a line in the registry.
+    """What a skin does beyond the base model.
+
+    Add one with a file beside this one and a line in the registry, or from another package through the entry point
+    group ``skincal.effects``.
 
     An effect has no state of its own: its parameters, and what it remembers, are handed in. With all strengths at
     their neutral values it is left out, so the model is exactly the one without it.
@@ -59,6 +62,9 @@ class Effect(ABC):
         has_memory: whether it depends on earlier samples.
         of_rig: whether it is an error of what was measured and no property of the skin: where the true place and force
             are known, as in an environment, it has no place.
+        shows: presses that show it best in a picture, by their names in :mod:`skincal.report.signatures`; empty: over
+            force, or over time if it has memory.
+        replaces_range: the range of a preset that holds what is assumed where this effect is not known.
         source: where its equation comes from.
     """
 
@@ -72,6 +78,8 @@ class Effect(ABC):
     in_places: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
+    shows: ClassVar[str] = ""
+    replaces_range: ClassVar[str] = ""
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:

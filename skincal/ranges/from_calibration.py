@@ -6,8 +6,8 @@ Which figures of the preset a calibration replaces:
   becomes uniform over its interval. An offset of the preset (``y_offset_m``, ``x_offset_m``) stands for not
   knowing where the patch is; a calibrated centre takes its place.
 - ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
-- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). ``taxel_offset`` and
-  ``taxel_gain`` take the place of the preset's spread of the taxels.
+- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). One that says so
+  (``replaces_range``) takes the place of what the preset assumes of all taxels.
 
 A parameter that the data leave unbounded has nothing to replace the preset's range with: that stays, assumed. Not so S:
 it belongs to one sensor and its converter, so that without an interval of its own it is refused unless it is assumed.
@@ -37,9 +37,6 @@ DRAWS: Final = 500
 
 _OFFSETS: Final = {"y_m": "y_offset_m", "x_m": "x_offset_m", "beta_deg": "x_offset_m"}
 """The preset's offset that stands for not knowing the parameter."""
-
-_OF_TAXELS: Final = {"taxel_offset": "skin.taxel_offset_counts", "taxel_gain": "skin.scale_offset_per_n"}
-"""The preset's spread of the taxels that an effect takes the place of."""
 
 
 def from_calibration(
@@ -223,10 +220,10 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
 
 def _take_the_place(parameters: dict[str, Parameter], effect: Effect, taxels: int) -> None:
     """What is known of each taxel replaces what the preset assumes of all of them."""
-    path = _OF_TAXELS.get(effect.name, "")
+    known = EFFECTS[effect.name]
+    path = known.replaces_range
     if path not in parameters or parameters[path].source != "assumed":
         return
-    known = EFFECTS[effect.name]
     if not known.is_neutral(known.checked(effect.parameters, taxels)):
         parameters[path] = Parameter.constant(0.0, source="calibrated")
 
