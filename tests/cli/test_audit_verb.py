@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from calibrations import make_calibration, on_a_plane
-from diagnose.diagnose_data import still
+from diagnosis.diagnose_data import still
 
 from skincal.calibration import write_calibration
 from skincal.cli.main import main

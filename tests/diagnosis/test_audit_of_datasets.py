@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibrations import make_calibration
-from diagnose.diagnose_data import moving, still
+from diagnosis.diagnose_data import moving, still
 
 from skincal.collect import Mount, full_plan, paper_plan
 from skincal.dataset import IDLE, Dataset, SurfaceSpec

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose.diagnose_data import moving, still
+from diagnosis.diagnose_data import moving, still
 
 from skincal.dataset import Dataset
 from skincal.diagnosis.session import gap_session, pose_names, readout_of, repeats, sites

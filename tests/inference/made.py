@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from diagnose.diagnose_data import moving
+from diagnosis.diagnose_data import moving
 from report.diagnosis_cases import calibration
 
 from skincal.dataset import HOLD, Dataset, Presses

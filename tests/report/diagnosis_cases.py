@@ -9,7 +9,7 @@ from math import degrees
 
 import numpy as np
 from calibrations import make_calibration
-from diagnose.diagnose_data import moving
+from diagnosis.diagnose_data import moving
 
 from skincal.calibration import Calibration, Effect, ModelParameters
 from skincal.dataset import HOLD, Dataset, Presses
