@@ -35,7 +35,8 @@ SECTIONS = (
     (
         "signature",
         "Counts over time, measured and simulated",
-        "The presses whose base model errs most, each on the taxel that it errs on most.",
+        "The presses that tell most: those that gain most by what was named, else those whose base model errs most; "
+        "each on the taxel that tells most. With what is missing in the model, its line goes through the points.",
         curves_figure,
     ),
     (
@@ -49,10 +50,9 @@ SECTIONS = (
         "candidates",
         "What was tried",
         "Logarithm of the likelihood that each effect gains on presses that its fit has "
-        "not seen, with its standard error. "
-        "Grey: what it reaches in simulated sessions of these presses with nothing hidden, "
-        "under several contact laws, and a "
-        "quarter more. An effect is named beyond it; the search begins again with it in the model.",
+        "not seen, with its standard error. Grey: what it seldom exceeds in simulated sessions of these presses with "
+        "nothing hidden, under several contact laws; the line is what is asked for: a quarter more, 8 nats at least. "
+        "An effect is named beyond it; the search begins again with it in the model.",
         candidates_figure,
     ),
 )
