@@ -136,7 +136,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
                 axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
             axes.set_yticks(rows, [t.name for t in tried])
             axes.set_ylim(len(tried) - 0.4, -0.6)
-            beside = "the base model" if number == 0 else f"what was added in round {number}"
+            beside = "the base model" if number == 0 else f"what was added up to round {number}"
             axes.set_title(f"round {number + 1}: beside {beside}")
         panels[0].set_xscale("symlog", linthresh=1.0)
         panels[0].legend(loc="lower right", fontsize=7)
