@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -123,7 +125,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
         panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
         for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
             rows = np.arange(len(tried))
-            quantiles = [null.quantile(t.name) for t in tried]
+            quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
             axes.barh(rows, quantiles, color=LIGHT, height=0.8, label="99 % of sessions with nothing hidden")
             axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="asked for")
             for colour, what, own in (
@@ -132,6 +134,8 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
                 (GREY, "others", [t.name not in names for t in tried]),
             ):
                 k = np.flatnonzero(own)
+                if not len(k):
+                    continue
                 gain, error = (np.array([getattr(tried[i], a) for i in k]) for a in ("gain", "error"))
                 axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
             axes.set_yticks(rows, [t.name for t in tried])
@@ -139,6 +143,15 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
             beside = "the base model" if number == 0 else f"what was added up to round {number}"
             axes.set_title(f"round {number + 1}: beside {beside}")
         panels[0].set_xscale("symlog", linthresh=1.0)
-        panels[0].legend(loc="lower right", fontsize=7)
+        figure.legend(*_legend(panels), loc="upper right", ncols=5, fontsize=7)
         panels[-1].set_xlabel("logarithm of the likelihood [nats], with its standard error")
     return figure
+
+
+def _legend(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
+    """Each label of some axes once, with what it stands for."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return list(found.values()), list(found)
