@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,7 +148,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     return figure
 
 
-def _legend(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
+def _legend(panels: Iterable[Axes]) -> tuple[list[Any], list[str]]:
     """Each label of some axes once, with what it stands for."""
     found: dict[str, Any] = {}
     for axes in panels:
