@@ -152,7 +152,7 @@ def plot(
         result: a dataset, a fit or a diagnosis.
         figure: which one, by the name that the report's file has (``valley``, ``images``, ``gap`` ...); None: the
             first.
-        dataset: that was fitted or diagnosed; a fit and a diagnosis need it.
+        dataset: that was fitted, which a fit needs; a diagnosis has its own.
 
     Raises:
         InputError: there is no such figure, or the dataset is missing.
@@ -164,15 +164,13 @@ def plot(
 
     if isinstance(result, Dataset):
         return dataset_figure(result)
-    if dataset is None:
-        raise InputError(
-            [Problem("plot", "the dataset that was fitted or diagnosed", "none", "give dataset=")]
-        )
     if isinstance(result, Outcome):
+        if dataset is None:
+            raise InputError([Problem("plot", "the dataset that was fitted", "none", "give dataset=")])
         figures = {one.stem: one.draw for one in fit_report.SECTIONS}
         return _chosen(figures, figure)(result.result, dataset)
     figures = {stem: draw for stem, _, _, draw in diagnosis_report.SECTIONS}
-    return _chosen(figures, figure)(result, dataset)
+    return _chosen(figures, figure)(result, dataset or result.observed.dataset)
 
 
 def _chosen(figures: dict[str, Callable[..., Figure]], name: str | None) -> Callable[..., Figure]:

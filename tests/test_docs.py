@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import ast
-import gzip
-import json
 import math
 import re
 import shlex
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -16,10 +15,13 @@ import typer
 
 from skincal.cli.main import app
 from skincal.dataset.columns import OPTIONAL, TIMES
+from skincal.diagnosis import findings as diagnosis_findings
 from skincal.fitting import findings
 from skincal.fitting.options import FitOptions, GridSteps
 from skincal.fitting.places import MOST
 from skincal.fitting.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
+from skincal.inference.constants import CONSTANTS
+from skincal.inference.twins import THICKNESSES_M
 
 ROOT = Path(__file__).parent.parent
 PAGES = [
@@ -75,12 +77,14 @@ def test_files_page_names_every_column():
     assert [name for name in (*OPTIONAL, *TIMES) if f"`{name}`" not in text] == []
 
 
-def test_files_page_names_every_finding():
-    tree = ast.parse(Path(findings.__file__).read_text(encoding="utf-8"))
+@pytest.mark.parametrize(("module", "made"), [(findings, "FitFinding"), (diagnosis_findings, "Finding")])
+def test_files_page_names_every_finding(module: ModuleType, made: str):
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
     codes = [
         ast.literal_eval(call.args[0])
         for call in ast.walk(tree)
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "FitFinding"
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == made
+        if isinstance(call.args[0], ast.Constant)
     ]
     text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
     assert codes
@@ -110,39 +114,12 @@ def test_fit_page_tells_the_defaults():
     assert f"{math.degrees(steps.alpha_rad):g}° in $\\alpha$, and {steps.elasticities} values of $E$" in text
 
 
-def test_sessions_of_the_blind_test_are_as_many_as_its_page_says() -> None:
+def test_the_trust_page_says_what_a_p_value_is_made_of() -> None:
     text = (ROOT / "docs" / "trust.md").read_text()
-    results = ROOT / "benchmarks" / "results"
-    kept = {}
-    for path in results.glob("blind_sessions_*.jsonl.gz"):
-        with gzip.open(path, "rt") as lines:
-            # The first line says what was run.
-            kept[int(path.name.split("_")[-1].split(".")[0])] = sum(1 for _ in lines) - 1
-    told = {int(seed): int(count) for seed, count in re.findall(r"^\| (\d+) \| (\d+) \| \d+ of", text, re.M)}
-    assert {seed: told[seed] for seed in kept} == kept
-    whole = json.loads((results / "blind.json").read_text())
-    assert len(whole["sessions"]) == kept[whole["study"]["seed"]] == 644
-    said = " ".join(
-        text[text.index("Thirteen tests came before it") : text.index("of them together")].split()
-    )
-    listed = {int(seed): int(count) for count, seed in re.findall(r"(\d+) of seed (\d+),", said)}
-    assert listed == {seed: count for seed, count in kept.items() if seed >= 19}
-    assert f"{sum(listed.values())} of them together" in " ".join(text.split())
-
-
-def test_the_row_of_all_blind_tests_is_the_sum_of_the_others() -> None:
-    text = (ROOT / "docs" / "trust.md").read_text()
-    table = [row.split("|") for row in text[text.index("| all |") :].split("\n\n")[0].splitlines()]
-    counts = [[int(number) for number in re.findall(r"\d+", "".join(row[2:8]))] for row in table]
-    # A cell without a session has no numbers in it.
-    filled = [
-        [*own[:7], 0, 0, *own[7:]] if "no session" in row[5] else own
-        for own, row in zip(counts[1:], table[1:], strict=True)
-    ]
-    assert counts[0] == [sum(column) for column in zip(*filled, strict=True)]
-    whole = json.loads((ROOT / "benchmarks" / "results" / "blind.json").read_text())
-    alarms = [
-        sum(one["verdict"] != "none" for one in whole["sessions"] if one["session"].startswith(suite))
-        for suite in ("none", "decoy")
-    ]
-    assert f"| {whole['study']['seed']} | 644 | {alarms[0]} of 100, {alarms[1]} of 60 |" in text
+    assert f"With {CONSTANTS.null_sessions} such sessions" in text
+    assert f"1/{CONSTANTS.null_sessions + 1} (`--thorough`: 1/{5 * CONSTANTS.null_sessions + 1})" in text
+    assert f"the null's {100 * CONSTANTS.null_quantile:g} % quantile by a quarter" in text
+    assert CONSTANTS.slack == 1.25
+    assert f"gain {CONSTANTS.least_gain:g} nats" in text
+    layers = [f"{1e3 * thick:g}" for thick in THICKNESSES_M]
+    assert f"elastic layers of {layers[0]}, {layers[1]} and {layers[2]} mm" in text

@@ -26,6 +26,7 @@ from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
 from skincal.fitting.wiring import order_of_problem
+from skincal.shown import Shown
 from skincal.version import __version__
 
 PRESS_MORE = (
@@ -41,7 +42,7 @@ COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over th
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(Shown):
     """A calibration and the fit that it comes from.
 
     Attributes:
@@ -55,6 +56,9 @@ class Outcome:
     result: FitResult
     resumed: int
     way: Way
+
+    def __repr__(self) -> str:
+        return f"<Outcome {self.calibration!r}>"
 
 
 def calibrate(

@@ -25,6 +25,7 @@ from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
 from skincal.fitting.uniform import Scales, common_draws, fit_scales
 from skincal.model import Contacts
+from skincal.shown import Shown
 from skincal.units import deg
 from skincal.version import __version__
 
@@ -35,7 +36,7 @@ MOST_NAMED = 12
 
 
 @dataclass(frozen=True, eq=False)
-class UniformOutcome:
+class UniformOutcome(Shown):
     """A calibration from uniform pressure, and what it was made of.
 
     Attributes:
@@ -51,6 +52,9 @@ class UniformOutcome:
     loads_n: Floats
     values: Floats
     use: Bools
+
+    def __repr__(self) -> str:
+        return f"<UniformOutcome {self.calibration!r}>"
 
 
 def calibrate_uniform(

@@ -32,6 +32,7 @@ from skincal.model import (
     Surface,
     TaxelLayout,
 )
+from skincal.shown import Shown
 from skincal.units import rad
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +44,7 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Shown):
     """The result of a fit: the best skin, and how far to trust it (contract ``skincal-calibration/1``).
 
     Attributes:
@@ -96,6 +97,11 @@ class Calibration:
             if columns is not None:
                 frozen = {key: _read_only(column) for key, column in columns.items()}
                 object.__setattr__(self, name, frozen)
+
+    def __repr__(self) -> str:
+        best = ", ".join(f"{name} {value:.4g}" for name, value in self.model.best().items())
+        effects = ", ".join(effect.name for effect in self.effects) or "no effects"
+        return f"<Calibration {best}; {effects}>"
 
     @classmethod
     def of_dataset(

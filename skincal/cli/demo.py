@@ -163,6 +163,8 @@ def story(fitted: dict[str, Any], out: Path, seconds: float, *, policy: bool) ->
 
 def gap_story(found: dict[str, Any], out: Path) -> None:
     """Print the hidden effect of the second session, the diagnosis, and the gap before and after."""
+    from skincal.effects import EFFECTS
+
     name, strength = HIDDEN.split("=")
     hidden = json.loads((out / "gap-truth.json").read_text(encoding="utf-8"))["effects"]
     sizes = ", ".join(f"{key} {value:.3g}" for key, value in hidden[0]["parameters"].items())
@@ -172,7 +174,7 @@ def gap_story(found: dict[str, Any], out: Path) -> None:
     for effect in found["effects"]:
         numbers = ", ".join(f"{key} {_plain(value)}" for key, value in effect["parameters"].items())
         print(f"Named:    {' or '.join(effect['consistent_with'])} (p = {effect['p_value']:.2g}): {numbers}")
-        if effect["name"] == "contact_offset":
+        if EFFECTS[effect["name"]].in_places:
             print("          This hand always has it: its position errors depend on the posture.")
     print(f"Where:    {found['where']}\n")
     gap = found["gap"]

@@ -14,6 +14,7 @@ from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, 
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses, TaxelPositions
 from skincal.errors import Problem
+from skincal.shown import Shown
 from skincal.units import rad
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Dataset:
+class Dataset(Shown):
     """A dataset that has been read and checked.
 
     Attributes:
@@ -43,6 +44,12 @@ class Dataset:
     folder: Path | None = None
     sha256: str | None = None
     warnings: tuple[Problem, ...] = ()
+
+    def __repr__(self) -> str:
+        name = "dataset" if self.folder is None else str(self.folder)
+        frames = "no frames" if self.frames is None else f"{len(self.frames)} frames"
+        sensor = f"{self.meta.sensor.rows} x {self.meta.sensor.cols} taxels"
+        return f"<Dataset {name}: {len(self.presses)} presses, {frames}, {sensor}>"
 
     def layout(self) -> TaxelLayout:
         """Return the layout of the taxels: the grid of ``[sensor]``, or the table of positions."""

@@ -17,6 +17,7 @@ from skincal.diagnosis.where import Share
 from skincal.effects import EFFECTS, EffectParameter
 from skincal.inference.search import Found
 from skincal.model.arrays import FloatArray
+from skincal.shown import Shown
 
 Verdict = Literal["none", "effects", "unknown"]
 _MEETS = 1e-6
@@ -67,7 +68,7 @@ def _met(values: FloatArray, p: EffectParameter) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """A verdict and everything it rests on.
 
     Attributes:
@@ -106,6 +107,15 @@ class Diagnosis:
     next_presses: tuple[str, ...] = ()
     next_plan: Plan | None = None
     taken_back: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        names = "; ".join(" or ".join(effect.consistent_with) for effect in self.effects)
+        closed = (
+            f", {100 * self.gap.closed:.0f} % of the gap closed"
+            if names and np.isfinite(self.gap.closed)
+            else ""
+        )
+        return f"<Diagnosis {self.verdict}{': ' if names else ''}{names}{closed}>"
 
     @property
     def only_places(self) -> bool:

@@ -11,6 +11,7 @@ from skincal.diagnosis.diagnosis import NamedEffect
 from skincal.diagnosis.gap import Gap
 from skincal.diagnosis.observed import NoiseFloor, Observed
 from skincal.diagnosis.session import repeats
+from skincal.diagnosis.spells import Spell
 from skincal.effects import EFFECTS
 from skincal.inference.fit import Fitted
 from skincal.inference.start import wild_presses
@@ -27,22 +28,29 @@ def taxel_name(layout: TaxelLayout, taxel: int) -> str:
 
 
 def findings_of(
-    observed: Observed, calibration: Calibration, fit: Fitted, effects: Sequence[NamedEffect], gap: Gap
+    observed: Observed,
+    calibration: Calibration,
+    base: Fitted,
+    fit: Fitted,
+    effects: Sequence[NamedEffect],
+    gap: Gap,
 ) -> tuple[Finding, ...]:
     """All of them.
 
     Args:
         observed: the session.
         calibration: that was given.
+        base: the base model's fit.
         fit: the final one.
         effects: that were named.
         gap: on the presses of the end.
     """
     return (
         *_noise(observed.floor, observed),
-        *_glitches(observed, fit),
+        *_glitches(observed, base, fit),
         *_forces(observed, fit),
-        *_taxels(observed, effects, fit),
+        *_taxels(observed, effects),
+        *_spells(observed),
         *_clocks(effects, observed),
         *_few(gap),
         *_law(fit),
@@ -75,8 +83,14 @@ def _noise(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
         yield Finding("noise_grows", "info", text, "")
 
 
-def _glitches(observed: Observed, fit: Fitted) -> Iterator[Finding]:
+def _glitches(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding]:
     wild = wild_presses(observed.fitter, fit.state)
+    first = wild_presses(observed.fitter, base.state)
+    kept = first[~np.isin(first, wild)]
+    if len(kept):
+        names = ", ".join(str(observed.dataset.presses.press[p]) for p in kept)
+        text = f"press {names}: the image differs most from the base model; others differ as well, so they were kept"
+        yield Finding("kept_presses", "info", text, _LOOK)
     if len(wild):
         names = ", ".join(str(observed.dataset.presses.press[p]) for p in wild)
         text = (
@@ -103,7 +117,7 @@ def _forces(observed: Observed, fit: Fitted) -> Iterator[Finding]:
         )
 
 
-def _taxels(observed: Observed, effects: Sequence[NamedEffect], fit: Fitted) -> Iterator[Finding]:
+def _taxels(observed: Observed, effects: Sequence[NamedEffect]) -> Iterator[Finding]:
     layout = observed.dataset.layout()
     if observed.never.any():
         names = ", ".join(taxel_name(layout, int(t)) for t in np.flatnonzero(observed.never))
@@ -117,7 +131,6 @@ def _taxels(observed: Observed, effects: Sequence[NamedEffect], fit: Fitted) -> 
             f"{noise.frame:.1f}; they have less say for it"
         )
         yield Finding("noisy_taxel", "warning", text, "Look at wiring, connectors and ground.")
-    del fit
     for one in effects:
         for p in EFFECTS[one.name].parameters:
             if EFFECTS[one.name].single_taxels and p.role == "strength" and p.name in one.parameters:
@@ -130,6 +143,29 @@ def _taxels(observed: Observed, effects: Sequence[NamedEffect], fit: Fitted) -> 
                         f"{names}: does not answer",
                         "Check wiring; leave it out where it is used.",
                     )
+
+
+def _spells(observed: Observed) -> Iterator[Finding]:
+    """Taxels that step or stick, those together that do so at one moment."""
+    layout, groups = observed.dataset.layout(), dict[tuple[bool, float, int, float, str], list[Spell]]()
+    for one in observed.spells:
+        level = f"{one.counts:.0f}" if one.stuck else ""
+        groups.setdefault((one.stuck, one.begin_s, one.press, one.end_s, level), []).append(one)
+    for (stuck, begin, press, end, level), own in groups.items():
+        names = ", ".join(taxel_name(layout, one.taxel) for one in own)
+        at = f"{begin:.1f} s" if np.isfinite(begin) else f"press {observed.dataset.presses.press[press]}"
+        last = [p for p in own[0].blocks.tolist() if p >= 0][-1]
+        until = f"{end:.1f} s" if np.isfinite(end) else f"press {observed.dataset.presses.press[last]}"
+        if stuck:
+            text = f"{names}: stuck at {level} counts from {at} to {until}; not looked at then"
+            yield Finding(
+                "stuck_taxel", "warning", text, "Check wiring and electronics; leave it out where it is used."
+            )
+            continue
+        back = "" if own[0].lasts else f" and back at {until}"
+        heights = ", ".join(f"{one.counts:+.1f}" for one in own)
+        text = f"{names}: the level at rest steps at {at} by {heights} counts{back}; taken off"
+        yield Finding("jump", "warning", text, "Look for a loose connector or a restart of the electronics.")
 
 
 def _clocks(effects: Sequence[NamedEffect], observed: Observed) -> Iterator[Finding]:

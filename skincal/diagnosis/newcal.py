@@ -43,12 +43,13 @@ LEFT = Finding(
 def parameters_of(calibration: Calibration, state: State) -> ModelParameters:
     """The best parameters of a calibration as a state has them."""
     old, scale = calibration.model, np.exp(state.log_s)
-    each = old.scale_per_taxel_per_n
-    common = (
-        float(np.median(scale))
-        if each is None or not scale.ndim
-        else old.scale_per_n * float(np.median(scale / np.maximum(each, 1e-300)))
-    )
+    each = None if old.scale_per_taxel_per_n is None else np.asarray(old.scale_per_taxel_per_n)
+    common, own = float(np.median(scale)), old.scale_per_taxel_per_n
+    if each is not None and scale.ndim:
+        # Taxels of scale 0 do not answer, and stay so.
+        ratio = scale / np.where(each > 0, each, 1.0)
+        common = old.scale_per_n * float(np.median(ratio[each > 0]))
+        own = tuple(np.where(each > 0, scale, 0.0).tolist())
     return replace(
         old,
         y_m=float(state.pose.y_m),
@@ -57,7 +58,7 @@ def parameters_of(calibration: Calibration, state: State) -> ModelParameters:
         scale_per_n=common,
         beta_deg=None if old.beta_deg is None else degrees(state.pose.beta_rad),
         x_m=None if old.beta_deg is not None else float(state.pose.x_m),
-        scale_per_taxel_per_n=tuple(scale.tolist()) if each is not None and scale.ndim else each,
+        scale_per_taxel_per_n=own,
     )
 
 

@@ -14,6 +14,7 @@ from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform import uniform_pressure
 from skincal.diagnosis.phases import check_phases
 from skincal.diagnosis.session import gap_session, hold_groups, pose_names, press_rows
+from skincal.diagnosis.spells import Spell, without_spells
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fitting.observe import clipped_share, noise_from_rest
@@ -31,7 +32,8 @@ FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
 MOST_TAXELS = 48
 """So many taxels of a large sensor are looked at."""
-_CELLS, _FINEST_M = 9000, 3.5e-4
+_MUTE = 1e-6
+_CELLS, _FINEST_M, _MARGIN_M = 9000, 3.5e-4, 6e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,7 @@ class Observed:
         poses: names of the hand poses by their numbers.
         taxels: (J,) which taxels are looked at; None for all.
         never: (J,) taxels of which nothing was read.
+        spells: of taxels that step or stick, which are taken off.
     """
 
     dataset: Dataset
@@ -85,6 +88,7 @@ class Observed:
     covariates: frozenset[str]
     poses: tuple[str, ...]
     never: BoolArray
+    spells: tuple[Spell, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,6 +99,20 @@ class Observed:
         """The same with the presses of the end."""
         assert self.session.counts is not None
         return _with_counts(self.fitter, self.session.counts)
+
+    def without(self, spells: tuple[Spell, ...]) -> Observed:
+        """The same with spells taken off; nothing of what was found about them stays."""
+        session, old = without_spells(self.session, spells), self.fitter
+        f = old.forward
+        assert session.counts is not None
+        forward = forward_of(
+            session, f.surface, f.layout, f.noise, clipped=f.rests_clipped, margin_m=margin_of(self.dataset)
+        )
+        shown = np.where(np.isfinite(old.counts), session.counts, np.nan)
+        uniform = uniform_pressure(self.dataset)
+        before = beforehand(self.dataset, old.before.start, 1.0, session, uniform=uniform)
+        before = replace(before, base=old.before.base)
+        return replace(self, session=session, fitter=Fitter(forward, shown, before), spells=spells)
 
 
 def _with_counts(fitter: Fitter, counts: FloatArray) -> Fitter:
@@ -116,7 +134,7 @@ def forward_of(
     noise: Noise,
     *,
     clipped: bool,
-    margin_m: float = 6e-3,
+    margin_m: float = _MARGIN_M,
 ) -> Forward:
     """The model of a session."""
     resolution, rule = resolution_of(layout, surface)
@@ -130,6 +148,11 @@ def forward_of(
         margin_m=margin_m,
         rule=rule,
     )  # type: ignore[arg-type]
+
+
+def margin_of(dataset: Dataset) -> float:
+    """How far the modelled skin goes on around the taxels [m]: a chamber's forces are those of a calibration's skin."""
+    return MARGIN_M if uniform_pressure(dataset) else _MARGIN_M
 
 
 def observe(
@@ -162,13 +185,16 @@ def observe(
             f"some choose and some are kept for the end; got {len(pressed)}. Record more presses",
         )
     noise, floor, rest, clipped, session = _noise(dataset, session, calibration)
+    rest_sigma = C.rest * noise.frame
+    if uniform and dataset.frames is None:
+        # No taxel is ever at rest: the level is where the lines of all taxels meet no load, as far as they agree.
+        rest, rest_sigma = _rest_by_lines(dataset)
+        clipped = False
     layout = dataset.layout()
     surface = dataset.surface()
-    forward = forward_of(
-        session, surface, layout, noise, clipped=clipped, margin_m=MARGIN_M if uniform else 6e-3
-    )
+    forward = forward_of(session, surface, layout, noise, clipped=clipped, margin_m=margin_of(dataset))
     start = start_state(dataset, calibration, session, rest, pose_names(dataset))
-    before = beforehand(dataset, start, noise, session, uniform=uniform)
+    before = beforehand(dataset, start, rest_sigma, session, uniform=uniform)
     counts = session.counts
     assert counts is not None
     held = _held(session, pressed, rng) if keep else np.zeros(session.presses, dtype=np.bool_)
@@ -209,12 +235,17 @@ def start_state(
     return State(
         calibration.pose(),
         float(np.log(own.elasticity_pa_per_m)),
-        np.log(np.asarray(own.scale_per_n)),
+        np.log(_answering(np.asarray(own.scale_per_n))),
         rest,
         np.zeros(3),
         moves,
         effects,
     )
+
+
+def _answering(scale: FloatArray) -> FloatArray:
+    """Scales whose logarithm exists: a taxel that does not answer, of scale 0, answers next to nothing."""
+    return np.maximum(scale, _MUTE * float(np.median(scale[scale > 0]))) if scale.ndim else scale
 
 
 def _scale(dataset: Dataset, session: GapSession, rest: float) -> float:
@@ -230,7 +261,7 @@ def _scale(dataset: Dataset, session: GapSession, rest: float) -> float:
 
 
 def beforehand(
-    dataset: Dataset, start: State, noise: Noise, session: GapSession, *, uniform: bool
+    dataset: Dataset, start: State, rest_sigma: float, session: GapSession, *, uniform: bool
 ) -> Beforehand:
     """What is known before the fit: ranges of the mount, what positions are worth, how well rest is known."""
     mount, position = dataset.meta.mount, dataset.meta.position
@@ -255,7 +286,7 @@ def beforehand(
             radians(half(mount.alpha_range_deg, 20.0)),
             1.0,
             1.5,
-            max(C.rest * noise.frame, 1e-9),
+            max(rest_sigma, 1e-9),
         ]
     )
     worth = 1e-4 if uniform else max(position.sigma_m, 1e-5)
@@ -290,12 +321,14 @@ def _noise(
         found = "frames that follow each other"
     else:
         mean, scatter = rest_from_presses(dataset.presses.counts)
+        if uniform_pressure(dataset):
+            scatter = _scatter_of_neighbours(dataset)
         said = 0.0 if calibration is None else float(calibration.loss.extra.get("noise_sigma_counts") or 0.0)
         top = float(np.nanmax(dataset.presses.counts) - np.nanmedian(mean))
         own = scatter if np.isfinite(scatter) and scatter > 0 else said if said > 0 else 0.005 * top
         sigma = (
             noise_from_rest(float(np.nanmedian(mean)), _readout(low, high, sensor.integer))
-            if np.isfinite(low)
+            if np.isfinite(low) and not uniform_pressure(dataset)
             else float("nan")
         )
         step = 1.0 if sensor.integer and np.isfinite(sigma) else 0.0
@@ -308,6 +341,8 @@ def _noise(
         session = replace(session, frames=np.full(len(session), max(1.0, (full / max(own, 1e-12)) ** 2)))
         noise = Noise(np.full(taxels, max(sigma, C.least_noise * top)), 0.0, step, low, high)
         count, found = len(dataset.presses), "hold means of taxels that are not pressed"
+        if uniform_pressure(dataset):
+            found = "presses that follow each other, about a line in the force"
     middle = float(np.nanmedian(mean)) if np.isfinite(mean).any() else 0.0
     clipped = bool(np.isfinite(low)) and bool(clipped_at_rest(np.array(middle), low, noise.frame))
     rest = low if clipped else float(np.nanmedian(rest_level(mean, noise)))
@@ -318,6 +353,29 @@ def _noise(
         per_mean, (per_mean * (1 - width), per_mean * (1 + width)), found, noise.grows, noise.step,
     )  # fmt: skip
     return noise, floor, rest, clipped, session
+
+
+def _scatter_of_neighbours(dataset: Dataset) -> float:
+    """Scatter of a hold mean about the line between the presses before and after it, robust over all taxels."""
+    counts, force = dataset.presses.counts, dataset.presses.force_n
+    first, last = force[:-2], force[2:]
+    inside = (np.minimum(first, last) < force[1:-1]) & (force[1:-1] < np.maximum(first, last))
+    part = np.where(inside, (force[1:-1] - first) / np.where(inside, last - first, 1.0), np.nan)[:, None]
+    off = counts[1:-1] - (1 - part) * counts[:-2] - part * counts[2:]
+    each = off / np.sqrt(1 + part**2 + (1 - part) ** 2)
+    known = np.abs(each[np.isfinite(each)])
+    return 1.4826 * float(np.median(known)) if len(known) else float("nan")
+
+
+def _rest_by_lines(dataset: Dataset) -> tuple[float, float]:
+    """Level at rest by the lines of all taxels, and how far these differ [counts]."""
+    counts, force = dataset.presses.counts, dataset.presses.force_n
+    ends: list[float] = []
+    for own in counts.T:
+        ok = np.isfinite(own) & np.isfinite(force)
+        if ok.sum() > 2:
+            ends.append(float(np.polynomial.polynomial.polyfit(force[ok], own[ok], 1)[0]))
+    return float(np.median(ends)), float(np.ptp(np.quantile(ends, [0.16, 0.84])) / 2)
 
 
 def _hold_frames(session: GapSession) -> float:
@@ -342,9 +400,15 @@ def full_rate(observed: Observed) -> Forward:
     dataset, forward = observed.dataset, observed.fitter.forward
     if dataset.frames is None:
         return forward
-    session = gap_session(dataset, Binning(*[len(dataset.frames)] * 4))
-    clipped = forward.rests_clipped
-    return forward_of(session, forward.surface, forward.layout, forward.noise, clipped=clipped)
+    session = without_spells(gap_session(dataset, Binning(*[len(dataset.frames)] * 4)), observed.spells)
+    return forward_of(
+        session,
+        forward.surface,
+        forward.layout,
+        forward.noise,
+        clipped=forward.rests_clipped,
+        margin_m=margin_of(dataset),
+    )
 
 
 __all__ = [

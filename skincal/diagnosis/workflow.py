@@ -18,6 +18,7 @@ from skincal.diagnosis.gap import gap_of, placed_presses
 from skincal.diagnosis.newcal import effect_intervals, new_calibration
 from skincal.diagnosis.next_presses import next_presses
 from skincal.diagnosis.observed import Observed, observe
+from skincal.diagnosis.spells import find_spells
 from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
 from skincal.inference.columns import free_of
@@ -56,6 +57,12 @@ def diagnose(
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
     base = base_fit(fitter, known=True)
+    assert observed.session.counts is not None
+    spells = find_spells(fitter, base.state, observed.session.counts)
+    if spells:
+        observed = observed.without(spells)
+        fitter = observed.fitter
+        base = base_fit(fitter, known=True)
     heard("what can be seen")
     audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
     heard("what is missing")
@@ -85,7 +92,7 @@ def diagnose(
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
-    findings = findings_of(observed, calibration, shown, effects, gap)
+    findings = findings_of(observed, calibration, found.base, shown, effects, gap)
     if order is not None:
         findings = (order, *findings)
     heard("next presses")

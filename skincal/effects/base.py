@@ -42,7 +42,10 @@ class Stage(IntEnum):
 
 
 class Effect(ABC):
-    """An effect of the skin beyond the base model. To add one, add a file here and a line in the registry.
+    """An effect of the skin beyond the base model.
+
+    To add one, add a file here and a line in the registry, or, in another package, use through the entry point
+    group ``skincal.effects``.
 
     An effect has no state of its own: its parameters and its memory are passed in. With all strengths at their neutral
     values it is skipped, so that the model is exactly the one without it.
@@ -59,6 +62,9 @@ class Effect(ABC):
         has_memory: whether it depends on earlier samples.
         of_rig: whether it is an error of the measurement, not a property of the skin; where the true place and force
             are known, as in an environment, it does not apply.
+        shows: presses that show it best in a picture, by their names in :mod:`skincal.report.signatures`; empty: over
+            force, or over time if it has memory.
+        replaces_range: the range of a preset that holds what is assumed where this effect is not known.
         source: source of its equation.
     """
 
@@ -72,6 +78,8 @@ class Effect(ABC):
     in_places: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
+    shows: ClassVar[str] = ""
+    replaces_range: ClassVar[str] = ""
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:

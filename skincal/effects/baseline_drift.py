@@ -72,6 +72,7 @@ class BaselineDrift(SignalEffect):
         ),
     )
     asks = ("clock",)
+    shows = "rests"
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

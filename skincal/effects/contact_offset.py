@@ -47,6 +47,7 @@ class ContactOffset(InputEffect):
     of_rig = True
     asks = ("poses",)
     in_places = True
+    shows = "places"
     source = (
         "First-order kinematic calibration errors: Hollerbach, Khalil, Gautier, Model Identification, "
         "Springer Handbook of Robotics, 2016, chapter 6."

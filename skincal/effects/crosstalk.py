@@ -30,6 +30,7 @@ class Crosstalk(SignalEffect):
         EffectParameter("reach", "-", 0.0, 0.0, 0.3, "h: part of it that leaks on", role="form"),
         EffectParameter("loss", "-", 0.0, 0.0, 1.0, "l: part of it that the taxel loses", role="form"),
     )
+    shows = "places"
     source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

@@ -54,6 +54,7 @@ class DeadTaxel(SignalEffect):
         ),
     )
     single_taxels = True
+    shows = "taxels"
     source = "Stuck-at faults: Isermann, Fault-Diagnosis Systems, 2006."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

@@ -44,6 +44,7 @@ class FirstCycle(SignalEffect):
     )
     covariates = ("cycle",)
     asks = ("again",)
+    shows = "touches"
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

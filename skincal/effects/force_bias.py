@@ -45,6 +45,7 @@ class ForceBias(InputEffect):
     )
     of_rig = True
     asks = ("poses", "forces")
+    shows = "poses"
     source = (
         "Offset and sensitivity errors of transducers: Fraden, Handbook of Modern Sensors, 2016; friction of joints "
         "that builds up with the load: Olsson, Åström, Canudas de Wit, Gäfvert and Lischinsky, Eur. J. Control 4 "

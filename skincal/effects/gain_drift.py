@@ -55,6 +55,7 @@ class GainDrift(SignalEffect):
         ),
     )
     asks = ("clock",)
+    shows = "session"
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

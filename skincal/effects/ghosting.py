@@ -41,6 +41,7 @@ class Ghosting(SignalEffect):
             typical=0.015,
         ),
     )
+    shows = "places"
     source = (
         "Parallel paths in resistive arrays: Hidalgo-López et al., J. Sensors 2018, Improving Accuracy in the "
         "Readout of Resistive Sensor Arrays; Wu et al., Sensors 14 (2014) 12816."

@@ -34,6 +34,7 @@ class Hysteresis(MemoryEffect):
         ),
     )
     asks = ("unloading",)
+    shows = "loop"
     source = (
         "Visintin, Differential Models of Hysteresis, 1994 (generalised play); on tactile sensors: "
         "Sánchez-Durán et al., Sensors 15 (2015) 26170, doi 10.3390/s151026170."

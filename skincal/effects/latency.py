@@ -39,6 +39,7 @@ class Latency(MemoryEffect):
     )
     covariates = ("time",)
     asks = ("frames", "clock")
+    shows = "quick"
     source = "Transport delay, and a process with dead time and one lag: Ljung, System Identification, 1999."
 
     def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:

@@ -58,6 +58,7 @@ class Rate(MemoryEffect):
     )
     covariates = ("speed", "phase", "time")
     asks = ("speeds", "clock")
+    shows = "speeds"
     source = (
         "Power law of the strain rate with fading memory: Pipkin, Rogers, J. Mech. Phys. Solids 16 (1968) 59; "
         "Lakes, Viscoelastic Materials, 2009, chapter 2. A power law that ends at low rates: Cross, J. Colloid Sci. 20 "

@@ -65,6 +65,7 @@ class Shear(InputEffect):
     )
     covariates = ("shear",)
     asks = ("shear",)
+    shows = "places"
     source = (
         "Tangential compliance of a foundation: Kalker, Three-Dimensional Elastic Bodies, 1990, simplified theory; "
         "of a ball on a half-space: Mindlin, Compliance of elastic bodies in contact, J. Appl. Mech. 16 (1949); rubber "

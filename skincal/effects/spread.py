@@ -38,6 +38,7 @@ class Spread(SpreadEffect):
             "tail", "-", 0.0, 0.0, 1.0, "c: from a Gaussian (0) to Pasternak's sheet (1)", role="form"
         ),
     )
+    shows = "places"
     source = (
         "Elastic covers as blurring filters: Phillips, Johnson, J. Neurophysiol. 46 (1981) 1204; "
         "Shimojo, IEEE Trans. Robot. Autom. 13 (1997) 128. The sheet: Kerr, J. Appl. Mech. 31 (1964) 491."

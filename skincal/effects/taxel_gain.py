@@ -19,6 +19,8 @@ class TaxelGain(SignalEffect):
     parameters = (
         EffectParameter("gain", "-", 1.0, 0.05, 20.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
     )
+    shows = "taxels"
+    replaces_range = "skin.scale_offset_per_n"
     source = "Kasolowsky, Bäuml, IROS 2024, equation 4: the scale S_j may be another for each taxel."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

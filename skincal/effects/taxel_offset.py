@@ -21,6 +21,8 @@ class TaxelOffset(SignalEffect):
             "offset_counts", "counts", 0.0, -65535.0, 65535.0, "o_j", typical=3.0, shape="per-taxel"
         ),
     )
+    shows = "taxels"
+    replaces_range = "skin.taxel_offset_counts"
     source = "Kasolowsky, Bäuml, IROS 2024, table of randomized parameters: an offset for each taxel."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:

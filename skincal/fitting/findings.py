@@ -149,7 +149,7 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             "force_scatter",
             "warning",
             f"Forces scatter by {100 * result.sigmas.force:.1f} % against what the images tell.",
-            "Check the torque sensors' zero; a bias that depends on the pose is an effect (force_bias).",
+            "Check the torque sensors' zero. `skincal diagnose` looks for a bias that depends on the pose.",
         )
 
 

@@ -27,8 +27,7 @@ LEAST_BYTES: Final = 2 << 30
 
 LONGEST_S: Final = 60.0
 BYTES_PER_S: Final = 1e5
-"""Processor time for a file: a minute, plus its size over this rate [byte/s]; the slowest bags are read at ten times the
-rate."""
+"""Processor time for a file: a minute, plus its size over this rate [byte/s]; the slowest bags take a tenth of that."""
 
 WAIT: Final = 10.0
 """The wall-clock limit is so many times the processor time, as other processes are at work too."""

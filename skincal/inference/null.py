@@ -37,11 +37,14 @@ class Null:
     gains: dict[str, FloatArray]
     left: FloatArray
 
+    def quantile(self, name: str) -> float:
+        """The gain that an effect seldom exceeds with nothing hidden [nats]."""
+        own = self.gains.get(name)
+        return 0.0 if own is None else float(np.quantile(own, C.null_quantile))
+
     def limit(self, name: str) -> float:
         """The gain that an effect must have to be named [nats]."""
-        own = self.gains.get(name)
-        most = 0.0 if own is None else float(np.quantile(own, C.null_quantile))
-        return max(C.least_gain, C.slack * most)
+        return max(C.least_gain, C.slack * self.quantile(name))
 
 
 def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:

@@ -4,10 +4,10 @@ A calibration replaces these figures of the preset:
 
 - The centre of the patch (``y_m`` with ``beta_deg``, or ``x_m`` on a plane), ``alpha_deg``, E and S: each
   becomes uniform over its interval. An offset of the preset (``y_offset_m``, ``x_offset_m``) states the
-    uncertainty of the patch's place; a calibrated centre replaces it.
-- ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies for all taxels at once.
-- Parameters of effects are listed under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). ``taxel_offset``
-    and ``taxel_gain`` replace the preset's spread of the taxels.
+  uncertainty of the patch's place; a calibrated centre replaces it.
+- ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
+- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). One that says so
+  (``replaces_range``) replaces the preset's spread of the taxels.
 
 Where the data leave a parameter unbounded, the preset's range stays, marked as assumed. S is an exception: it belongs
 to one sensor and its converter, so that a calibration without an interval for S is refused unless a range is assumed.
@@ -37,9 +37,6 @@ DRAWS: Final = 500
 
 _OFFSETS: Final = {"y_m": "y_offset_m", "x_m": "x_offset_m", "beta_deg": "x_offset_m"}
 """The preset's offset that states the uncertainty of each parameter."""
-
-_OF_TAXELS: Final = {"taxel_offset": "skin.taxel_offset_counts", "taxel_gain": "skin.scale_offset_per_n"}
-"""The preset's spread of the taxels that each effect replaces."""
 
 
 def from_calibration(
@@ -225,10 +222,10 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
 
 def _take_the_place(parameters: dict[str, Parameter], effect: Effect, taxels: int) -> None:
     """Replace the preset's spread of the taxels by what the calibration knows of each."""
-    path = _OF_TAXELS.get(effect.name, "")
+    known = EFFECTS[effect.name]
+    path = known.replaces_range
     if path not in parameters or parameters[path].source != "assumed":
         return
-    known = EFFECTS[effect.name]
     if not known.is_neutral(known.checked(effect.parameters, taxels)):
         parameters[path] = Parameter.constant(0.0, source="calibrated")
 

@@ -35,7 +35,8 @@ SECTIONS = (
     (
         "signature",
         "Counts over time, measured and simulated",
-        "The presses with the largest errors of the base model, each on its worst taxel.",
+        "The presses that tell most: those that gain most by what was named, else those whose base model errs most; "
+        "each on the taxel that tells most. With what is missing in the model, its line goes through the points.",
         curves_figure,
     ),
     (
@@ -47,12 +48,11 @@ SECTIONS = (
     ),
     (
         "candidates",
-        "Candidates",
-        "Gain in held-out log-likelihood of each effect, on presses that its fit has "
-        "not used, with its standard error. "
-        "Grey: the null distribution, from simulated sessions of these presses without any effect, "
-        "under several contact laws, plus a "
-        "quarter. An effect beyond it is named; the search then restarts with it in the model.",
+        "What was tried",
+        "Logarithm of the likelihood that each effect gains on presses that its fit has "
+        "not seen, with its standard error. Grey: what it seldom exceeds in simulated sessions of these presses with "
+        "nothing hidden, under several contact laws; the line is what is asked for: a quarter more, 8 nats at least. "
+        "An effect is named beyond it; the search begins again with it in the model.",
         candidates_figure,
     ),
 )

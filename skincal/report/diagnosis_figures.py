@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -15,7 +17,8 @@ if TYPE_CHECKING:
     from skincal.dataset import Dataset
     from skincal.diagnosis.diagnosis import Diagnosis
 
-_SHOWN, _LEAST = 4, 0.3
+_SHOWN, _LATER = 4, 8
+"""Presses whose counts are drawn over time, and candidates of each round after the first."""
 
 
 def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
@@ -41,13 +44,18 @@ def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Return measured and simulated counts over time, for the worst presses of the base model."""
+    """Counts over time, measured and simulated, of the presses that tell most, on the taxel that they tell most on.
+
+    These are the presses that gain most by what was named; where nothing was, those whose base model errs most.
+    """
     observed = found.observed
     session, forward = observed.session, observed.fitter.forward
     base, last = found.found.base, found.found.fitted
     assert session.counts is not None
     shown = [forward.mean @ forward.noise.written(x.seen.values + x.state.rest)[0] for x in (base, last)]
     off = np.nan_to_num(session.counts - shown[0]) ** 2
+    if found.effects:
+        off = off - np.nan_to_num(session.counts - shown[1]) ** 2
     presses = [p for p in np.unique(session.press[session.press >= 0]).tolist() if not observed.held[p]]
     worst = sorted(presses, key=lambda p: -float(off[session.press == p].sum()))[:_SHOWN]
     own = np.flatnonzero(session.observation >= 0)
@@ -55,7 +63,7 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     time[session.observation[own]] = session.samples.elapsed_s[own]
     with style():
         figure = new_figure(
-            13, 3.2, "Counts over time, measured and simulated, where the base model is worst"
+            13, 3.2, "Counts over time, measured and simulated, of the presses that tell most"
         )
         for axes, p in zip(
             np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False
@@ -104,41 +112,46 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Return the gain of every candidate with its standard error, against the limit from null sessions."""
+    """Gain of every candidate with its standard error, the null's quantile, and the limit that is asked for."""
     del dataset
-    rounds = [r for r in found.found.rounds if r]
+    rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(found.found.rounds) if r]
+    null, names = found.found.null, {n for e in found.effects for n in e.consistent_with}
+    firsts = {e.name for e in found.effects}
     with style():
-        figure = new_figure(10, 1.0 + sum(0.24 * len(r) + 0.5 for r in rounds))
-        panels = np.ravel(
-            figure.subplots(
-                max(len(rounds), 1),
-                1,
-                sharex=True,
-                squeeze=False,
-                height_ratios=[len(r) for r in rounds] or [1],
-            )
+        figure = new_figure(
+            10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on presses not fitted to"
         )
+        heights = [len(r) for r in rounds] or [1]
+        panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
         for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
-            names = {n for e in found.effects for n in e.consistent_with}
-            firsts = {e.name for e in found.effects}
-            for k, t in enumerate(tried):
-                colour = BLUE if t.name in firsts else GREEN if t.name in names else GREY
-                axes.barh(k, max(t.limit, _LEAST), color=LIGHT, height=0.8)
-                gain = max(t.gain, _LEAST)
-                axes.errorbar(
-                    gain,
-                    k,
-                    xerr=[[min(t.error, 0.95 * gain)], [t.error]],
-                    fmt="o",
-                    color=colour,
-                    markersize=5,
-                )
-            axes.set_yticks(np.arange(len(tried)), [t.name for t in tried])
-            axes.invert_yaxis()
-            axes.set_title(
-                "with the base model" if number == 0 else f"after {number} round{'s' if number > 1 else ''}"
-            )
-        panels[0].set_xscale("log")
-        panels[0].set_xlim(left=_LEAST)
-        panels[-1].set_xlabel("gain on held-out presses [nats]; grey: null distribution")
+            rows = np.arange(len(tried))
+            quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
+            axes.barh(rows, quantiles, color=LIGHT, height=0.8, label="99 % of sessions with nothing hidden")
+            axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="asked for")
+            for colour, what, own in (
+                (BLUE, "named", [t.name in firsts for t in tried]),
+                (GREEN, "cannot be told from it", [t.name in names - firsts for t in tried]),
+                (GREY, "others", [t.name not in names for t in tried]),
+            ):
+                k = np.flatnonzero(own)
+                if not len(k):
+                    continue
+                gain, error = (np.array([getattr(tried[i], a) for i in k]) for a in ("gain", "error"))
+                axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
+            axes.set_yticks(rows, [t.name for t in tried])
+            axes.set_ylim(len(tried) - 0.4, -0.6)
+            beside = "the base model" if number == 0 else f"what was added up to round {number}"
+            axes.set_title(f"round {number + 1}: beside {beside}")
+        panels[0].set_xscale("symlog", linthresh=1.0)
+        figure.legend(*_legend(panels), loc="upper right", ncols=5, fontsize=7)
+        panels[-1].set_xlabel("logarithm of the likelihood [nats], with its standard error")
     return figure
+
+
+def _legend(panels: Iterable[Axes]) -> tuple[list[Any], list[str]]:
+    """Each label of some axes once, with what it stands for."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return list(found.values()), list(found)

@@ -93,7 +93,7 @@ def signature(name: str, strength: float = STRENGTH) -> Signature:
         InputError: there is no such effect.
     """
     one = effect(name)
-    view = _VIEWS.get(name, _course if one.has_memory else _forces)()
+    view = _VIEWS.get(one.shows, _course if one.has_memory else _forces)()
     base = _base()
     given = one.at_strength(strength, np.random.default_rng(_SEED), base.skin.patch.layout)
     values, changed = base.values(view.samples), base.with_effects({name: given}).values(view.samples)
@@ -305,21 +305,15 @@ def _taxels() -> _View:
 
 _VIEWS: Final[Mapping[str, Callable[[], _View]]] = MappingProxyType(
     {
-        "force_bias": _poses,
-        "contact_offset": _places,
-        "shear": _places,
-        "spread": _places,
-        "crosstalk": _places,
-        "ghosting": _places,
-        "rate": _speeds,
-        "hysteresis": _loop,
-        "latency": _quick,
-        "first_cycle": _touches,
-        "taxel_gain": _taxels,
-        "taxel_offset": _taxels,
-        "dead_taxel": _taxels,
-        "gain_drift": lambda: _session(touching=True),
-        "baseline_drift": lambda: _session(touching=False),
+        "poses": _poses,
+        "places": _places,
+        "speeds": _speeds,
+        "loop": _loop,
+        "quick": _quick,
+        "touches": _touches,
+        "taxels": _taxels,
+        "session": lambda: _session(touching=True),
+        "rests": lambda: _session(touching=False),
     }
 )
-"""View in which an effect is most visible. Others, new ones included, are drawn over force, with memory over time."""
+"""Presses by what effects say shows them best (:attr:`skincal.effects.Effect.shows`)."""

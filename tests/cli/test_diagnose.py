@@ -151,7 +151,6 @@ def test_other_sensor_and_too_few_presses(
 
 
 def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """Its faults have no equation: something is missing, and a calibration comes out all the same."""
     chamber = Chamber.plain(group=(0, 1, 2), stuck=(5,), noisy=(9,))
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")
@@ -161,11 +160,55 @@ def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.Ca
     command = ["diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report"]
     assert run(*command) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["verdict"] in ("effects", "unknown")
-    assert read_calibration(tmp_path / "new").model.scale_per_n > 0
+    assert found["verdict"] == "effects"
+    names = [effect["name"] for effect in found["effects"]]
+    assert names[0] == "taxel_offset"
+    assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel", "noisy_taxel"}
+    assert found["gap"]["closed"] > 0.7
+    new = read_calibration(tmp_path / "new")
+    offsets = next(effect for effect in new.effects if effect.name == "taxel_offset").parameters[
+        "offset_counts"
+    ]
+    # Levels beside the one that all taxels share.
+    told = np.array(offsets) - np.mean(offsets)
+    assert told == pytest.approx(chamber.rest - chamber.rest.mean(), abs=1.5)
     assert run("fit", data, "--effects", tmp_path / "new", "--out", tmp_path / "again") == 2
     assert "under uniform pressure" in capsys.readouterr().err
     assert not (tmp_path / "again").exists()
+
+
+@pytest.mark.slow
+def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """What all taxels do alike is no error of the gauge."""
+    chamber = Chamber.plain(memory=0.06, plateaus=16)
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    data = chamber.write(tmp_path / "chamber")
+    assert run("fit", data, "--out", tmp_path / "cal") == 0
+    capsys.readouterr()
+    assert run("diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report") == 0
+    found = json.loads(capsys.readouterr().out)
+    sets = [set(effect["consistent_with"]) for effect in found["effects"]]
+    assert any("taxel_offset" in one for one in sets)
+    assert any(one & {"hysteresis", "creep", "baseline_drift"} for one in sets)
+    assert found["gap"]["closed"] > 0.8
+
+
+def test_a_chamber_without_frames_has_no_more_noise_than_its_plateaus_show(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """No taxel is untouched there, so what presses differ by is not taken for noise."""
+    chamber = Chamber.plain(plateaus=16)
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    data = chamber.write(tmp_path / "chamber", frames=False)
+    assert run("fit", data, "--out", tmp_path / "cal") == 0
+    capsys.readouterr()
+    assert run("diagnose", data, tmp_path / "cal", "--out", tmp_path / "new", "--json", "--no-report") == 0
+    found = json.loads(capsys.readouterr().out)
+    # Of means of ten frames with a noise of one count, rounded.
+    assert found["gap"]["noise_floor_rmse"] == pytest.approx(0.33, rel=0.35)
+    assert [effect["name"] for effect in found["effects"]] == ["taxel_offset"]
 
 
 def test_a_terminal_shows_the_stage_and_how_long_it_all_has_been(monkeypatch: pytest.MonkeyPatch):

@@ -1,0 +1,52 @@
+"""Pressure chambers as the engine takes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chambers import Chamber
+
+from skincal.calibrate import calibrate_uniform
+from skincal.dataset import read_dataset
+from skincal.diagnosis.newcal import parameters_of
+from skincal.diagnosis.observed import Observed, full_rate, observe
+
+
+def observed(folder: Path, chamber: Chamber, *, frames: bool = True) -> Observed:
+    data = read_dataset(chamber.write(folder / "chamber", frames=frames))
+    return observe(data, calibrate_uniform(data).calibration, np.random.default_rng(0))
+
+
+def test_frames_of_the_end_are_those_of_the_fitted_skin(tmp_path: Path):
+    """A modelled skin that ends nearer to its taxels bears the force on a smaller area."""
+    one = observed(tmp_path, Chamber.plain())
+    state, forward, whole = one.fitter.before.start, one.fitter.forward, full_rate(one)
+    fitted, frames = (f.mean @ f.see(state).values for f in (forward, whole))
+    for press in (3, 11, 20):
+        rows = [f.session.held() & (f.session.press == press) for f in (forward, whole)]
+        assert frames[rows[1]].mean(axis=0) == pytest.approx(fitted[rows[0]].mean(axis=0), rel=0.01)
+
+
+def test_a_taxel_without_an_answer_has_a_start_and_stays_without_one(tmp_path: Path):
+    chamber = Chamber.plain()
+    chamber.gain[3] = 0.0
+    data = read_dataset(chamber.write(tmp_path / "chamber"))
+    cal = calibrate_uniform(data).calibration
+    assert cal.model.scale_per_taxel_per_n is not None and cal.model.scale_per_taxel_per_n[3] == 0.0
+    start = observe(data, cal, np.random.default_rng(0)).fitter.before.start
+    assert np.isfinite(start.log_s).all()
+    new = parameters_of(cal, start)
+    assert new.scale_per_taxel_per_n == pytest.approx(cal.model.scale_per_taxel_per_n)
+    assert new.scale_per_n == pytest.approx(cal.model.scale_per_n)
+
+
+def test_without_frames_noise_and_rest_are_what_the_plateaus_show(tmp_path: Path):
+    chamber = Chamber.plain(plateaus=16)
+    chamber.rest[:] = np.linspace(10.0, 20.0, 16)
+    one = observed(tmp_path, chamber, frames=False)
+    assert one.floor.mean_counts == pytest.approx(0.33, rel=0.35)
+    before = one.fitter.before
+    assert before.start.rest == pytest.approx(15.0, abs=1.0)
+    assert 1 / np.sqrt(before.base[5]) == pytest.approx(3.5, abs=1.0)

@@ -1,0 +1,106 @@
+"""Taxels that step or stick for a while are found, and what effects do is not taken for such."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effects.effect_sessions import contacts_at
+
+from skincal.diagnosis.spells import block_keys, spells_in, without_spells
+from skincal.effects import Samples
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.inference.session import GapSession
+from skincal.model import Sphere
+
+PRESSES, TAXELS, SIGMA = 40, 6, 1.0
+PARTS = [(LOAD, 0.5), (HOLD, 1.0), (HOLD, 1.0), (UNLOAD, 0.5), (IDLE, 0.0)]
+
+
+def session(seed: int = 0) -> tuple[GapSession, np.ndarray]:
+    """Presses with a rest after each, and what a model expects of six taxels that rest at 20."""
+    rng = np.random.default_rng(seed)
+    light = rng.uniform(0, 100, (PRESSES, TAXELS)) * (rng.random((PRESSES, TAXELS)) < 0.7)
+    press = np.repeat(np.arange(PRESSES), len(PARTS))
+    phase = np.tile([p for p, _ in PARTS], PRESSES)
+    part = np.tile([share for _, share in PARTS], PRESSES)
+    row = np.where(phase == IDLE, -1, press)
+    count = len(row)
+    samples = Samples.of(
+        contacts_at(np.zeros(count), np.zeros(count), np.maximum(part, 0.1)),
+        Sphere(0.006),
+        press=row,
+        touching=row >= 0,
+        time_s=np.arange(count) * 0.5,
+        phase=phase,
+    )
+    made = GapSession(samples, row, np.arange(count), row, phase, np.full(count, 4.0))
+    return made, 20 + part[:, None] * light[press]
+
+
+def read(expected: np.ndarray, seed: int = 1) -> np.ndarray:
+    return expected + SIGMA / 2 * np.random.default_rng(seed).standard_normal(expected.shape)
+
+
+def spells(made: GapSession, counts: np.ndarray, expected: np.ndarray):
+    return spells_in(made, counts, expected, np.full(counts.shape, SIGMA**2 / 4), 20.0)
+
+
+def test_blocks_are_presses_and_the_rests_after_them():
+    keys = block_keys(np.array([-1, -1, 3, 3, -1, 5, -1]))
+    assert keys.tolist() == [-1, -1, 3, 3, -5, 5, -7]
+
+
+def test_taxels_that_step_together_are_found_and_taken_off():
+    made, expected = session()
+    counts = read(expected)
+    during = (made.press >= 10) & (made.press < 25)
+    during |= np.isin(block_keys(made.press), -2 - np.arange(10, 25))
+    counts[np.ix_(during, [1, 4])] += [8.0, -5.0]
+    found = spells(made, counts, expected)
+    assert [(one.taxel, one.press, one.stuck, one.lasts) for one in found] == [
+        (1, 10, False, False),
+        (4, 10, False, False),
+    ]
+    assert [one.counts for one in found] == pytest.approx([8.0, -5.0], abs=0.6)
+
+    left = without_spells(replace(made, counts=counts), found).counts
+    assert left is not None and np.abs(left - expected).max() < 4 * SIGMA
+
+
+def test_a_step_may_last_to_the_end():
+    made, expected = session(2)
+    counts = read(expected)
+    counts[100:, 2] += 6.0
+    (one,) = spells(made, counts, expected)
+    assert (one.taxel, one.press, one.lasts) == (2, 20, True)
+    assert one.counts == pytest.approx(6.0, abs=0.6)
+
+
+@pytest.mark.parametrize("level", [255.0, 20.0])
+def test_a_taxel_that_sticks_is_found_and_not_looked_at(level: float):
+    made, expected = session(3)
+    counts = read(expected)
+    during = slice(50, 80)
+    counts[during, 3] = level
+    (one,) = spells(made, counts, expected)
+    assert one.stuck and (one.taxel, one.counts) == (3, pytest.approx(level, abs=1.0))
+    assert set(range(10, 16)) <= set(one.blocks.tolist())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c, e, t: c,
+        lambda c, e, t: c + 10 * np.exp(-t / 20),  # a level that settles
+        lambda c, e, t: 20 + (c - 20) * (1 + 0.3 * t / t.max()),  # a gain that drifts
+        lambda c, e, t: 20 + 100 * np.tanh((c - 20) / 100),  # saturation
+        lambda c, e, t: np.where(t > 60, np.where(np.arange(TAXELS) == 2, 20.0, c), c),  # a taxel that dies
+        lambda c, e, t: c + 4 * np.eye(TAXELS)[1],  # a level of its own
+    ],
+)
+def test_what_effects_do_is_no_spell(change):
+    made, expected = session(4)
+    time = made.samples.elapsed_s[:, None]
+    assert spells(made, change(read(expected), expected, time), expected) == ()
