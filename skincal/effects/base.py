@@ -44,8 +44,8 @@ class Stage(IntEnum):
 class Effect(ABC):
     """An effect of the skin beyond the base model.
 
-    To add one, add a file here and a line in the registry, or, in another package, use through the entry point
-    group ``skincal.effects``.
+    To add one, add a file here and a line in the registry; another package adds one through the entry point group
+    ``skincal.effects``.
 
     An effect has no state of its own: its parameters and its memory are passed in. With all strengths at their neutral
     values it is skipped, so that the model is exactly the one without it.
