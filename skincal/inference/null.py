@@ -9,7 +9,6 @@ data, so that a null session costs milliseconds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,8 +72,3 @@ def drawn_residuals(
         noise[..., k] += laws[name]
     # Without robust weights: noise that is Gaussian has none.
     return names, noise * (seen * weights)[..., None]
-
-
-def mean_by(names: Sequence[str], values: FloatArray) -> dict[str, float]:
-    """Mean of values (S,) by law."""
-    return {n: float(values[[k for k, m in enumerate(names) if m == n]].mean()) for n in dict.fromkeys(names)}

@@ -6,10 +6,12 @@
     repeat
         columns of every effect that is not in the model, from each of its starts
         gain of each on presses that its fit has not seen
-        of those beyond their null limit and sure: fit the best few jointly with the base, from two starts of the base
+        of those beyond their null limit: fit the best few jointly with the base
+        those that surely gain; the best and what is not told from it are fitted until they are settled
         take the one whose fit predicts best; those that predict as well are its set
         drop what the new one has made needless
-    until none is left, or none gains
+    until none surely gains
+    fit once more from where the sensor was thought to be, if the base has gone far from there
 
 All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inference.null`.
 """

@@ -95,3 +95,16 @@ def test_an_equation_that_errs_everywhere_alike_widens_what_depends_on_it():
     assert wide[-1, -1] > 1.2 * narrow[-1, -1]
     alone = fitter.linear(fitter.before.start, ())
     assert fitter.covariance(alone) == pytest.approx(alone.covariance)
+
+
+def test_a_step_that_is_too_long_for_some_presses_is_shortened_for_them_alone():
+    fitter = seen("nothing").fitter
+    start = fitter.before.start
+    at = fitter.linear(start, ())
+    aim = fitter.step(at)
+    # Half of the presses go where they should, the others far beyond.
+    move = aim.move.copy()
+    move[::2, :2] = 1.5e-3
+    state, _, loss = fitter._careful(at, replace(aim, move=move), None)
+    assert loss <= fitter.loss_at(replace(aim, move=move))
+    assert (np.abs(state.move[::2, :2] - start.move[::2, :2]) < 1.5e-3).any()
