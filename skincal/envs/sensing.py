@@ -138,7 +138,7 @@ def view(scene: Scene, sensor: Sensor) -> View:
     """
     q, dq = scene.joints()
     skin, thumb = scene.touches()
-    tip, body = scene.tip(scene.skin_link), scene.object_frame()
+    (tip, thumb_tip), body = scene.tips(), scene.object_frame()
     velocity, spin = scene.object_motion()
     believed = sound(q, dq, body.origin_m)
     return View(
@@ -147,7 +147,7 @@ def view(scene: Scene, sensor: Sensor) -> View:
         skin=skin,
         thumb=thumb,
         tip=tip,
-        thumb_tip=scene.tip(scene.thumb_link),
+        thumb_tip=thumb_tip,
         body=body,
         velocity_m_per_s=velocity,
         spin_rad_per_s=spin,
