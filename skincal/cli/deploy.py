@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from skincal.deploy import Deployed
     from skincal.hand.driver import HandState
     from skincal.robot import HandDescription
+    from skincal.train.estimator import Estimator
 
 EPILOG = example(
     "skincal deploy marble marble-tactile-1 --driver reference --seed 3 --out rolled",
@@ -31,6 +32,9 @@ MARKER = "deploy.json"
 SESSION = "session"
 WIDTH_MM = 12.0
 """Width of the published marble and bolt."""
+
+
+ESTIMATOR = "marble-estimator-1"
 
 
 def deploy(
@@ -80,6 +84,14 @@ def deploy(
     width_mm: Annotated[
         float, typer.Option("--width-mm", min=1.0, max=40.0, help="Width of the object.")
     ] = WIDTH_MM,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator",
+            help="Draws the way as the skin felt it: a file of `train estimator`, or one that comes along; `none`.",
+            show_default=f"{ESTIMATOR}, of the marble on the bundled hand",
+        ),
+    ] = None,
     beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -108,15 +120,22 @@ def deploy(
     hand, width = read_pinch(pinch), 1e-3 * width_mm
     speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
     guard = GuardOptions(beyond_limits=beyond_limits)
+    places = _estimator(task, estimator, pinch, hand.description)
     with _progress(hand.description) as watch, moving():
         found = run(
             chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch
         )
     content = _as_json(found, task, chosen.file, driver, seed, out)
+    felt = None
+    if places is not None:
+        from skincal.deploy.estimate import estimate_error_m, estimated_places
+
+        felt = estimated_places(found.record, places)
+        content["estimate_error_median_m"] = estimate_error_m(found.record, felt)
     with whole_folder(out, force=force, marker=MARKER) as folder:
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"
         write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
-        _write_beside(found, hand.description, content, folder)
+        _write_beside(found, hand.description, content, folder, felt)
     if as_json:
         print_json(content)
         return
@@ -216,7 +235,25 @@ def _nothing() -> Generator[None]:
     yield None
 
 
-def _write_beside(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
+def _estimator(task: Task, name: str | None, pinch: Path | None, hand: HandDescription) -> Estimator | None:
+    from skincal.errors import InputError, Problem
+    from skincal.train.bundled import estimator_path
+    from skincal.train.estimator import read_estimator
+
+    if task is Task.bolt and name not in (None, "none"):
+        raise InputError([Problem("--estimator", "the task marble", "bolt")])
+    if name == "none" or task is Task.bolt or (name is None and pinch is not None):
+        return None
+    found, taxels = read_estimator(estimator_path(name or ESTIMATOR)), hand.meta.sensor.taxels
+    if found.taxels != taxels:
+        fix = "It is for another sensor; train one for this hand."
+        raise InputError([Problem(f"--estimator {name}", f"{taxels} taxels", str(found.taxels), fix)])
+    return found
+
+
+def _write_beside(
+    found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path, felt: np.ndarray | None
+) -> None:
     import json
 
     from skincal.cli.common import plain
@@ -225,7 +262,7 @@ def _write_beside(found: Deployed, hand: HandDescription, content: dict[str, Any
     from skincal.report.style import save
 
     (folder / MARKER).write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
-    save(deploy_figure(found, layout_of(hand.meta.sensor, None)), folder / "run.png")
+    save(deploy_figure(found, layout_of(hand.meta.sensor, None), felt_m=felt), folder / "run.png")
 
 
 def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, out: Path) -> dict[str, Any]:
