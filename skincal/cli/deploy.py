@@ -130,7 +130,7 @@ def deploy(
     if places is not None:
         from skincal.deploy.estimate import estimate_error_m, estimated_places
 
-        felt = estimated_places(found.record, places)
+        felt = estimated_places(found.record, places, hand, width)
         content["estimate_error_median_m"] = estimate_error_m(found.record, felt)
     with whole_folder(out, force=force, marker=MARKER) as folder:
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"

@@ -96,4 +96,5 @@ def _places(found: Deployed) -> FloatArray:
     record = found.record
     time_s = np.array([state.time_s for state in record.states])
     ends = time_s[record.acting] + np.arange(1, found.steps + 1) / POLICY_HZ
-    return record.places_m[np.clip(np.searchsorted(time_s, ends - 1e-6), 0, len(time_s) - 1)]
+    rows = [min(int(np.searchsorted(time_s, end - 1e-6)), len(time_s) - 1) for end in ends.tolist()]
+    return record.places_m[rows]

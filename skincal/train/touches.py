@@ -51,7 +51,7 @@ class Touches:
     @property
     def inside(self) -> NDArray[np.bool_]:
         """(H, T) whether the contact lies on the taxels."""
-        return (np.abs(self.places_m) <= self.half_m).all(axis=2)
+        return np.all(np.abs(self.places_m) <= self.half_m, axis=2)
 
 
 def draw_touches(

@@ -136,7 +136,7 @@ def test_a_way_is_estimated_where_something_is_felt(bundled: Estimator) -> None:
     )
     true = np.concatenate([np.full((5, 2), np.nan), touches.places_m[0]])
     record = Record(states, ("closing",) * 5 + ("acting",) * 30, true, 5, np.zeros(16), np.ones(35))
-    places = estimated_places(record, bundled)
+    places = estimated_places(record, bundled, PINCH, 0.012)
     assert np.isnan(places[:5]).all() and np.isfinite(places[10:]).any()
     error = estimate_error_m(record, places)
     assert error is not None and error < 4e-3
