@@ -115,8 +115,9 @@ def deploy(
     refuse_existing(out, *inputs, force=force, marker=MARKER)
     chosen = read_policy(file)
     _check_task(chosen.description.task, task, policy)
-    targets = _targets(task, trajectory, write, frequency_hz, duration_s)
-    made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
+    targets = targets_of(task, trajectory, write, frequency_hz, duration_s)
+    options = _driver_options(driver, driver_option, seed, effect, task, pinch)
+    made = create_driver(driver, **options)
     hand, width = read_pinch(pinch), 1e-3 * width_mm
     speed = float(chosen.description.environment.get("speed_rad_per_s", _SPEEDS[task]))
     guard = GuardOptions(beyond_limits=beyond_limits)
@@ -126,6 +127,14 @@ def deploy(
             chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch
         )
     content = _as_json(found, task, chosen.file, driver, seed, out)
+    content["asked"] = {
+        "trajectory": trajectory,
+        "write": write,
+        "frequency_hz": frequency_hz,
+        "duration_s": duration_s,
+        "speed_rad_per_s": speed,
+        "orientation_deg": float(options.get("orientation_deg", 0.0)),
+    }
     felt = None
     if places is not None:
         from skincal.deploy.estimate import estimate_error_m, estimated_places
@@ -154,9 +163,10 @@ def _check_task(made_for: str, task: Task, policy: str) -> None:
         raise InputError([Problem(policy, f"a policy for {task.value}", f"one for {made_for}", fix)])
 
 
-def _targets(
+def targets_of(
     task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
 ) -> np.ndarray:
+    """Where the object shall go, as the verb was asked."""
     from skincal.cli.eval import _targets as targets_of_file
     from skincal.deploy import letters, marble_targets
     from skincal.deploy.options import POLICY_HZ
@@ -283,6 +293,7 @@ def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, o
         "period_s": float(found.period_s.mean()) if found.period_s.size else None,
         "jitter_s": found.jitter_s,
         "inference_s": float(found.inference_s.mean()),
+        "rest_counts": found.record.rest_counts,
         "session": str(out / SESSION),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 
 import numpy as np
@@ -94,7 +95,8 @@ def reference_runs(
 def _places(found: Deployed) -> FloatArray:
     """Where the object was at the end of each step of the policy (steps, 2) [m]."""
     record = found.record
-    time_s = np.array([state.time_s for state in record.states])
-    ends = time_s[record.acting] + np.arange(1, found.steps + 1) / POLICY_HZ
-    rows = [min(int(np.searchsorted(time_s, end - 1e-6)), len(time_s) - 1) for end in ends.tolist()]
+    time_s = [state.time_s for state in record.states]
+    begun = time_s[record.acting]
+    ends = (begun + (k + 1) / POLICY_HZ for k in range(found.steps))
+    rows = [min(bisect_left(time_s, end - 1e-6), len(time_s) - 1) for end in ends]
     return record.places_m[rows]
