@@ -129,5 +129,5 @@ def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
 def _rank_p(rows: FloatArray) -> float:
     """The share of rows (N, D) that lie at least as far from the mean of all others as the last one does."""
     others = (rows.sum(axis=0) - rows) / (len(rows) - 1)
-    far = np.linalg.norm(rows - others, axis=1)
-    return float(np.mean(far >= far[-1]))
+    far: list[float] = np.linalg.norm(rows - others, axis=1).tolist()
+    return sum(one >= far[-1] for one in far) / len(far)
