@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from skincal.envs.pinch import Pinch
 from skincal.ranges import Ranges
-from skincal.train.describe import ranges_hash
 from skincal.train.estimator import SPAN_M, Estimator, Quality, features, learn
+from skincal.train.ranges_hash import ranges_hash
 from skincal.train.touches import Touches, draw_touches
 
 FloatArray = NDArray[np.float64]

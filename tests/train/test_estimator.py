@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -184,3 +186,11 @@ def test_an_estimator_of_another_sensor_is_refused(
     )
     assert run(*command) == 2
     assert "expected 16 taxels; got 9" in capsys.readouterr().err
+
+
+def test_neither_a_learner_nor_gymnasium_is_needed() -> None:
+    code = (
+        "import sys; sys.modules.update(dict.fromkeys(('torch', 'stable_baselines3', 'gymnasium')));"
+        "import skincal.train.estimator_run, skincal.deploy.estimate, skincal.deploy.wear"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
