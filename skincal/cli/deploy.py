@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from skincal.hand.driver import HandState
     from skincal.robot import HandDescription
     from skincal.train import Policy
+    from skincal.train.estimator import Estimator
 
 EPILOG = example(
     "skincal deploy marble marble-tactile-1 --driver reference --seed 3 --out rolled",
@@ -32,6 +33,9 @@ MARKER = "deploy.json"
 SESSION = "session"
 WIDTH_MM = 12.0
 """Width of the published marble and bolt."""
+
+
+ESTIMATOR = "marble-estimator-1"
 
 
 def deploy(
@@ -84,6 +88,14 @@ def deploy(
     width_mm: Annotated[
         float, typer.Option("--width-mm", min=1.0, max=40.0, help="Width of the object.")
     ] = WIDTH_MM,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator",
+            help="Draws the way as the skin felt it: a file of `train estimator`, or one that comes along; `none`.",
+            show_default=f"{ESTIMATOR}, of the marble on the bundled hand",
+        ),
+    ] = None,
     beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -107,20 +119,36 @@ def deploy(
     refuse_existing(out, *inputs, force=force, marker=MARKER)
     chosen = read_policy(file)
     _check_task(chosen.description.task, task, policy)
-    targets = _targets(task, trajectory, write, frequency_hz, duration_s)
-    made = create_driver(driver, **_driver_options(driver, driver_option, seed, effect, task, pinch))
+    targets = targets_of(task, trajectory, write, frequency_hz, duration_s)
+    options = _driver_options(driver, driver_option, seed, effect, task, pinch)
+    made = create_driver(driver, **options)
     hand, width = read_pinch(pinch), 1e-3 * width_mm
     speed = _speed(chosen, task, float(hand.description.limits.velocity_rad_per_s.min()))
     guard = GuardOptions(beyond_limits=beyond_limits)
+    places = _estimator(task, estimator, pinch, hand.description)
     with _progress(hand.description) as watch, moving():
         found = run(
             chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch
         )
     content = _as_json(found, task, chosen.file, driver, seed, out)
+    content["asked"] = {
+        "trajectory": trajectory,
+        "write": write,
+        "frequency_hz": frequency_hz,
+        "duration_s": duration_s,
+        "speed_rad_per_s": speed,
+        "orientation_deg": float(options.get("orientation_deg", 0.0)),
+    }
+    felt = None
+    if places is not None:
+        from skincal.deploy.estimate import estimate_error_m, estimated_places
+
+        felt = estimated_places(found.record, places, hand, width)
+        content["estimate_error_median_m"] = estimate_error_m(found.record, felt)
     with whole_folder(out, force=force, marker=MARKER) as folder:
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"
         write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
-        _write_records(found, hand.description, content, folder)
+        _write_records(found, hand.description, content, folder, felt)
     if as_json:
         print_json(content)
         return
@@ -150,9 +178,10 @@ def _check_task(made_for: str, task: Task, policy: str) -> None:
         raise InputError([Problem(policy, f"a policy for {task.value}", f"one for {made_for}", fix)])
 
 
-def _targets(
+def targets_of(
     task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
 ) -> np.ndarray:
+    """Where the object shall go, as the verb was asked."""
     from skincal.cli.eval import _targets as targets_of_file
     from skincal.deploy import letters, marble_targets
     from skincal.deploy.options import POLICY_HZ
@@ -231,7 +260,25 @@ def _nothing() -> Generator[None]:
     yield None
 
 
-def _write_records(found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path) -> None:
+def _estimator(task: Task, name: str | None, pinch: Path | None, hand: HandDescription) -> Estimator | None:
+    from skincal.errors import InputError, Problem
+    from skincal.train.bundled import estimator_path
+    from skincal.train.estimator import read_estimator
+
+    if task is Task.bolt and name not in (None, "none"):
+        raise InputError([Problem("--estimator", "the task marble", "bolt")])
+    if name == "none" or task is Task.bolt or (name is None and pinch is not None):
+        return None
+    found, taxels = read_estimator(estimator_path(name or ESTIMATOR)), hand.meta.sensor.taxels
+    if found.taxels != taxels:
+        fix = "It is for another sensor; train one for this hand."
+        raise InputError([Problem(f"--estimator {name}", f"{taxels} taxels", str(found.taxels), fix)])
+    return found
+
+
+def _write_records(
+    found: Deployed, hand: HandDescription, content: dict[str, Any], folder: Path, felt: np.ndarray | None
+) -> None:
     import json
 
     from skincal.cli.common import plain
@@ -240,7 +287,7 @@ def _write_records(found: Deployed, hand: HandDescription, content: dict[str, An
     from skincal.report.style import save
 
     (folder / MARKER).write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
-    save(deploy_figure(found, layout_of(hand.meta.sensor, None)), folder / "run.png")
+    save(deploy_figure(found, layout_of(hand.meta.sensor, None), felt_m=felt), folder / "run.png")
 
 
 def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, out: Path) -> dict[str, Any]:
@@ -261,6 +308,7 @@ def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, o
         "period_s": float(found.period_s.mean()) if found.period_s.size else None,
         "jitter_s": found.jitter_s,
         "inference_s": float(found.inference_s.mean()),
+        "rest_counts": found.record.rest_counts,
         "session": str(out / SESSION),
     }
 

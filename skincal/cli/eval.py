@@ -9,15 +9,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json
+from skincal.cli.eval_report import as_json, table_of
 from skincal.errors import InputError, Problem
 from skincal.progress import progress
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from collections.abc import Callable
 
+    from skincal.ranges import Ranges
     from skincal.report.evaluation import Evaluated
     from skincal.train import Policy
     from skincal.train.evaluate import Trial
+    from skincal.train.scores import Runs
+
+
+class Engine(StrEnum):
+    """On what policies are tried."""
+
+    pybullet = "pybullet"
+    mujoco = "mujoco"
+    reference = "reference"
 
 
 class Task(StrEnum):
@@ -30,6 +41,8 @@ class Task(StrEnum):
 EPILOG = example(
     "skincal eval marble run/policy.onnx --episodes 100 --seed 1 --out evaluation",
     "skincal eval bolt tactile.onnx desired.onnx --json",
+    "skincal eval marble marble-tactile-1 --on mujoco",
+    "skincal eval marble marble-tactile-1 --calibration cal",
 )
 
 
@@ -53,6 +66,21 @@ def evaluate(
         float | None,
         typer.Option(
             "--duration-s", min=0.1, max=3600.0, help="Length of a run [s].", show_default="8 marble, 24 bolt"
+        ),
+    ] = None,
+    on: Annotated[
+        Engine,
+        typer.Option(
+            "--on", help="The physics, or hands with a hidden truth through their driver (marble only)."
+        ),
+    ] = Engine.pybullet,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            "--calibration",
+            metavar="CAL",
+            help="Predict how policies will fare on the hand of a calibration: all is drawn, the skin from its cloud.",
+            show_default=False,
         ),
     ] = None,
     ranges: Annotated[
@@ -91,13 +119,15 @@ def evaluate(
     gif: Annotated[
         bool, typer.Option("--gif", help="With --out: also write an animation of one run of each policy.")
     ] = False,
-    as_json: JsonOption = False,
+    to_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
     """Evaluate policies as published: joint offsets are drawn, everything else is nominal.
 
-    The marble rolls from the centre to the side in 2 s, then round a circle of 5 mm in 6 s. The bolt rolls for 24 s, in
-    four orientations in turn. All policies get the same runs.
+    With --on reference, and with --calibration, everything is drawn, and each run is on another hand.
+
+    The marble is rolled from the centre to the side in 2 s, then round a circle of 5 mm in 6 s. The bolt is rolled for
+    24 s, in four orientations by turns. All policies have the same runs.
     """
     from skincal.files import refuse_existing
     from skincal.train import policy_path, read_policy
@@ -105,23 +135,36 @@ def evaluate(
 
     if gif and out is None:
         raise InputError([Problem("--gif", "--out, the folder for the film", "nothing")])
+    if gif and on is not Engine.pybullet:
+        raise InputError([Problem("--gif", "--on pybullet", f"--on {on}")])
     if out is not None:
-        files = [policy_path(name) for name in policies] + [one for one in (ranges, Path(trajectory)) if one]
+        inputs = (ranges, calibration, Path(trajectory))
+        files = [policy_path(name) for name in policies] + [one for one in inputs if one]
         refuse_existing(out, *files, force=force, marker=MARKER)
+    if calibration is not None:
+        if ranges is not None or randomize:
+            given = "--ranges" if ranges is not None else "--randomize"
+            raise InputError([Problem("--calibration", "neither --ranges nor --randomize beside it", given)])
+        randomize = ["all"]
     trial = _trial(task, episodes, seed, duration_s, randomize, values or [], trajectory, environment or [])
+    if on is Engine.reference:
+        from skincal.deploy.trials import check_trial
+
+        check_trial(trial)
+    used = _ranges(task, ranges, calibration)
     loaded = [read_policy(policy_path(name)) for name in policies]
     for policy in loaded:
         check_task(policy, trial.task)
-    found = _evaluated(loaded, trial, ranges)
-    content = _as_json(found, trial)
+    found = _evaluated(loaded, trial, used, on)
+    content = as_json(found, trial, on=on.value, predicted=calibration is not None)
     if out is not None:
-        _write(found, trial, ranges, content, out, gif=gif, force=force)
-    if as_json:
+        _write(found, trial, used, content, out, gif=gif, force=force)
+    if to_json:
         print_json(content)
         return
     from rich.console import Console
 
-    Console().print(_table(found, trial))
+    Console().print(table_of(found, trial, predicted=calibration is not None))
 
 
 MARKER = "eval.json"
@@ -192,34 +235,58 @@ def _targets(path: Path) -> list[list[float]]:
         raise InputError([Problem(f"--trajectory {path}", expected, got)]) from error
 
 
-def _evaluated(policies: list[Policy], trial: Trial, ranges: Path | None) -> list[Evaluated]:
+def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges | None:
+    """Ranges of a file, or of a calibration with its cloud of draws where it has one."""
+    from skincal.envs.needed import check_ranges, ranges_for
+
+    if calibration is None:
+        return None if ranges is None else ranges_for(task.value, ranges)
+    from skincal.calibration import read_calibration
+    from skincal.cli.common import warn
+    from skincal.ranges import from_calibration
+
+    known = read_calibration(calibration)
+    found = from_calibration(known, joint=known.draws is not None)
+    warn((*known.warnings, *found.warnings))
+    check_ranges(found, task.value, str(calibration))
+    return found
+
+
+def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: Engine) -> list[Evaluated]:
     import numpy as np
 
-    from skincal.envs.needed import ranges_for
     from skincal.report.evaluation import Evaluated, names_of
-    from skincal.train.evaluate import environment_for, evaluate
     from skincal.train.scores import score
 
-    used = None if ranges is None else ranges_for(trial.task.value, ranges)
     found: list[Evaluated] = []
     with progress() as bars:
         for name, policy in zip(names_of(policies), policies, strict=True):
             task = bars.add_task(name, total=trial.episodes)
-            environment = environment_for(policy, trial, used)
-            try:
-                runs = evaluate(
-                    policy, environment, trial, told=lambda n, t=task: bars.update(t, completed=n)
-                )
-            finally:
-                environment.close()
+            runs = _runs(policy, trial, ranges, on, lambda n, t=task: bars.update(t, completed=n))
             found.append(Evaluated(name, policy, runs, score(runs, np.random.default_rng(trial.seed))))
     return found
+
+
+def _runs(
+    policy: Policy, trial: Trial, ranges: Ranges | None, on: Engine, told: Callable[[int], None]
+) -> Runs:
+    from skincal.train.evaluate import environment_for, evaluate
+
+    if on is Engine.reference:
+        from skincal.deploy.trials import reference_runs
+
+        return reference_runs(policy, trial, ranges=ranges or "iros24", told=told)
+    environment = environment_for(policy, trial, ranges, engine=on.value)
+    try:
+        return evaluate(policy, environment, trial, told=told)
+    finally:
+        environment.close()
 
 
 def _write(
     found: list[Evaluated],
     trial: Trial,
-    ranges: Path | None,
+    ranges: Ranges | None,
     content: dict[str, Any],
     out: Path,
     *,
@@ -230,7 +297,6 @@ def _write(
 
     from skincal.cli.common import plain
     from skincal.files import whole_folder
-    from skincal.ranges import read_ranges
     from skincal.report.evaluation import write_figures, write_runs
 
     with whole_folder(out, force=force, marker=MARKER) as temporary:
@@ -240,78 +306,5 @@ def _write(
         if gif:
             from skincal.report.film import write_film
 
-            used = None if ranges is None else read_ranges(ranges)
             for one in found:
-                write_film(one.policy, trial, temporary / f"{one.name}.gif", ranges=used)
-
-
-def _as_json(found: list[Evaluated], trial: Trial) -> dict[str, Any]:
-    """Return the contract's content, with further figures."""
-    return {"task": str(trial.task), "policies": [_entry(one, trial) for one in found]}
-
-
-def _entry(one: Evaluated, trial: Trial) -> dict[str, Any]:
-    from skincal.train import Task as TrainTask
-    from skincal.train.scores import rolling
-
-    score = one.score
-    entry: dict[str, Any] = {
-        "file": one.policy.file,
-        "policy": str(one.policy.description.policy),
-        "episodes": score.episodes,
-        "drops": score.drops,
-        "time_s": [round(float(t), 6) for t in score.time_s],
-        "error_m": score.error_m,
-        "error_settled_m": score.error_settled_m,
-        "error_end_m": score.error_end_m,
-        "success": score.success,
-        "error_low_m": score.error_low_m,
-        "error_high_m": score.error_high_m,
-        "error_settled_interval_m": score.error_settled_interval_m,
-        "reward": score.reward,
-    }
-    if trial.task is TrainTask.bolt:
-        whole = rolling(one.runs)
-        entry |= {"direction_right": whole.direction_right, "held_to_end": whole.held_to_end}
-        entry |= {"held_s": whole.held_s, "angle_error_rad": whole.angle_error_rad}
-        entry["by_orientation_deg"] = {
-            name: {
-                "direction_right": part.direction_right,
-                "held_to_end": part.held_to_end,
-                "drops": part.drops,
-                "episodes": part.episodes,
-                "held_s": part.held_s,
-                "angle_error_rad": part.angle_error_rad,
-            }
-            for name, part in whole.by_orientation_deg.items()
-        }
-    return entry
-
-
-def _table(found: list[Evaluated], trial: Trial) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from skincal.train import Task as TrainTask
-    from skincal.train.scores import rolling
-
-    bolt = trial.task is TrainTask.bolt
-    titles = ["policy", "sees", "held", "error settled [mm]", "at the end [mm]"]
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for title in [*titles, *(["direction right", "angle error [°]"] if bolt else [])]:
-        table.add_column(escape(title))
-    for one in found:
-        score = one.score
-        low, high = (1e3 * end for end in score.error_settled_interval_m)
-        row = [
-            escape(one.name),
-            str(one.policy.description.policy),
-            f"{score.episodes - score.drops} of {score.episodes}",
-            f"{1e3 * score.error_settled_m:.2f} ({low:.2f} … {high:.2f})",
-            f"{1e3 * score.error_end_m:.2f}",
-        ]
-        if bolt:
-            whole = rolling(one.runs)
-            row += [f"{whole.direction_right:.0%}", f"{57.29578 * whole.angle_error_rad:.1f}"]
-        table.add_row(*row)
-    return table
+                write_film(one.policy, trial, temporary / f"{one.name}.gif", ranges=ranges)

@@ -23,6 +23,14 @@ class Task(StrEnum):
     bolt = "bolt"
 
 
+class Learned(StrEnum):
+    """What can be learned."""
+
+    marble = "marble"
+    bolt = "bolt"
+    estimator = "estimator"
+
+
 class Kind(StrEnum):
     """The kinds of policies."""
 
@@ -41,15 +49,28 @@ class Backend(StrEnum):
 EPILOG = example(
     "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
     "skincal train marble --out run --resume",
+    "skincal train estimator --ranges ranges.toml --out estimator.npz",
 )
 
 STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
 
 
 def train(
-    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
+    learned: Annotated[
+        Learned,
+        typer.Argument(
+            metavar="TASK",
+            help="`marble` or `bolt`: a policy that rolls it; `estimator`: where the marble is, from images.",
+            show_default=False,
+        ),
+    ],
     out: Annotated[
-        Path, typer.Option("--out", help="Folder of the run: curve, checkpoint, policy.", show_default=False)
+        Path,
+        typer.Option(
+            "--out",
+            help="Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz).",
+            show_default=False,
+        ),
     ],
     policy: Annotated[
         Kind | None, typer.Option("--policy", help="Observation of the policy.", show_default="tactile")
@@ -93,10 +114,21 @@ def train(
 ) -> None:
     """Learn a policy with the published soft actor-critic.
 
-    The run's folder holds its description (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`, in the end
-    `curve.png`), the last checkpoint, and the policy at that checkpoint: an ONNX file with its normalisation and a
-    description, and no code.
+    The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`, in the end
+    `curve.png`), the last checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation
+    and a description, and no code.
+
+    An estimator tells the marble's place from one tactile image; it is learned in about a minute and needs no torch.
     """
+    if learned is Learned.estimator:
+        from skincal.cli.train_estimator import train_estimator
+
+        flags = {"--policy": policy, "--steps": steps, "--backend": backend, "--envs": envs}
+        flags |= {"--processes": processes or None, "--resume": resume or None}
+        others = {name: value for name, value in flags.items() if value is not None}
+        train_estimator(out, others, ranges, seed, as_json=as_json, force=force)
+        return
+    task = Task(learned.value)
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     stated = {f"--{name}": value for name, value in given.items() if value is not None}
     from skincal.train import Settings, begin, read_run

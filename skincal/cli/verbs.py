@@ -16,6 +16,7 @@ from skincal.cli import (
     hand,
     imports,
     predict,
+    rescale,
     serve_hand,
     train,
 )
@@ -38,6 +39,7 @@ def register(app: typer.Typer) -> None:
         ("train", train.train, train.EPILOG, "Train a policy with soft actor-critic."),
         ("eval", evaluation.evaluate, evaluation.EPILOG, "Compare policies, evaluated as published."),
         ("deploy", deploy.deploy, deploy.EPILOG, "Run a policy on a hand, through its driver."),
+        ("rescale", rescale.rescale, rescale.EPILOG, "Find how much sensitivity a skin has lost by wear."),
         (
             "serve-hand",
             serve_hand.serve_hand,

@@ -131,10 +131,10 @@ def _close(
         free = np.array(forces.normal_n(motion.now)) < options.contact_n
         widths -= free * options.closing_m_per_s * motion.period_s
         # Fingers without an object meet each other at a width of zero; errors of the joints feign a few millimetres.
-        if widths.mean() < width_m / 4:
+        if widths.mean() < width_m / 3:
             raise WorkError(
                 f"pinch: expected an object about {1e3 * width_m:.0f} mm wide between the fingertips; got none: they "
-                "closed and neither pressed. Put it on the middle of the sensor before the fingers close."
+                "closed, and not both of them pressed. Put it on the middle of the sensor before the fingers close."
             )
         command = np.where(thumb, postures.at(widths[1]), postures.at(widths[0]))
         motion.step(command)

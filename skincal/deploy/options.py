@@ -16,7 +16,8 @@ class DeployOptions:
         low_pass_hz: corner frequency of the filter on commanded angles, at the hand's rate [Hz].
         approach_rad_per_s: joint speed on the way to the open pinch [rad/s].
         open_m: the tips are so much further apart than the object is wide [m].
-        closing_m_per_s: how fast the tips approach the object [m/s].
+        closing_m_per_s: how fast the tips approach the object [m/s]. The drives lag behind in proportion to it, and by
+            so much they press on what stops them.
         contact_n: a finger touches from this normal force on [N]; above what friction in the drives feigns.
         squeeze_n: normal force with which the object is held at first [N].
         squeeze_s: time over which that force comes up [s].
@@ -29,7 +30,7 @@ class DeployOptions:
     low_pass_hz: float = 8.0
     approach_rad_per_s: float = 0.5
     open_m: float = 0.012
-    closing_m_per_s: float = 0.02
+    closing_m_per_s: float = 0.006
     contact_n: float = 0.4
     squeeze_n: float = 1.5
     squeeze_s: float = 0.2

@@ -17,6 +17,21 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Part:
+    """A round part of a body: a ball, or a cylinder along +x of the body's frame.
+
+    Attributes:
+        radius_m: [m].
+        length_m: of the cylinder [m]; None: a ball.
+        at_m: its centre on the body's x axis [m].
+    """
+
+    radius_m: float
+    length_m: float | None = None
+    at_m: float = 0.0
+
+
+@dataclass(frozen=True)
 class Body(ABC):
     """A rigid body; its frame has its origin at the centre of mass.
 
@@ -28,9 +43,10 @@ class Body(ABC):
     radius_m: float
     mass_kg: float
 
+    @property
     @abstractmethod
-    def shape(self, engine: Any, client: int) -> int:
-        """A collision shape in a PyBullet client."""
+    def parts(self) -> tuple[Part, ...]:
+        """What it is made of, as it collides."""
 
     @abstractmethod
     def look(self, engine: Any, client: int) -> int:
@@ -70,9 +86,10 @@ class Body(ABC):
 class Marble(Body):
     """A ball, closed form for the skin."""
 
-    def shape(self, engine: Any, client: int) -> int:
-        """See :meth:`Body.shape`."""
-        return engine.createCollisionShape(engine.GEOM_SPHERE, radius=self.radius_m, physicsClientId=client)
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """See :attr:`Body.parts`."""
+        return (Part(self.radius_m),)
 
     def look(self, engine: Any, client: int) -> int:
         """See :meth:`Body.look`."""
@@ -173,19 +190,12 @@ class Bolt(Body):
             across += mass * (radius_2 / 4 + length**2 / 12 + place**2)
         return along, across, across
 
-    def shape(self, engine: Any, client: int) -> int:
-        """See :meth:`Body.shape`. Two cylinders, so that it rolls evenly; the head as wide as across its flats."""
-        turn = engine.getQuaternionFromEuler([0, math.pi / 2, 0])
-        return engine.createCollisionShapeArray(
-            shapeTypes=[engine.GEOM_CYLINDER] * 2,
-            radii=[self.radius_m, self.head_radius_m],
-            lengths=[self.shank_m, self.head_m],
-            collisionFramePositions=[
-                [self.shank_m / 2 - self.behind_m, 0, 0],
-                [self.shank_m + self.head_m / 2 - self.behind_m, 0, 0],
-            ],
-            collisionFrameOrientations=[turn, turn],
-            physicsClientId=client,
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """See :attr:`Body.parts`. Two cylinders, so that it rolls evenly; the head as wide as across its flats."""
+        return (
+            Part(self.radius_m, self.shank_m, self.shank_m / 2 - self.behind_m),
+            Part(self.head_radius_m, self.head_m, self.shank_m + self.head_m / 2 - self.behind_m),
         )
 
     def look(self, engine: Any, client: int) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.envs.scene import Scene
+from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.model import TaxelLayout
 
@@ -65,12 +65,12 @@ class Shown:
     place_m: FloatArray
 
 
-def picture(scene: Scene, shown: Shown) -> Picture:
+def picture(scene: BulletScene, shown: Shown) -> Picture:
     """The hand and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
     return np.concatenate([hand_picture(scene, shown.centre_m), panel(shown)], axis=1)
 
 
-def hand_picture(scene: Scene, centre_m: FloatArray) -> Picture:
+def hand_picture(scene: BulletScene, centre_m: FloatArray) -> Picture:
     """The hand from the side (HEIGHT, WIDTH, 3)."""
     engine: Any = scene.engine
     eye = centre_m + np.array(_EYE_M)
@@ -119,7 +119,7 @@ class Board:
         shown: where the hand is, and the taxels.
     """
 
-    def __init__(self, scene: Scene, shown: Shown) -> None:
+    def __init__(self, scene: BulletScene, shown: Shown) -> None:
         engine, client = scene.engine, scene.client
         self._scene = scene
         tile = engine.createVisualShape(

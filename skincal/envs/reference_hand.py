@@ -23,13 +23,14 @@ from skincal.envs.drawing import RIG_EFFECTS, Drawer, Values, array, number
 from skincal.envs.grasp import Grasp, GraspOptions
 from skincal.envs.needed import ObjectName, ranges_for
 from skincal.envs.pinch import read_pinch
-from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import TactileSkin
 from skincal.errors import InputError, Problem
 from skincal.files import whole_file
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
+from skincal.ranges import Ranges
 from skincal.robot import HandDescription, Kinematics
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +52,12 @@ class ReferenceHand(HandDriver):
         task: what lies between the fingers: ``marble`` or ``bolt``.
         seed: draws the truth and all noise.
         effects: strength of each effect that the skin has, by name; 1 is a typical case.
-        ranges: file, or name of a preset, that the truth is drawn from.
+        ranges: that the truth is drawn from: a file of them, the name of a preset, or ranges.
         hand: folder with ``hand.toml`` and ``pinch.toml``; None: the bundled hand.
         orientation_deg: how the bolt lies [°].
         truth_path: file for the truth (JSON), written when the hand is connected.
         rate_hz: states and commands [Hz].
+        engine: the physics: ``pybullet`` or ``mujoco``.
 
     Raises:
         InputError: a task, an effect, ranges or a rate that do not exist or do not fit.
@@ -70,11 +72,12 @@ class ReferenceHand(HandDriver):
         task: Annotated[str, "what lies between the fingers: marble or bolt"] = "marble",
         seed: Annotated[int, "draws the hidden truth and all noise"] = 0,
         effects: Annotated[Mapping[str, float] | None, "strengths of effects, 1 is a typical case"] = None,
-        ranges: Annotated[str, "ranges that the truth is drawn from: a file or a preset"] = "iros24",
+        ranges: Annotated[Ranges | str, "ranges that the truth is drawn from: a file or a preset"] = "iros24",
         hand: Annotated[Path | None, "folder with hand.toml and pinch.toml"] = None,
         orientation_deg: Annotated[float, "how the bolt lies [deg]"] = 0.0,
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
+        engine: Annotated[str, "physics engine: pybullet or mujoco"] = "pybullet",
     ) -> None:
         kind: ObjectName | None = next((name for name in _OBJECTS if name == task), None)
         if kind is None:
@@ -82,6 +85,8 @@ class ReferenceHand(HandDriver):
         if not 0 < rate_hz <= PHYSICS_HZ or PHYSICS_HZ % rate_hz:
             expected = f"a divisor of the physics' {PHYSICS_HZ} Hz"
             raise InputError([Problem('driver "reference", option rate_hz', expected, str(rate_hz))])
+        check_engine(engine, 'driver "reference", option engine')
+        self._engine = engine
         self._kind, self._seed, self._orientation_deg = kind, seed, orientation_deg
         self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
         self._pinch = read_pinch(hand)
@@ -106,6 +111,11 @@ class ReferenceHand(HandDriver):
     def period_s(self) -> float:
         """Time between two states [s]."""
         return self._steps / PHYSICS_HZ
+
+    @property
+    def object_width_m(self) -> float:
+        """Width of the object [m]."""
+        return 2 * number(self._truth, f"object.{self._kind}.radius_m")
 
     @property
     def truth(self) -> dict[str, Any]:
@@ -134,7 +144,7 @@ class ReferenceHand(HandDriver):
         values = self._truth
         self._body = self._object()
         self._sensor = Sensor.of(self._pinch, values)
-        scene = Scene(self._pinch, _SOLVER_ITERATIONS)
+        scene = make_scene(self._engine, self._pinch, _SOLVER_ITERATIONS)
         place = array(values, f"object.{self._kind}.position_m")
         width = self._grasp.open(scene, values, self._body, self._turn(), place)
         self._desired = self._grasp.posture(width)

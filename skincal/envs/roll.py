@@ -13,6 +13,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body
+from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.critic import constant_parts, state_parts, state_values
 from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
 from skincal.envs.grasp import Grasp
@@ -22,7 +23,7 @@ from skincal.envs.options import EpisodeOptions, read_options
 from skincal.envs.picture import Board, Picture, Shown, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import Situation, reward_terms
-from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
 from skincal.envs.task import TaskOptions, with_single
@@ -52,6 +53,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         hand: folder with ``hand.toml`` and ``pinch.toml``; None: the bundled hand.
         render_mode: ``rgb_array``, ``human`` or None.
         options: of the task; single ones may be given by their names.
+        engine: the physics: ``pybullet`` or ``mujoco``; only the first makes pictures.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": POLICY_HZ}  # noqa: RUF012
@@ -65,13 +67,20 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         hand: str | Path | None = None,
         render_mode: str | None = None,
         options: TaskOptions | None = None,
+        engine: str = "pybullet",
         **single: Any,
     ) -> None:
         # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
         EzPickle.__init__(self, policy, ranges, hand, render_mode, options, **single)
         if policy not in KINDS:
             raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
+        check_engine(engine, "environment engine")
+        if render_mode is not None and engine != "pybullet":
+            raise InputError(
+                [Problem("environment render_mode", f"None: {engine} makes no pictures", repr(render_mode))]
+            )
         self.policy: PolicyKind = policy
+        self.engine = engine
         self.options = with_single(options or self.default_options(), single)
         self.render_mode = render_mode
         self.ranges = ranges_for(self.object_name, ranges)
@@ -159,7 +168,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     def _make_scene(self) -> Scene:
         window = self.render_mode == "human" and display_there()
         visible = self.render_mode is not None
-        return Scene(self.pinch, self.options.solver_iterations, window=window, visible=visible)
+        return make_scene(
+            self.engine, self.pinch, self.options.solver_iterations, window=window, visible=visible
+        )
 
     def _fix_sensor(self, values: Values, asked: EpisodeOptions) -> None:
         """Policies without touch cannot know where the sensor is: for them it stays at the middle of its range."""
@@ -324,11 +335,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             return None
         if self._scene is None:
             raise gymnasium.error.ResetNeeded("Cannot call env.render() before calling env.reset()")
+        assert isinstance(self._scene, BulletScene)
         return picture(self._scene, self._shown())
 
     def _show(self) -> None:
         """Keeps PyBullet's window, if there is one, up to date and at the pace of life."""
-        if self._scene is not None and self._scene.window:
+        if isinstance(self._scene, BulletScene) and self._scene.window:
             if self._step == 0:
                 self._board = Board(self._scene, self._shown())
             self._board.show(self._shown())

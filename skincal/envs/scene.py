@@ -1,28 +1,23 @@
-"""One PyBullet client with two fingers and an object; nothing here is shared between objects or processes."""
+"""What the tasks ask of a physics engine: two fingers and an object, and nothing else of it."""
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import weakref
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from abc import ABC, abstractmethod
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from skincal.envs.grip import Frame, Grip
 from skincal.envs.pinch import Pinch
-from skincal.envs.pinch_urdf import pinch_urdf
-from skincal.envs.touching import Touching, merged
-from skincal.errors import WorkError
-from skincal.sim.bullet import load_engine, quiet
+from skincal.envs.touching import Touching
+from skincal.errors import InputError, Problem
 from skincal.sim.drives import Drives
 
 FloatArray = NDArray[np.float64]
 
+ENGINES: Final = ("pybullet", "mujoco")
+"""Physics engines that a scene can be built in; policies are trained in the first."""
 PHYSICS_HZ = 1000
 """Steps of physics and controller (the paper's) [Hz]."""
 LARGEST_FORCE_N = 200.0
@@ -31,206 +26,98 @@ _LARGEST_ANGLE_RAD = 1e2
 _FAR_M = 10.0
 
 
-class Scene:
-    """Two fingers and an object.
+class Scene(ABC):
+    """Two fingers and an object in one engine; nothing here is shared between objects or processes.
 
-    Args:
-        pinch: the fingers.
-        iterations: of the contact solver in each step.
-        window: whether PyBullet opens a window.
-        visible: whether there is something to look at.
+    Attributes:
+        drives: of the joints; their targets are set from outside.
+        force_n: acts on the object's centre all the time, frame of the URDF's root (3,) [N].
+        held: whether the object is still held in place.
     """
 
-    def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
-        with quiet():
-            self.engine: Any = load_engine()
-            self.client: int = self.engine.connect(self.engine.GUI if window else self.engine.DIRECT)
-        if self.client < 0:
-            raise WorkError(
-                "environment: PyBullet gives no further client. Close environments no longer used."
-            )
-        self._pinch, self._iterations = pinch, int(iterations)
-        folder = tempfile.mkdtemp(prefix="skincal-")
-        self._tidy = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self._urdf = Path(folder) / "fingers.urdf"
-        self._urdf.write_text(pinch_urdf(pinch, visible=visible), encoding="utf-8")
-        self._visible = visible
-        self.window = window
-        self._still = [0.0] * pinch.joints
-        self.held = False
+    drives: Drives
+    force_n: list[float]
+    held: bool = False
 
+    @abstractmethod
     def begin(self, grip: Grip) -> None:
         """Builds the world anew, so that nothing of an earlier episode is left; the object is held in place."""
-        engine, client = self.engine, self.client
-        engine.resetSimulation(physicsClientId=client)
-        engine.setPhysicsEngineParameter(
-            fixedTimeStep=1.0 / PHYSICS_HZ,
-            numSolverIterations=self._iterations,
-            deterministicOverlappingPairs=1,
-            physicsClientId=client,
-        )
-        engine.setGravity(0, 0, 0, physicsClientId=client)
-        self._load_fingers(grip)
-        self._load_body(grip)
+
+    @abstractmethod
+    def release(self) -> None:
+        """Lets go of the object."""
+
+    @abstractmethod
+    def run(self, steps: int) -> None:
+        """Moves on by some physics steps."""
+
+    @abstractmethod
+    def touches(self) -> tuple[Touching | None, Touching | None]:
+        """What the tip with the skin and the thumb feel of the object."""
+
+    @abstractmethod
+    def joints(self) -> tuple[FloatArray, FloatArray]:
+        """Angles [rad] and velocities [rad/s] of the links (n,)."""
+
+    @abstractmethod
+    def tips(self) -> tuple[Frame, Frame]:
+        """The frames of the tip with the skin and of the thumb's."""
+
+    @abstractmethod
+    def object_frame(self) -> Frame:
+        """The object's frame."""
+
+    @abstractmethod
+    def object_motion(self) -> tuple[FloatArray, FloatArray]:
+        """The object's velocity [m/s] and angular velocity [rad/s], each (3,)."""
+
+    @abstractmethod
+    def gap_m(self) -> float:
+        """Smallest distance between a tip and the object [m], negative inside; at most 0.05 m."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends it; may be called twice."""
+
+    def _begin_drives(self, grip: Grip) -> None:
         self.drives = Drives(grip.drives, grip.angles_rad.tolist(), 1.0 / PHYSICS_HZ)
         self.drives.target_rad = grip.command_rad.tolist()
         self.force_n = [0.0, 0.0, 0.0]
-        self._hold(grip)
 
-    def _load_fingers(self, grip: Grip) -> None:
-        engine, client = self.engine, self.client
-        flags = engine.URDF_USE_INERTIA_FROM_FILE | engine.URDF_USE_SELF_COLLISION
-        with quiet():
-            self.fingers: int = engine.loadURDF(
-                str(self._urdf), useFixedBase=True, flags=flags, physicsClientId=client
-            )
-        count: int = engine.getNumJoints(self.fingers, physicsClientId=client)
-        rows = [engine.getJointInfo(self.fingers, i, physicsClientId=client) for i in range(count)]
-        joints = {row[1].decode(): row[0] for row in rows}
-        links = {row[12].decode(): row[0] for row in rows}
-        description = self._pinch.description
-        self._joints = [joints[name] for name in description.joints]
-        self.skin_link: int = links[description.skin_finger.tip_link]
-        self.thumb_link: int = links[self._pinch.thumb.tip_link]
-        for joint, angle in zip(self._joints, grip.angles_rad.tolist(), strict=True):
-            engine.resetJointState(self.fingers, joint, angle, 0.0, physicsClientId=client)
-        # PyBullet's own motors would hold the joints.
-        engine.setJointMotorControlArray(
-            self.fingers, self._joints, engine.VELOCITY_CONTROL, forces=self._still, physicsClientId=client
-        )
-        for link in range(-1, count):
-            engine.changeDynamics(
-                self.fingers, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
-            )
-        for link in (self.skin_link, self.thumb_link):
-            self._soften(self.fingers, link, grip, grip.finger_friction, 0.0, 0.0)
 
-    def _load_body(self, grip: Grip) -> None:
-        engine, client, body = self.engine, self.client, grip.body
-        self._centre_m = grip.position_m.tolist()
-        self._turn = quaternion(grip.rotation)
-        self.body: int = engine.createMultiBody(
-            body.mass_kg,
-            body.shape(engine, client),
-            body.look(engine, client) if self._visible else -1,
-            self._centre_m,
-            self._turn,
-            physicsClientId=client,
-        )
-        engine.changeDynamics(
-            self.body,
-            -1,
-            linearDamping=0,
-            angularDamping=0,
-            localInertiaDiagonal=body.inertia_kg_m2,
-            physicsClientId=client,
-        )
-        self._soften(
-            self.body, -1, grip, grip.lateral_friction, grip.spinning_friction, grip.rolling_friction
-        )
+def make_scene(
+    engine: str, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False
+) -> Scene:
+    """A scene in an engine.
 
-    def _soften(
-        self, body: int, link: int, grip: Grip, lateral: float, spinning: float, rolling: float
-    ) -> None:
-        """Friction of a pair is the product of the two; stiffness and damping are those of the two in series."""
-        self.engine.changeDynamics(
-            body,
-            link,
-            lateralFriction=lateral,
-            spinningFriction=spinning,
-            rollingFriction=rolling,
-            restitution=0,
-            contactStiffness=2 * grip.stiffness_n_per_m,
-            contactDamping=grip.damping_ns_per_m / 2,
-            physicsClientId=self.client,
-        )
+    Args:
+        engine: one of :data:`ENGINES`.
+        pinch: the fingers.
+        iterations: of PyBullet's contact solver in each step; MuJoCo iterates until it has converged.
+        window: whether PyBullet opens a window.
+        visible: whether there is something to look at; PyBullet alone.
 
-    def _hold(self, grip: Grip) -> None:
-        engine = self.engine
-        self._constraint = engine.createConstraint(
-            self.body,
-            -1,
-            -1,
-            -1,
-            engine.JOINT_FIXED,
-            [0, 0, 0],
-            [0, 0, 0],
-            self._centre_m,
-            [0, 0, 0, 1],
-            self._turn,
-            physicsClientId=self.client,
-        )
-        self.held = True
+    Raises:
+        InputError: the engine is not installed.
+    """
+    # Each engine is loaded where it is used.
+    if engine == "mujoco":
+        from skincal.envs.mujoco_scene import MujocoScene
 
-    def release(self) -> None:
-        """Lets go of the object."""
-        self.engine.removeConstraint(self._constraint, physicsClientId=self.client)
-        self.held = False
+        return MujocoScene(pinch)
+    from skincal.envs.bullet_scene import BulletScene
 
-    def run(self, steps: int) -> None:
-        """Moves on by some physics steps; ``force_n`` acts on the object's centre all the time."""
-        engine, client, fingers, body = self.engine, self.client, self.fingers, self.body
-        joints, force, drive = self._joints, self.force_n, self.drives.step
-        states, torques = engine.getJointStates, engine.setJointMotorControlArray
-        where, push, move = (
-            engine.getBasePositionAndOrientation,
-            engine.applyExternalForce,
-            engine.stepSimulation,
-        )
-        torque_control, world_frame = engine.TORQUE_CONTROL, engine.WORLD_FRAME
-        for _ in range(steps):
-            rows = states(fingers, joints, physicsClientId=client)
-            torque = drive([row[0] for row in rows], [row[1] for row in rows])
-            torques(fingers, joints, torque_control, forces=torque, physicsClientId=client)
-            push(body, -1, force, where(body, physicsClientId=client)[0], world_frame, physicsClientId=client)
-            move(physicsClientId=client)
+    return BulletScene(pinch, iterations, window=window, visible=visible)
 
-    def touches(self) -> tuple[Touching | None, Touching | None]:
-        """What the tip with the skin and the thumb feel of the object."""
-        rows = self.engine.getContactPoints(self.fingers, self.body, physicsClientId=self.client) or ()
-        return (
-            merged(rows, self.skin_link, LARGEST_FORCE_N),
-            merged(rows, self.thumb_link, LARGEST_FORCE_N),
-        )
 
-    def joints(self) -> tuple[FloatArray, FloatArray]:
-        """Angles [rad] and velocities [rad/s] of the links (n,)."""
-        rows = self.engine.getJointStates(self.fingers, self._joints, physicsClientId=self.client)
-        table = np.array([row[:2] for row in rows], dtype=np.float64)
-        return table[:, 0], table[:, 1]
+def check_engine(engine: str, place: str) -> None:
+    """Checks the name of an engine.
 
-    def tip(self, link: int) -> Frame:
-        """The frame of a tip."""
-        state = self.engine.getLinkState(
-            self.fingers, link, computeForwardKinematics=1, physicsClientId=self.client
-        )
-        return Frame(np.array(state[4]), self._matrix(state[5]))
-
-    def object_frame(self) -> Frame:
-        """The object's frame."""
-        position, turn = self.engine.getBasePositionAndOrientation(self.body, physicsClientId=self.client)
-        return Frame(np.array(position), self._matrix(turn))
-
-    def object_motion(self) -> tuple[FloatArray, FloatArray]:
-        """The object's velocity [m/s] and angular velocity [rad/s], each (3,)."""
-        linear, angular = self.engine.getBaseVelocity(self.body, physicsClientId=self.client)
-        return np.array(linear), np.array(angular)
-
-    def gap_m(self) -> float:
-        """Smallest distance between a tip and the object [m], negative inside; at most 0.05 m."""
-        rows = self.engine.getClosestPoints(self.fingers, self.body, 0.05, physicsClientId=self.client)
-        return min((row[8] for row in rows if row[3] in (self.skin_link, self.thumb_link)), default=0.05)
-
-    def close(self) -> None:
-        """Ends the client; may be called twice."""
-        client, self.client = self.client, -1
-        if client >= 0:
-            if self.engine.isConnected(client):
-                self.engine.disconnect(client)
-            self._tidy()
-
-    def _matrix(self, turn: Sequence[float]) -> FloatArray:
-        return np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    Raises:
+        InputError: there is no such engine.
+    """
+    if engine not in ENGINES:
+        raise InputError([Problem(place, " or ".join(ENGINES), repr(engine))])
 
 
 def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:
@@ -239,8 +126,3 @@ def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> b
     moves = float(np.abs(dq_rad_per_s).max()) < np.inf
     there = float(np.abs(place_m).max()) < _FAR_M
     return moves and there and float(np.abs(q_rad).max()) < _LARGEST_ANGLE_RAD
-
-
-def quaternion(rotation: FloatArray) -> list[float]:
-    """The quaternion (x, y, z, w) of a rotation matrix (3, 3)."""
-    return Rotation.from_matrix(rotation).as_quat().tolist()

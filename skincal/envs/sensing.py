@@ -55,14 +55,15 @@ class Sensor:
     def patch_m(self, point_m: FloatArray) -> FloatArray:
         """Patch coordinates (2,) of the surface's point nearest to a point (3,) of the fingertip frame [m]."""
         turn = math.remainder(math.atan2(point_m[0], point_m[2]) - self.beta_rad, 2 * math.pi)
-        return self._turned(self.radius_m * turn, point_m[1] - self.y_m)
+        return self.turned(self.radius_m * turn, point_m[1] - self.y_m)
 
     def direction(self, vector: FloatArray) -> FloatArray:
         """The part (2,) of a vector (3,) along the patch's axes, on the tangent plane at its centre."""
         across = vector[0] * math.cos(self.beta_rad) - vector[2] * math.sin(self.beta_rad)
-        return self._turned(across, vector[1])
+        return self.turned(across, vector[1])
 
-    def _turned(self, across: float, along: float) -> FloatArray:
+    def turned(self, across: float, along: float) -> FloatArray:
+        """A way round and along the finger, along the patch's axes (2,)."""
         cos, sin = math.cos(self.alpha_rad), math.sin(self.alpha_rad)
         return np.array([across * cos + along * sin, along * cos - across * sin])
 
@@ -138,7 +139,7 @@ def view(scene: Scene, sensor: Sensor) -> View:
     """
     q, dq = scene.joints()
     skin, thumb = scene.touches()
-    tip, body = scene.tip(scene.skin_link), scene.object_frame()
+    (tip, thumb_tip), body = scene.tips(), scene.object_frame()
     velocity, spin = scene.object_motion()
     believed = sound(q, dq, body.origin_m)
     return View(
@@ -147,7 +148,7 @@ def view(scene: Scene, sensor: Sensor) -> View:
         skin=skin,
         thumb=thumb,
         tip=tip,
-        thumb_tip=scene.tip(scene.thumb_link),
+        thumb_tip=thumb_tip,
         body=body,
         velocity_m_per_s=velocity,
         spin_rad_per_s=spin,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 Vector = tuple[float, float, float]
 
@@ -29,15 +29,30 @@ class Touching:
     points: int
 
 
-def merged(rows: Sequence[Sequence[Any]], link: int, largest_n: float) -> Touching | None:
-    """All contact points of a link with the object as one, weighted by their normal forces.
+class Point(NamedTuple):
+    """A contact point on a tip, frame of the URDF's root.
+
+    Attributes:
+        place_m: on the tip [m].
+        normal: unit normal, out of the tip and into the object.
+        force_n: normal force [N].
+        friction_n: tangential force on the tip [N].
+    """
+
+    place_m: Vector
+    normal: Vector
+    force_n: float
+    friction_n: Vector
+
+
+def merged(points: Sequence[Point], largest_n: float) -> Touching | None:
+    """All contact points of a tip with the object as one, weighted by their normal forces.
 
     So the result does not depend on how many points carry the same force. PyBullet now and then gives a force, a place
     or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point is left out.
 
     Args:
-        rows: of ``getContactPoints``, the fingers being the first body.
-        link: index of the tip.
+        points: of the tip.
         largest_n: forces beyond this are not believed [N].
 
     Returns:
@@ -45,17 +60,16 @@ def merged(rows: Sequence[Sequence[Any]], link: int, largest_n: float) -> Touchi
     """
     total, count = 0.0, 0
     place, normal, friction = [0.0] * 3, [0.0] * 3, [0.0] * 3
-    for row in rows:
-        if row[3] != link or not _sound(row, largest_n):
+    for point in points:
+        if not _sound(point, largest_n):
             continue
-        force = row[9]
+        force = point.force_n
         total += force
         count += 1
         for i in range(3):
-            place[i] += force * row[5][i]
-            # PyBullet's normal points at the first body.
-            normal[i] -= force * row[7][i]
-            friction[i] += row[10] * row[11][i] + row[12] * row[13][i]
+            place[i] += force * point.place_m[i]
+            normal[i] += force * point.normal[i]
+            friction[i] += point.friction_n[i]
     length = math.sqrt(sum(v * v for v in normal))
     if not total > 0 or not length > 0:
         return None
@@ -68,9 +82,14 @@ def merged(rows: Sequence[Sequence[Any]], link: int, largest_n: float) -> Touchi
     )
 
 
-def _sound(row: Sequence[Any], largest_n: float) -> bool:
+def _sound(point: Point, largest_n: float) -> bool:
     """Whether a point carries a force that can be believed; a comparison with NaN is false."""
-    x, y, z = row[7]
-    finite = all(map(math.isfinite, (*row[5], row[10], *row[11], row[12], *row[13])))
+    x, y, z = point.normal
+    finite = all(map(math.isfinite, (*point.place_m, *point.friction_n)))
     unit = abs(x * x + y * y + z * z - 1.0) <= 2e-3
-    return 0.0 < row[9] <= largest_n and unit and finite and abs(row[10]) + abs(row[12]) <= 4 * largest_n
+    return (
+        0.0 < point.force_n <= largest_n
+        and unit
+        and finite
+        and max(map(abs, point.friction_n)) <= 4 * largest_n
+    )

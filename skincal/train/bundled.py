@@ -1,4 +1,4 @@
-"""The policies that come with skincal, by name."""
+"""The policies and estimators that come with skincal, by name."""
 
 from __future__ import annotations
 
@@ -28,3 +28,19 @@ def policy_path(name: str | Path) -> Path:
         return known[str(name)]
     choices = f", or one of {', '.join(known)}" if known else ""
     raise InputError([Problem(str(name), f"a policy file{choices}", "no such file")])
+
+
+def estimator_path(name: str | Path) -> Path:
+    """The file that is meant: one that exists, or an estimator that comes with skincal.
+
+    Raises:
+        InputError: there is neither.
+    """
+    path, known = Path(name), {path.stem: path for path in sorted(FOLDER.glob("*.npz"))}
+    if path.exists() or str(name) not in known:
+        if path.exists():
+            return path
+        raise InputError(
+            [Problem(str(name), f"an estimator file, or one of {', '.join(known)}", "no such file")]
+        )
+    return known[str(name)]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -11,9 +9,9 @@ from typing import Any
 from gymnasium import spaces
 
 from skincal.ranges import Ranges
-from skincal.ranges.plain import to_plain
 from skincal.train.learner import ACTOR_KEY, Learner
 from skincal.train.policy_file import Description
+from skincal.train.ranges_hash import ranges_hash
 from skincal.train.settings import Work
 
 PACKAGES = ("skincal", "gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "sbx-rl", "jax")
@@ -35,12 +33,6 @@ def describe(work: Work, ranges: Ranges, learner: Learner, steps: int, wall_s: f
         versions=_versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-
-
-def ranges_hash(ranges: Ranges) -> str:
-    """SHA-256 of what ranges say, whatever file they come from and in whatever order."""
-    text = json.dumps(to_plain(ranges), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _layout(learner: Learner) -> tuple[dict[str, Any], ...]:

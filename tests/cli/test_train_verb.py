@@ -129,7 +129,7 @@ def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
 
 
 def _hash(ranges: object) -> str:
-    from skincal.train.describe import ranges_hash
+    from skincal.train.ranges_hash import ranges_hash
 
     return ranges_hash(ranges)  # type: ignore[arg-type]
 

@@ -65,6 +65,13 @@ def test_marble_is_rolled(policy: Policy) -> None:
     assert found.record.phases[-1] == "letting go"
 
 
+@pytest.mark.parametrize("seed", [1570558271])
+def test_fingers_that_close_do_not_press_hard(policy: Policy, seed: int) -> None:
+    """Of a hand whose thumb is stiff along its normal, what the drives lag behind presses on the object."""
+    found = deploy(policy, ReferenceHand(seed=seed), read_pinch(None), marble_targets("still", 0.3), **WIDTH)
+    assert found.lost_s is None
+
+
 def test_what_is_odd_stops_the_hand(policy: Policy) -> None:
     pinch, targets = read_pinch(None), marble_targets("still", 3.0)
     with pytest.raises(InputError, match="expected 16 taxels, for a tactile policy"):

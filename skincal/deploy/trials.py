@@ -1,0 +1,102 @@
+"""A policy's trial on reference hands: each run on another hand with a hidden truth, through its driver."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.deploy.run import Deployed, deploy
+from skincal.deploy.targets import marble_targets
+from skincal.envs.pinch import read_pinch
+from skincal.envs.reference_hand import ReferenceHand
+from skincal.errors import InputError, Problem, WorkError
+from skincal.ranges import Ranges
+from skincal.train.evaluate import POLICY_HZ, RANDOMIZED, Trial
+from skincal.train.policy_file import Policy
+from skincal.train.scores import Runs
+from skincal.train.settings import Task
+
+FloatArray = NDArray[np.float64]
+
+SPEED_RAD_PER_S = 0.3
+"""Joint velocity that an action of 1 commands for the marble, unless the policy says otherwise [rad/s]."""
+
+
+def check_trial(trial: Trial) -> None:
+    """Checks that a trial can be had on reference hands.
+
+    Raises:
+        InputError: it is of the bolt, or asks for what a hand with a hidden truth cannot give.
+    """
+    problems: list[Problem] = []
+    if trial.task is not Task.marble:
+        fix = "skincal deploy bolt POLICY --driver reference"
+        problems.append(Problem("--on reference", "the task marble", str(trial.task), fix))
+    if isinstance(trial.trajectory, str) and trial.trajectory == "random":
+        problems.append(Problem("--trajectory", "circle, still, or a file, with --on reference", "random"))
+    if trial.values or trial.environment:
+        given = ", ".join([*trial.values, *trial.environment])
+        problems.append(Problem("--set, --environment", "nothing, with --on reference", given))
+    if trial.randomize is not None and tuple(trial.randomize) != RANDOMIZED:
+        given = ", ".join(trial.randomize) or "none"
+        problems.append(Problem("--randomize", "nothing: all is drawn with --on reference", given))
+    if problems:
+        raise InputError(problems)
+
+
+def reference_runs(
+    policy: Policy,
+    trial: Trial,
+    *,
+    ranges: Ranges | str = "iros24",
+    engine: str = "pybullet",
+    told: Callable[[int], None] = lambda _: None,
+) -> Runs:
+    """Runs of a policy on reference hands, one on each; the marble.
+
+    Everything is drawn but the object's radius. A run that stops on what is odd counts as a drop.
+
+    Args:
+        policy: acts without noise.
+        trial: how often, how long, and with which seed; see :func:`check_trial`.
+        ranges: the hands' truth is drawn from these.
+        engine: the hands' physics.
+        told: is given the number of runs that are done.
+    """
+    check_trial(trial)
+    pinch = read_pinch(None)
+    targets = marble_targets(trial.trajectory, trial.steps / POLICY_HZ)
+    speed = float(policy.description.environment.get("speed_rad_per_s", SPEED_RAD_PER_S))
+    n, t = trial.episodes, trial.steps
+    error, places = np.full((n, t), np.nan), np.full((n, t, 2), np.nan)
+    dropped = np.zeros(n, dtype=np.bool_)
+    for number in range(n):
+        hand = ReferenceHand(seed=trial.episode_seed(number), ranges=ranges, engine=engine)
+        try:
+            found = deploy(
+                policy, hand, pinch, targets, object_width_m=hand.object_width_m, speed_rad_per_s=speed
+            )
+        except WorkError:
+            dropped[number] = True
+        else:
+            error[number, : found.steps] = found.error_m
+            places[number, : found.steps] = _places(found)
+            dropped[number] = found.lost_s is not None
+        told(number + 1)
+    nothing = np.full(n, np.nan)
+    shown = np.broadcast_to(targets[1:], (n, t, 2)).copy()
+    time_s = np.arange(1, t + 1) / POLICY_HZ
+    return Runs(time_s, error, places, shown, dropped, np.full((n, t), np.nan), nothing, nothing)
+
+
+def _places(found: Deployed) -> FloatArray:
+    """Where the object was at the end of each step of the policy (steps, 2) [m]."""
+    record = found.record
+    time_s = [state.time_s for state in record.states]
+    begun = time_s[record.acting]
+    ends = (begun + (k + 1) / POLICY_HZ for k in range(found.steps))
+    rows = [min(bisect_left(time_s, end - 1e-6), len(time_s) - 1) for end in ends]
+    return record.places_m[rows]

@@ -1,0 +1,264 @@
+"""Two fingers and an object in a PyBullet client."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+import weakref
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skincal.envs.bodies import Body
+from skincal.envs.grip import Frame, Grip
+from skincal.envs.pinch import Pinch
+from skincal.envs.pinch_urdf import pinch_urdf
+from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
+from skincal.envs.touching import Point, Touching, merged
+from skincal.errors import WorkError
+from skincal.sim.bullet import load_engine, quiet
+
+FloatArray = NDArray[np.float64]
+
+
+class BulletScene(Scene):
+    """See :class:`Scene`.
+
+    Args:
+        pinch: the fingers.
+        iterations: of the contact solver in each step.
+        window: whether PyBullet opens a window.
+        visible: whether there is something to look at.
+    """
+
+    def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
+        with quiet():
+            self.engine: Any = load_engine()
+            self.client: int = self.engine.connect(self.engine.GUI if window else self.engine.DIRECT)
+        if self.client < 0:
+            raise WorkError(
+                "environment: PyBullet gives no further client. Close environments no longer used."
+            )
+        self._pinch, self._iterations = pinch, int(iterations)
+        folder = tempfile.mkdtemp(prefix="skincal-")
+        self._tidy = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._urdf = Path(folder) / "fingers.urdf"
+        self._urdf.write_text(pinch_urdf(pinch, visible=visible), encoding="utf-8")
+        self._visible = visible
+        self.window = window
+        self._still = [0.0] * pinch.joints
+
+    def begin(self, grip: Grip) -> None:
+        """See :meth:`Scene.begin`."""
+        engine, client = self.engine, self.client
+        engine.resetSimulation(physicsClientId=client)
+        engine.setPhysicsEngineParameter(
+            fixedTimeStep=1.0 / PHYSICS_HZ,
+            numSolverIterations=self._iterations,
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
+        )
+        engine.setGravity(0, 0, 0, physicsClientId=client)
+        self._load_fingers(grip)
+        self._load_body(grip)
+        self._begin_drives(grip)
+        self._hold(grip)
+
+    def _load_fingers(self, grip: Grip) -> None:
+        engine, client = self.engine, self.client
+        flags = engine.URDF_USE_INERTIA_FROM_FILE | engine.URDF_USE_SELF_COLLISION
+        with quiet():
+            self.fingers: int = engine.loadURDF(
+                str(self._urdf), useFixedBase=True, flags=flags, physicsClientId=client
+            )
+        count: int = engine.getNumJoints(self.fingers, physicsClientId=client)
+        rows = [engine.getJointInfo(self.fingers, i, physicsClientId=client) for i in range(count)]
+        joints = {row[1].decode(): row[0] for row in rows}
+        links = {row[12].decode(): row[0] for row in rows}
+        description = self._pinch.description
+        self._joints = [joints[name] for name in description.joints]
+        self._skin_link: int = links[description.skin_finger.tip_link]
+        self._thumb_link: int = links[self._pinch.thumb.tip_link]
+        for joint, angle in zip(self._joints, grip.angles_rad.tolist(), strict=True):
+            engine.resetJointState(self.fingers, joint, angle, 0.0, physicsClientId=client)
+        # PyBullet's own motors would hold the joints.
+        engine.setJointMotorControlArray(
+            self.fingers, self._joints, engine.VELOCITY_CONTROL, forces=self._still, physicsClientId=client
+        )
+        for link in range(-1, count):
+            engine.changeDynamics(
+                self.fingers, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
+            )
+        for link in (self._skin_link, self._thumb_link):
+            self._soften(self.fingers, link, grip, grip.finger_friction, 0.0, 0.0)
+
+    def _load_body(self, grip: Grip) -> None:
+        engine, client, body = self.engine, self.client, grip.body
+        self._centre_m = grip.position_m.tolist()
+        self._turn = quaternion(grip.rotation)
+        self.body: int = engine.createMultiBody(
+            body.mass_kg,
+            self._shape(body),
+            body.look(engine, client) if self._visible else -1,
+            self._centre_m,
+            self._turn,
+            physicsClientId=client,
+        )
+        engine.changeDynamics(
+            self.body,
+            -1,
+            linearDamping=0,
+            angularDamping=0,
+            localInertiaDiagonal=body.inertia_kg_m2,
+            physicsClientId=client,
+        )
+        self._soften(
+            self.body, -1, grip, grip.lateral_friction, grip.spinning_friction, grip.rolling_friction
+        )
+
+    def _soften(
+        self, body: int, link: int, grip: Grip, lateral: float, spinning: float, rolling: float
+    ) -> None:
+        """Friction of a pair is the product of the two; stiffness and damping are those of the two in series."""
+        self.engine.changeDynamics(
+            body,
+            link,
+            lateralFriction=lateral,
+            spinningFriction=spinning,
+            rollingFriction=rolling,
+            restitution=0,
+            contactStiffness=2 * grip.stiffness_n_per_m,
+            contactDamping=grip.damping_ns_per_m / 2,
+            physicsClientId=self.client,
+        )
+
+    def _hold(self, grip: Grip) -> None:
+        engine = self.engine
+        self._constraint = engine.createConstraint(
+            self.body,
+            -1,
+            -1,
+            -1,
+            engine.JOINT_FIXED,
+            [0, 0, 0],
+            [0, 0, 0],
+            self._centre_m,
+            [0, 0, 0, 1],
+            self._turn,
+            physicsClientId=self.client,
+        )
+        self.held = True
+
+    def _shape(self, body: Body) -> int:
+        """A collision shape of round parts, each along +x of the body's frame."""
+        engine, client, parts = self.engine, self.client, body.parts
+        if len(parts) == 1 and parts[0].length_m is None:
+            return engine.createCollisionShape(
+                engine.GEOM_SPHERE, radius=parts[0].radius_m, physicsClientId=client
+            )
+        turn = engine.getQuaternionFromEuler([0, math.pi / 2, 0])
+        return engine.createCollisionShapeArray(
+            shapeTypes=[engine.GEOM_CYLINDER] * len(parts),
+            radii=[part.radius_m for part in parts],
+            lengths=[part.length_m for part in parts],
+            collisionFramePositions=[[part.at_m, 0, 0] for part in parts],
+            collisionFrameOrientations=[turn] * len(parts),
+            physicsClientId=client,
+        )
+
+    def release(self) -> None:
+        """See :meth:`Scene.release`."""
+        self.engine.removeConstraint(self._constraint, physicsClientId=self.client)
+        self.held = False
+
+    def run(self, steps: int) -> None:
+        """See :meth:`Scene.run`."""
+        engine, client, fingers, body = self.engine, self.client, self.fingers, self.body
+        joints, force, drive = self._joints, self.force_n, self.drives.step
+        states, torques = engine.getJointStates, engine.setJointMotorControlArray
+        where, push, move = (
+            engine.getBasePositionAndOrientation,
+            engine.applyExternalForce,
+            engine.stepSimulation,
+        )
+        torque_control, world_frame = engine.TORQUE_CONTROL, engine.WORLD_FRAME
+        for _ in range(steps):
+            rows = states(fingers, joints, physicsClientId=client)
+            torque = drive([row[0] for row in rows], [row[1] for row in rows])
+            torques(fingers, joints, torque_control, forces=torque, physicsClientId=client)
+            push(body, -1, force, where(body, physicsClientId=client)[0], world_frame, physicsClientId=client)
+            move(physicsClientId=client)
+
+    def touches(self) -> tuple[Touching | None, Touching | None]:
+        """See :meth:`Scene.touches`."""
+        rows = self.engine.getContactPoints(self.fingers, self.body, physicsClientId=self.client) or ()
+        skin, thumb = ([_point(row) for row in rows if row[3] == link] for link in self._links)
+        return merged(skin, LARGEST_FORCE_N), merged(thumb, LARGEST_FORCE_N)
+
+    def joints(self) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`Scene.joints`."""
+        rows = self.engine.getJointStates(self.fingers, self._joints, physicsClientId=self.client)
+        table = np.array([row[:2] for row in rows], dtype=np.float64)
+        return table[:, 0], table[:, 1]
+
+    @property
+    def _links(self) -> tuple[int, int]:
+        return self._skin_link, self._thumb_link
+
+    def tips(self) -> tuple[Frame, Frame]:
+        """See :meth:`Scene.tips`."""
+        return self._tip(self._skin_link), self._tip(self._thumb_link)
+
+    def _tip(self, link: int) -> Frame:
+        state = self.engine.getLinkState(
+            self.fingers, link, computeForwardKinematics=1, physicsClientId=self.client
+        )
+        return Frame(np.array(state[4]), self._matrix(state[5]))
+
+    def object_frame(self) -> Frame:
+        """See :meth:`Scene.object_frame`."""
+        position, turn = self.engine.getBasePositionAndOrientation(self.body, physicsClientId=self.client)
+        return Frame(np.array(position), self._matrix(turn))
+
+    def object_motion(self) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`Scene.object_motion`."""
+        linear, angular = self.engine.getBaseVelocity(self.body, physicsClientId=self.client)
+        return np.array(linear), np.array(angular)
+
+    def gap_m(self) -> float:
+        """See :meth:`Scene.gap_m`."""
+        rows = self.engine.getClosestPoints(self.fingers, self.body, 0.05, physicsClientId=self.client)
+        return min((row[8] for row in rows if row[3] in self._links), default=0.05)
+
+    def close(self) -> None:
+        """See :meth:`Scene.close`."""
+        client, self.client = self.client, -1
+        if client >= 0:
+            if self.engine.isConnected(client):
+                self.engine.disconnect(client)
+            self._tidy()
+
+    def _matrix(self, turn: Sequence[float]) -> FloatArray:
+        return np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
+
+
+def _point(row: Sequence[Any]) -> Point:
+    """A row of ``getContactPoints``, the fingers being the first body; its normal points at them."""
+    x, y, z = row[7]
+    one, two, along, across = row[10], row[12], row[11], row[13]
+    friction = (
+        one * along[0] + two * across[0],
+        one * along[1] + two * across[1],
+        one * along[2] + two * across[2],
+    )
+    return Point(row[5], (-x, -y, -z), row[9], friction)
+
+
+def quaternion(rotation: FloatArray) -> list[float]:
+    """The quaternion (x, y, z, w) of a rotation matrix (3, 3)."""
+    return Rotation.from_matrix(rotation).as_quat().tolist()

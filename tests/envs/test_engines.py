@@ -1,0 +1,114 @@
+"""The same task in both physics engines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import skincal.envs
+from skincal.envs.bodies import Bolt, Marble
+from skincal.envs.pinch import read_pinch
+from skincal.envs.scene import make_scene
+from skincal.errors import InputError
+
+assert skincal.envs
+MARBLE, BOLT = "skincal/MarbleRoll-v0", "skincal/BoltRoll-v0"
+
+
+def make(engine: str, name: str = MARBLE, **arguments: Any) -> Any:
+    return gymnasium.make(name, disable_env_checker=True, engine=engine, **arguments).unwrapped
+
+
+@pytest.fixture
+def mujoco() -> Any:
+    return pytest.importorskip("mujoco", reason="needs skincal[mujoco]")
+
+
+def test_an_engine_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(InputError, match="expected pybullet or mujoco; got 'bullet3'"):
+        make("bullet3")
+
+
+def test_only_pybullet_makes_pictures() -> None:
+    with pytest.raises(InputError, match="mujoco makes no pictures"):
+        make("mujoco", render_mode="rgb_array")
+
+
+def test_a_missing_engine_is_told_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(InputError, match=r"pip install 'skincal\[mujoco\]'"):
+        make_scene("mujoco", read_pinch(None), 20)
+
+
+def test_bodies_are_the_same_in_both(mujoco: Any) -> None:
+    del mujoco
+    assert [part.radius_m for part in Marble(6e-3, 4e-3).parts] == [6e-3]
+    shank, head = Bolt(6e-3, 6e-3).parts
+    assert shank.length_m == pytest.approx(0.07) and head.radius_m == pytest.approx(9e-3)
+    assert head.at_m - head.length_m / 2 == pytest.approx(shank.at_m + shank.length_m / 2)
+
+
+def test_a_grasp_presses_alike(mujoco: Any) -> None:
+    del mujoco
+    seen = {}
+    for engine in ("pybullet", "mujoco"):
+        env = make(engine)
+        env.reset(seed=3, options={"trajectory": "still"})
+        for _ in range(10):
+            env.step(np.zeros(6))
+        truth = env.truth
+        assert truth.skin is not None and truth.thumb is not None and not truth.dropped
+        seen[engine] = (truth.skin.force_n, truth.position_m, env.image, np.array(truth.skin.normal))
+        env.close()
+    (force, place, image, normal), (force_2, place_2, image_2, normal_2) = seen["pybullet"], seen["mujoco"]
+    assert force_2 == pytest.approx(force, rel=0.1)
+    assert np.linalg.norm(place - place_2) < 0.5e-3
+    assert np.corrcoef(image, image_2)[0, 1] > 0.98
+    assert normal @ normal_2 > 0.999
+
+
+def test_contact_is_the_spring_that_was_asked_for(mujoco: Any) -> None:
+    """Force over depth is the grip's stiffness, however heavy the bodies are."""
+    env = make("mujoco", policy="desired")
+    for mass in (3e-3, 30e-3):
+        env.reset(seed=0, options={"randomize": "none", "values": {"object.marble.mass_kg": mass}})
+        for _ in range(10):
+            env.step(np.zeros(6))
+        scene = env._scene
+        touching = [c for c in scene._data.contact if c.dist < 0]
+        skin, thumb = scene.touches()
+        stiffness = (skin.force_n + thumb.force_n) / -sum(c.dist for c in touching)
+        across = 1 / (1 / 6e-3 + 1 / 11.5e-3)
+        elasticity = env._values["skin.elasticity_pa_per_m"]
+        expected = np.sqrt(np.pi * elasticity * np.sqrt(6e-3 * across) * env.options.grasp.stiffness_at_n)
+        assert stiffness == pytest.approx(expected, rel=0.02)
+    env.close()
+
+
+def test_a_seed_gives_the_same_episode_to_the_last_bit(mujoco: Any) -> None:
+    del mujoco
+    env, places = make("mujoco"), []
+    for seed in (5, 6, 5):
+        env.reset(seed=seed)
+        places.append([env.step(np.full(6, 0.1))[4]["position_m"] for _ in range(5)])
+    env.close()
+    np.testing.assert_array_equal(places[0], places[2])
+
+
+@pytest.mark.parametrize("name", [MARBLE, BOLT])
+def test_extreme_actions_end_in_a_drop_and_print_nothing(
+    name: str, mujoco: Any, capfd: pytest.CaptureFixture[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    env, rng = make("mujoco", name), np.random.default_rng(0)
+    env.reset(seed=0)
+    ended = False
+    while not ended:
+        observation, reward, terminated, truncated, _ = env.step(rng.choice([-1.0, 1.0, np.nan], 6))
+        ended = terminated or truncated
+        assert env.observation_space.contains(observation) and np.isfinite(reward)
+    env.close()
+    assert capfd.readouterr() == ("", "") and not list(tmp_path.iterdir())
