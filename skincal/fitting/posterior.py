@@ -431,8 +431,9 @@ def _estimated_noise(
         return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
 
     # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
-    grown_only = 0.5 * np.log(max(float(np.mean(squares / np.maximum(grown, 1e-300))), 1e-300))
-    starts = (np.log(sigmas[2:4]), np.array([centres[0], max(centres[1], grown_only)]))
+    per_grown: Floats = squares / np.maximum(grown, 1e-300)
+    grown_only = 0.5 * np.log(max(float(per_grown.mean()), 1e-300))
+    starts: list[Floats] = [np.log(sigmas[2:4]), np.array([centres[0], max(centres[1], grown_only)])]
     start = min(starts, key=lambda x: loss(x)[0])
     found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
     noise, misfit = np.exp(np.asarray(found.x, dtype=np.float64))
