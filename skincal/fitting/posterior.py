@@ -431,10 +431,10 @@ def _estimated_noise(
         return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
 
     # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
-    per_grown: Floats = squares / np.maximum(grown, 1e-300)
-    grown_only = 0.5 * np.log(max(float(per_grown.mean()), 1e-300))
-    starts: list[Floats] = [np.log(sigmas[2:4]), np.array([centres[0], max(centres[1], grown_only)])]
-    start = min(starts, key=lambda x: loss(x)[0])
+    grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))
+    near: Floats = np.log(sigmas[2:4])
+    far: Floats = np.array([centres[0], max(float(centres[1]), grown_only)])
+    start = far if loss(far)[0] < loss(near)[0] else near
     found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
     noise, misfit = np.exp(np.asarray(found.x, dtype=np.float64))
     return max(float(noise), model.floor_counts * 1.05), float(misfit)
