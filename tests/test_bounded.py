@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
+from benchmarks import fuzz
 from benchmarks.fuzz_readers import Reader, damaged, readers
 from skincal import bounded
 from skincal.bounded import UnreadableError, parse_json, parse_toml, parse_xml, read_arrays
@@ -71,12 +72,25 @@ def test_samples_are_valid(known, tmp_path, name):
     assert not getattr(known[name].read(tmp_path), "errors", ())
 
 
-@pytest.mark.parametrize("name", NAMES)
+APART = [
+    name for name in NAMES if name.startswith(("import, MATLAB", "import, HDF5", "import, Parquet", "bag"))
+]
+"""Read in a process of its own, as the library may crash; so here."""
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))
 @example(seed=0)
 def test_damaged_samples_end_in_an_error_that_is_meant(known, tmp_path, name, seed):
     known[name].attack(tmp_path, *damaged(random.Random(seed), known[name]))
+
+
+@pytest.mark.parametrize("name", APART)
+def test_damaged_samples_of_foreign_formats(known, tmp_path, monkeypatch, name):
+    assert known[name].apart
+    monkeypatch.setattr(fuzz, "BATCH", 30)
+    assert fuzz.run_batch(tmp_path, known[name], 3, 0) == 0
 
 
 HUGE = "9" * 400
