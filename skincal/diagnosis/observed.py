@@ -203,11 +203,14 @@ def start_state(
             moves,
         )
     own = calibration.parameters()
+    # A taxel that does not answer has next to no scale.
+    scale = np.asarray(own.scale_per_n)
+    scale = np.maximum(scale, 1e-9 * scale.max())
     effects = {n: {k: np.asarray(v) for k, v in p.items()} for n, p in effects_of(calibration, poses).items()}
     return State(
         calibration.pose(),
         float(np.log(own.elasticity_pa_per_m)),
-        np.log(np.asarray(own.scale_per_n)),
+        np.log(scale),
         rest,
         np.zeros(3),
         moves,
