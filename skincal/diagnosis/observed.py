@@ -30,7 +30,6 @@ from skincal.model.rest import rest_from_presses
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
-_MUTE = 1e-6
 _CELLS, _FINEST_M, _MARGIN_M = 9000, 3.5e-4, 6e-3
 
 
@@ -229,21 +228,19 @@ def start_state(
             moves,
         )
     own = calibration.parameters()
+    # A taxel that does not answer has next to no scale.
+    scale = np.asarray(own.scale_per_n)
+    scale = np.maximum(scale, 1e-9 * scale.max())
     effects = {n: {k: np.asarray(v) for k, v in p.items()} for n, p in effects_of(calibration, poses).items()}
     return State(
         calibration.pose(),
         float(np.log(own.elasticity_pa_per_m)),
-        np.log(_answering(np.asarray(own.scale_per_n))),
+        np.log(scale),
         rest,
         np.zeros(3),
         moves,
         effects,
     )
-
-
-def _answering(scale: FloatArray) -> FloatArray:
-    """Scales whose logarithm exists: a taxel that does not answer, of scale 0, answers next to nothing."""
-    return np.maximum(scale, _MUTE * float(np.median(scale[scale > 0]))) if scale.ndim else scale
 
 
 def _scale(dataset: Dataset, session: GapSession, rest: float) -> float:
