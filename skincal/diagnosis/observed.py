@@ -30,8 +30,6 @@ from skincal.model.rest import rest_from_presses
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
-MOST_TAXELS = 48
-"""So many taxels of a large sensor are looked at."""
 _MUTE = 1e-6
 _CELLS, _FINEST_M, _MARGIN_M = 9000, 3.5e-4, 6e-3
 
@@ -413,7 +411,6 @@ def full_rate(observed: Observed) -> Forward:
 
 __all__ = [
     "FEWEST_PRESSES",
-    "MOST_TAXELS",
     "NoiseFloor",
     "Observed",
     "forward_of",
