@@ -122,7 +122,7 @@ def test_endless_nesting(refusal, name, file, old, line):
 @pytest.mark.parametrize(
     ("name", "file", "old"),
     [
-        ("dataset, CSV", "dataset.toml", "rows = 4"),
+        ("dataset, CSV", "dataset.toml", "rows = 2"),
         ("calibration", "calibration.toml", "rows = 4"),
         ("hand", "hand.toml", "rows = 4"),
         ("import, presses", "mapping.toml", "rows = 4"),

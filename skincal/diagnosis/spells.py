@@ -1,10 +1,11 @@
 """Faults of single taxels that come and go: a level that steps and steps back, a taxel that sticks for a while.
 
-Both are looked for about the base model's fit, in the series of a taxel's holds and rests. A taxel sticks in a run of
-presses in which it reads one value while the model has it move. A step is a changepoint: the window of presses in which
-a level of its own explains most of what the taxel's own curve leaves. The curve is whatever effects can do smoothly:
-a nonlinear response, the same while the load falls, and slow drifts of level and gain. The likelihood ratio, with the
-variance that the curve itself leaves, is asked to pass a bound for all windows and taxels together.
+Both are looked for about the best model, where that leaves more than chance, in a taxel's series of holds and rests.
+A taxel sticks in a run of presses in which it reads one value while the model has it move. A step is a changepoint: the
+window of presses in which a level of its own explains most of what the taxel's own curve leaves. The curve is whatever
+effects can do smoothly: a nonlinear response, the same while the load falls, and slow drifts of level and gain. The
+likelihood ratio, with the variance that the curve itself leaves, is asked to pass a bound for all windows and taxels
+together.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ def find_spells(fitter: Fitter, state: State, counts: FloatArray) -> tuple[Spell
 
     Args:
         fitter: of the session.
-        state: the base model's fit.
+        state: the fit.
         counts: (N, J) all that was read, of presses that are kept for the end as well.
     """
     session, forward = fitter.forward.session, fitter.forward

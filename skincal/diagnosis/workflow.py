@@ -52,22 +52,26 @@ def diagnose(
         WorkError: too few presses.
     """
     check_same_sensor(calibration, dataset)
-    split, searched, again, drawn, pressed, audited = np.random.default_rng(seed).spawn(6)
+    split, searched, again, drawn, pressed, audited, spelled = np.random.default_rng(seed).spawn(7)
     heard("noise floor and places")
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
     base = base_fit(fitter, known=True)
-    assert observed.session.counts is not None
-    spells = find_spells(fitter, base.state, observed.session.counts)
-    if spells:
-        observed = observed.without(spells)
-        fitter = observed.fitter
-        base = base_fit(fitter, known=True)
     heard("what can be seen")
     audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
     heard("what is missing")
-    search = Search(fitter, base, observed.names, observed.covariates, searched, heard, null_sessions)
-    found = search.run()
+    found = Search(fitter, base, observed.names, observed.covariates, searched, heard, null_sessions).run()
+    if found.open or found.doubtful:
+        # About the best model: what an effect does to a taxel and its neighbours may look like a step about the base.
+        assert observed.session.counts is not None
+        spells = find_spells(fitter, found.fitted.state, observed.session.counts)
+        if spells:
+            observed = observed.without(spells)
+            fitter = observed.fitter
+            base = base_fit(fitter, known=True)
+            found = Search(
+                fitter, base, observed.names, observed.covariates, spelled, heard, null_sessions
+            ).run()
     heard("gap on presses nobody has fitted")
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)

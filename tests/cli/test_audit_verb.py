@@ -36,7 +36,7 @@ def test_table_says_what_is_seen_and_why_not(static: Path, capsys: pytest.Captur
     assert run(static) == 0
     out = capsys.readouterr().out
     assert "16 presses, 16 images (hold means) of 16 taxels" in out
-    assert "guessed" in out and "crosstalk" in out
+    assert "are assumed" in out and "crosstalk" in out
     assert "no frames: only the mean of each hold was recorded" in out
 
 

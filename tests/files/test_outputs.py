@@ -121,7 +121,7 @@ def test_an_unwritable_place_is_refused_before_any_work(
 
     (tmp_path / "inner").mkdir()
     monkeypatch.setattr(os, "mkdir", no_room)
-    with pytest.raises(InputError, match=r"out: expected .* can be written.*; got permission denied"):
+    with pytest.raises(InputError, match=r"out: expected a writable place .*; got permission denied"):
         refuse_existing(tmp_path / "out", force=False)
     refuse_existing(tmp_path / "inner" / "out", force=False)
     assert not list((tmp_path / "inner").iterdir())

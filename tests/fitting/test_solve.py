@@ -115,7 +115,7 @@ def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
 def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, seed=12)[0])
     box = replace(BOX, y_m=(0.0242, 0.0262))
-    result = _fit(problem, box, FEW_DRAWS)
+    result = _fit(problem, box)
     assert "range_edge" in _codes(result)
     told = next(f for f in result.findings if f.code == "range_edge")
     assert "lower end" in told.text and "Widen" in told.advice

@@ -13,6 +13,7 @@ import pytest
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError, WorkError
 from skincal.imports import Imported, bag_topics, import_rosbag, template
+from skincal.imports.bag_file import opened
 from tests.imports.foreign import Recorded, mapping, recorded, write_mapping
 from tests.imports.ros import BAG, SKIN_MSG, BagMaker, ns, write_bag
 
@@ -279,5 +280,6 @@ def refused_again(folder: Path, bags: list[Path]) -> str:
 def test_library_that_is_not_installed(tmp_path: Path, recording: Recorded, monkeypatch: pytest.MonkeyPatch):
     bag = write_bag(tmp_path / "s.bag", recording)
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(WorkError, match=r"pip install skincal\[ros\]"):
-        bring(tmp_path, [bag])
+    # Opened here: an import opens it in a process of its own, which has the library.
+    with pytest.raises(WorkError, match=r"pip install skincal\[ros\]"), opened(bag, {}):
+        pass

@@ -34,7 +34,7 @@ def test_what_was_named_is_said_with_its_numbers():
     assert lines.startswith("Missing: hysteresis")
     assert "height" in lines and "% of the gap is closed" in lines
     assert tone(found) in ("found", "attention")
-    assert any("fitted once more" in s for s in verdict_sentences(found))
+    assert any("refitted to all presses" in s for s in verdict_sentences(found))
 
 
 def test_nothing_is_said_with_what_did_best():
