@@ -41,7 +41,7 @@ from skincal.collect import PROTOCOLS, Collected, Mount, Need, Progress, collect
 from skincal.dataset import Dataset, active_taxels
 from skincal.dataset.rest import active_threshold
 from skincal.errors import SkincalError
-from skincal.fitting.options import FitOptions
+from skincal.fitting.fit_options import FitOptions
 from skincal.hand.sim import SimDriver
 from skincal.version import __version__
 

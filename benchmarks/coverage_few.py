@@ -22,7 +22,7 @@ from benchmarks.coverage_kept import as_shipped
 from benchmarks.coverage_store import finished
 from benchmarks.interval_coverage import COARSE, LEVELS, QUANTILES, Job, run_job
 from skincal.calibrate.workers import available_cores
-from skincal.fitting.options import FitOptions
+from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.result import PARAMETERS
 
 Record = dict[str, Any]

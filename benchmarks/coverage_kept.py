@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.fitting.options import SearchBox
+from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.valley import OPEN, closed
 
 Record = dict[str, Any]

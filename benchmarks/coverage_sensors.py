@@ -33,7 +33,7 @@ from benchmarks.interval_coverage import strict_json
 from benchmarks.sensors import KINDS, make
 from skincal.calibrate import calibrate
 from skincal.errors import SkincalError
-from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.fitting.result import PARAMETERS
 from skincal.version import __version__
 

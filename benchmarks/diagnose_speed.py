@@ -31,7 +31,7 @@ from skincal.calibration import Calibration
 from skincal.collect import Mount, collect, full_plan
 from skincal.dataset import Dataset
 from skincal.diagnosis.workflow import diagnose
-from skincal.fitting.options import FitOptions
+from skincal.fitting.fit_options import FitOptions
 from skincal.hand.sim import SimDriver
 from skincal.version import __version__
 

@@ -18,7 +18,7 @@ import numpy as np
 from skincal.collect import Mount, Plan, full_plan, paper_plan
 from skincal.dataset import read_dataset
 from skincal.diagnosis.audit import audit_dataset, audit_planned
-from skincal.diagnosis.plan import plan_session
+from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit
 from skincal.hand.hands import hand_named
 from skincal.version import __version__

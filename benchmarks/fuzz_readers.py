@@ -137,8 +137,8 @@ def _of_datasets(scratch: Path) -> list[Reader]:
 
 
 def _of_hands() -> list[Reader]:
+    from skincal.collect.mount import Mount
     from skincal.collect.plan_file import read_plan
-    from skincal.collect.sites import Mount
     from skincal.envs.pinch import read_pinch
     from skincal.hand.messages import REPLIES, REQUESTS, decode, refusal_of, state_of
     from skincal.robot import read_hand

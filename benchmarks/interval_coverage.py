@@ -39,7 +39,7 @@ from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make
 from skincal.calibrate import calibrate, fit_problem
 from skincal.calibrate.workers import available_cores
 from skincal.errors import SkincalError
-from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.valley import OPEN, interval
 from skincal.version import __version__

@@ -35,11 +35,11 @@ from benchmarks.model_speed import ELASTICITY_PA_PER_M, PlainSkin, ball_mesh, cp
 from benchmarks.sessions import make_session
 from skincal.calibrate import Way, fit_problem, search_box
 from skincal.fitting import grid
+from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.general import evaluate_combination, evaluate_pose
 from skincal.fitting.general_skin import SkinShares
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.micro import MicroSettings, micro_objective
-from skincal.fitting.options import FitOptions
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.solve import plan_fit
 from skincal.model import Contacts, Patch, SensorPose

@@ -26,7 +26,7 @@ from dataclasses import replace
 from typing import Any
 
 from skincal.train import BackendName, PolicyKind, Settings, Task, Work, maker, parallel
-from skincal.train.run import _learner
+from skincal.train.training_run import _learner
 
 FULL_STEPS = 800_000
 SETTINGS = replace(Settings(), learning_starts=400)

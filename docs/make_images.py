@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from skincal.calibrate import calibrate
-from skincal.calibrate.run import Outcome
+from skincal.calibrate.dataset_fit import Outcome
 from skincal.dataset import read_dataset
 from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
 from skincal.ranges import preset

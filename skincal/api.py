@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from skincal.calibrate import Outcome, UniformOutcome
     from skincal.diagnosis.diagnosis import Diagnosis
-    from skincal.fitting.options import FitOptions
+    from skincal.fitting.fit_options import FitOptions
     from skincal.prediction import Prediction
     from skincal.ranges import Ranges
 
@@ -62,7 +62,7 @@ def fit(
         WorkError: the presses do not allow a fit; says why and what to do.
     """
     from skincal.calibrate import calibrate, calibrate_uniform
-    from skincal.dataset.uniform import uniform_pressure
+    from skincal.dataset.uniform_pressure import uniform_pressure
 
     if uniform_pressure(dataset):
         return calibrate_uniform(dataset, seed=seed)

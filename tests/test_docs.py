@@ -15,9 +15,9 @@ import typer
 
 from skincal.cli.main import app
 from skincal.dataset.columns import OPTIONAL, TIMES
-from skincal.diagnosis import findings as diagnosis_findings
-from skincal.fitting import findings
-from skincal.fitting.options import FitOptions, GridSteps
+from skincal.diagnosis import session_findings
+from skincal.fitting import fit_findings
+from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.fitting.places import MOST
 from skincal.fitting.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
 from skincal.inference.constants import CONSTANTS
@@ -77,7 +77,7 @@ def test_files_page_names_every_column():
     assert [name for name in (*OPTIONAL, *TIMES) if f"`{name}`" not in text] == []
 
 
-@pytest.mark.parametrize(("module", "made"), [(findings, "FitFinding"), (diagnosis_findings, "Finding")])
+@pytest.mark.parametrize(("module", "made"), [(fit_findings, "FitFinding"), (session_findings, "Finding")])
 def test_files_page_names_every_finding(module: ModuleType, made: str):
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
     codes = [

@@ -1,8 +1,8 @@
 """From a dataset to a calibration: the fit, with workers, checkpoints and the words of the files."""
 
+from skincal.calibrate.dataset_fit import Outcome, calibrate
 from skincal.calibrate.problem import fit_problem, search_box
-from skincal.calibrate.run import Outcome, calibrate
-from skincal.calibrate.uniform import UniformOutcome, calibrate_uniform
+from skincal.calibrate.uniform_fit import UniformOutcome, calibrate_uniform
 from skincal.calibrate.way import METHODS, Method, Way, choose_way
 
 __all__ = [

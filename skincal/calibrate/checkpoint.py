@@ -14,9 +14,9 @@ import numpy as np
 
 from skincal.bounded import read_arrays
 from skincal.files import whole_file
+from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_table import SkinTable, TableReach
 from skincal.fitting.grid import GridSlab
-from skincal.fitting.options import FitOptions, SearchBox
 from skincal.version import __version__
 
 _log = logging.getLogger("skincal")

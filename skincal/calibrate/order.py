@@ -8,9 +8,9 @@ from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import choose_way
 from skincal.calibration import Calibration, Finding
 from skincal.dataset import Dataset
-from skincal.dataset.uniform import uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError
-from skincal.fitting.options import FitOptions
+from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.model import TaxelLayout
 

@@ -11,12 +11,12 @@ from skincal.calibrate.way import Way, choose_way
 from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform import UNIFORM, uniform_pressure
+from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
+from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.observe import Readout
-from skincal.fitting.options import FitOptions, SearchBox
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.model import Cylinder, Indenter, MeshSurface, Surface
 from skincal.units import rad

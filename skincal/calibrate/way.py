@@ -10,8 +10,8 @@ import numpy as np
 from skincal.calibration import MARGIN_M
 from skincal.dataset import Dataset
 from skincal.errors import InputError, Problem
+from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.kernel import contact_reach
-from skincal.fitting.options import SearchBox
 from skincal.model import Cylinder, Surface
 from skincal.units import deg, rad
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import tomli_w
 
 from skincal.calibration.calibration import Calibration
-from skincal.calibration.tables import TABLE_FILES, Tables, check_tables, read_tables
+from skincal.calibration.draw_tables import TABLE_FILES, Tables, check_tables, read_tables
 from skincal.calibration.toml_file import FILE, meta_from, plain_meta
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings

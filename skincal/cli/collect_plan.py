@@ -59,10 +59,10 @@ def show_plan(
     """Write the plan and its picture, and print a summary."""
     from skincal.collect import KINDS, CollectOptions, write_plan
     from skincal.collect.duration import duration_s
+    from skincal.collect.mount import Mount
     from skincal.collect.plan_file import FORMAT
     from skincal.collect.poses import with_poses
     from skincal.collect.posture import Fingers
-    from skincal.collect.sites import Mount
     from skincal.files import refuse_existing, whole_file
     from skincal.report.plan import plan_figure
     from skincal.report.style import PICTURE_MARK, save

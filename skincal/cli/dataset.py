@@ -42,7 +42,7 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     A note states a limit of good data. Exit status 0: usable, perhaps with warnings; 2: not usable.
     """
     from skincal.dataset import check_dataset
-    from skincal.dataset.uniform import notes_on
+    from skincal.dataset.uniform_pressure import notes_on
     from skincal.errors import InputError
 
     found = check_dataset(dataset)
@@ -95,7 +95,7 @@ def show(
     from skincal.dataset import read_dataset
     from skincal.dataset.rest import active_threshold
     from skincal.dataset.summary import summarise
-    from skincal.dataset.uniform import notes_on
+    from skincal.dataset.uniform_pressure import notes_on
     from skincal.files import refuse_existing, whole_file
     from skincal.report.dataset import dataset_figure
     from skincal.report.style import PICTURE_MARK, checked_suffix, save

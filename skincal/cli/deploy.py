@@ -184,7 +184,7 @@ def targets_of(
     """Where the object shall go, as the verb was asked."""
     from skincal.cli.eval import _targets as targets_of_file
     from skincal.deploy import letters, marble_targets
-    from skincal.deploy.options import POLICY_HZ
+    from skincal.deploy.deploy_options import POLICY_HZ
     from skincal.envs.trajectories import sine
     from skincal.errors import InputError, Problem
 

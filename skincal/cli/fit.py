@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from skincal.calibration import Calibration
     from skincal.dataset import Dataset
     from skincal.errors import InputError
-    from skincal.fitting.options import FitOptions, GridSteps
+    from skincal.fitting.fit_options import FitOptions, GridSteps
 
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
 
@@ -138,10 +138,10 @@ def fit(
     a report. An interrupted fit continues when the same command is given again.
     """
     from skincal.calibrate import calibrate, choose_way
-    from skincal.calibrate.run import why_dropped
+    from skincal.calibrate.dataset_fit import why_dropped
     from skincal.calibration import write_calibration
     from skincal.dataset import read_dataset
-    from skincal.dataset.uniform import uniform_pressure
+    from skincal.dataset.uniform_pressure import uniform_pressure
     from skincal.files import refuse_existing
 
     options = _options(active_counts, min_active, bound, level, draws, per_taxel)
@@ -265,7 +265,7 @@ def _steps(
     way: Way, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
 ) -> GridSteps:
     """Return the given grid steps, else those of the method."""
-    from skincal.fitting.options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
+    from skincal.fitting.fit_options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
     from skincal.units import rad
 
     default = {"fast": GridSteps(), "general": LOCAL_STEPS, "nlopt": GENERAL_STEPS}[way.method]
@@ -285,7 +285,7 @@ def _options(
     draws: int,
     per_taxel: bool,
 ) -> FitOptions:
-    from skincal.fitting.options import FitOptions
+    from skincal.fitting.fit_options import FitOptions
 
     return FitOptions(
         active_counts=active_counts,
@@ -299,7 +299,7 @@ def _options(
 
 def _bound(text: str) -> float | None:
     from skincal.errors import InputError, Problem
-    from skincal.fitting.options import PAPER_BOUND_COUNTS2
+    from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 
     if text == "noise":
         return None

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
-    from skincal.fitting.options import SearchBox
+    from skincal.fitting.fit_options import SearchBox
 
 Pair = tuple[float, float]
 

@@ -61,8 +61,8 @@ def serve_hand(
     Serves one client at a time. Limits are enforced on this side, too, and the hand stops when its client falls silent.
     Ctrl-C stops the hand and ends. With --json the object is printed as soon as the hand can be reached.
     """
+    from skincal.hand.guard_options import GuardOptions
     from skincal.hand.hands import joint_contact_force
-    from skincal.hand.options import GuardOptions
     from skincal.hand.registry import create_driver, parse_options
     from skincal.hand.serve import HandServer, ServeOptions
     from skincal.hand.sockets import hand_keys

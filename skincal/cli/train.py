@@ -132,7 +132,7 @@ def train(
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     stated = {f"--{name}": value for name, value in given.items() if value is not None}
     from skincal.train import Settings, begin, read_run
-    from skincal.train.run import CHECKPOINT
+    from skincal.train.training_run import CHECKPOINT
 
     if resume:
         work, used = read_run(out)

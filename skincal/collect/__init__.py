@@ -1,13 +1,13 @@
 """Data collection: plans of presses, and their execution with a hand, which gives a dataset."""
 
+from skincal.collect.collection import Collected, collect
 from skincal.collect.journal import journal_folder
-from skincal.collect.options import CollectOptions
+from skincal.collect.mount import Mount
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.plan_file import read_plan, write_plan
+from skincal.collect.press_options import CollectOptions
+from skincal.collect.press_session import MakeDriver, Need, Progress
 from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, full_plan, paper_plan
-from skincal.collect.run import Collected, collect
-from skincal.collect.session import MakeDriver, Need, Progress
-from skincal.collect.sites import Mount
 
 __all__ = [
     "KINDS",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.collect.options import CollectOptions
 from skincal.collect.plan import Plan
 from skincal.collect.poses import heights, radius_of
 from skincal.collect.posture import Fingers
 from skincal.collect.press import FAST
+from skincal.collect.press_options import CollectOptions
 from skincal.collect.travel import PEAK
 
 POSE_S = 1.0

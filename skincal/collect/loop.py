@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.samples import Sample, Senses
+from skincal.collect.senses import Sample, Senses
 from skincal.hand.guard import GuardedHand
 
 FloatArray = NDArray[np.float64]

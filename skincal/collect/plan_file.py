@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 from skincal.bounded import UnreadableError, parse_csv, parse_toml, read_text
+from skincal.collect.mount import Mount
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.protocols import FullProtocol
-from skincal.collect.sites import Mount
 from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.toml_table import KEPT, TomlTable

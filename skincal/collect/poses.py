@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats.qmc import Halton
 
-from skincal.collect.options import CollectOptions
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.posture import Fingers, Posture
+from skincal.collect.press_options import CollectOptions
 from skincal.errors import InputError, Problem, WorkError
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.sites import Mount
+from skincal.collect.mount import Mount
 from skincal.robot import Kinematics, place_indenter
 
 FloatArray = NDArray[np.float64]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.loop import Loop
-from skincal.collect.options import CollectOptions
 from skincal.collect.plan import PlannedPress
 from skincal.collect.posture import Posture
+from skincal.collect.press_options import CollectOptions
 from skincal.collect.regulator import Regulator
-from skincal.collect.samples import Sample
+from skincal.collect.senses import Sample
 
 FloatArray = NDArray[np.float64]
 

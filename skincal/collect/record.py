@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.options import CollectOptions
 from skincal.collect.plan import PlannedPress
 from skincal.collect.press import Moments, Status
-from skincal.collect.samples import Sample
+from skincal.collect.press_options import CollectOptions
+from skincal.collect.senses import Sample
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
 
 FloatArray = NDArray[np.float64]

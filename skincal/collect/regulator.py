@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.samples import Sample
+from skincal.collect.senses import Sample
 
 FloatArray = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.collect.collection import Collected, keep_session
 from skincal.collect.journal import Journal, digest_of
-from skincal.collect.options import CollectOptions
+from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.plan_file import plan_as_toml
+from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import missed_target
-from skincal.collect.run import Collected, keep_session
-from skincal.collect.sites import Mount
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
 from skincal.errors import InputError, Problem
 from skincal.hand import GuardOptions

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.loop import Loop
-from skincal.collect.options import CollectOptions
 from skincal.collect.posture import Fingers
+from skincal.collect.press_options import CollectOptions
 from skincal.errors import WorkError
 from skincal.robot import contact_from_joints, place_indenter
 

@@ -3,9 +3,9 @@
 Needs the core install and onnxruntime; neither a learner nor Gymnasium.
 """
 
-from skincal.deploy.options import DeployOptions
+from skincal.deploy.deploy_options import DeployOptions
+from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.record import Record, write_record
-from skincal.deploy.run import Deployed, deploy
 from skincal.deploy.targets import letters, marble_targets
 
 __all__ = ["DeployOptions", "Deployed", "Record", "deploy", "letters", "marble_targets", "write_record"]

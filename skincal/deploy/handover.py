@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.deploy.deploy_options import DeployOptions
 from skincal.deploy.motion import Motion
-from skincal.deploy.options import DeployOptions
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.errors import WorkError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.deploy.options import POLICY_HZ
+from skincal.deploy.deploy_options import POLICY_HZ
 from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED
 from skincal.errors import InputError, Problem
 from skincal.model.arrays import as_floats

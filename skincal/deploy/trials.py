@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.deploy.run import Deployed, deploy
+from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.targets import marble_targets
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand

@@ -1,8 +1,8 @@
 """From datasets, calibrations and plans to what the data can tell of a gap between simulation and measurement."""
 
 from skincal.diagnosis.audit import AuditReport, audit_dataset, audit_plan
-from skincal.diagnosis.plan import plan_session
-from skincal.diagnosis.session import gap_session, repeats
+from skincal.diagnosis.dataset_session import gap_session, repeats
+from skincal.diagnosis.planned_session import plan_session
 from skincal.prediction.sites import sites
 
 __all__ = ["AuditReport", "audit_dataset", "audit_plan", "gap_session", "plan_session", "repeats", "sites"]

@@ -13,11 +13,11 @@ from skincal.calibration import Calibration, check_same_sensor, sensor_differenc
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
+from skincal.diagnosis.dataset_session import gap_session
 from skincal.diagnosis.observed import NoiseFloor, forward_of, observe
 from skincal.diagnosis.phases import check_phases
-from skincal.diagnosis.plan import plan_session
+from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit, facts_of, why_not
-from skincal.diagnosis.session import gap_session
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
 from skincal.inference.blocks import Whitened

@@ -10,7 +10,7 @@ import numpy as np
 from skincal.collect import Plan
 from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
-from skincal.dataset.uniform import uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.ladder import WORDS, factors_of, ladder_plan
 from skincal.diagnosis.observed import Observed, forward_of

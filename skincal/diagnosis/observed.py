@@ -11,9 +11,9 @@ from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform import uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure
+from skincal.diagnosis.dataset_session import gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.phases import check_phases
-from skincal.diagnosis.session import gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.spells import Spell, without_spells
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem

@@ -6,7 +6,7 @@ import numpy as np
 
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
-from skincal.diagnosis.session import press_rows
+from skincal.diagnosis.dataset_session import press_rows
 
 
 def check_phases(dataset: Dataset, fewest: int) -> None:

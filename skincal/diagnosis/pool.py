@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skincal.collect import FullProtocol, Plan, full_plan
 from skincal.dataset import Dataset
-from skincal.diagnosis.plan import Course, played_plan
+from skincal.diagnosis.planned_session import Course, played_plan
 from skincal.diagnosis.rig import Rig
 from skincal.inference.session import GapSession
 from skincal.model.arrays import as_floats

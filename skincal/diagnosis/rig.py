@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect import FullProtocol, Mount, Plan, PlannedPress, read_plan
-from skincal.collect.run import PLAN
+from skincal.collect.collection import PLAN
 from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
-from skincal.diagnosis.session import TIMES, pose_names
+from skincal.diagnosis.dataset_session import TIMES, pose_names
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
 from skincal.model.arrays import as_floats

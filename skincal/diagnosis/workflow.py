@@ -13,11 +13,11 @@ from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
 from skincal.diagnosis.audit import report_of
 from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
-from skincal.diagnosis.findings import findings_of
 from skincal.diagnosis.gap import gap_of, placed_presses
 from skincal.diagnosis.newcal import effect_intervals, new_calibration
 from skincal.diagnosis.next_presses import next_presses
 from skincal.diagnosis.observed import Observed, observe
+from skincal.diagnosis.session_findings import findings_of
 from skincal.diagnosis.spells import find_spells
 from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS

@@ -1,7 +1,7 @@
 """Effects of a skin beyond the base model: one file per effect, one registry, whole sessions or sample by sample."""
 
 from skincal.effects.applied import Applied
-from skincal.effects.base import (
+from skincal.effects.effect import (
     Effect,
     InputEffect,
     LawEffect,
@@ -10,13 +10,13 @@ from skincal.effects.base import (
     SpreadEffect,
     Stage,
 )
+from skincal.effects.effect_skin import Contacted, EffectSkin
 from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import COVARIATES, Samples
-from skincal.effects.session import Contacted, EffectSkin
 from skincal.effects.setting import Setting
-from skincal.effects.sites import met_before
+from skincal.effects.site_history import met_before
 from skincal.effects.stream import SkinStream
 
 __all__ = [

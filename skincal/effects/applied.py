@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 
 from numpy.typing import ArrayLike
 
-from skincal.effects.base import Effect
+from skincal.effects.effect import Effect
 from skincal.effects.parameter import Values
 from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import COVARIATES, Samples

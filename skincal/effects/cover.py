@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.effects.base import InputEffect
+from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting

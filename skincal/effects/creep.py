@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.effects.base import MemoryEffect, State
+from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.recursion import relaxed
 from skincal.effects.samples import Samples

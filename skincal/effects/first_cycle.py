@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.effects.base import SignalEffect, Stage, known
+from skincal.effects.effect import SignalEffect, Stage, known
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting

@@ -10,7 +10,7 @@ also connect wires with each other, so that a part of the load reaches every tax
 
 from __future__ import annotations
 
-from skincal.effects.base import SignalEffect, Stage
+from skincal.effects.effect import SignalEffect, Stage
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from skincal.effects.base import InputEffect
+from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting

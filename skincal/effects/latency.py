@@ -15,7 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.effects.base import MemoryEffect, State
+from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.recursion import Relaxing, relaxed
 from skincal.effects.samples import Samples

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.effects.base import MemoryEffect, State
+from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.samples import LOAD, UNKNOWN, Samples
 from skincal.effects.starts import Scene, Start, start

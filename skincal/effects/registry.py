@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
-from skincal.effects.base import Effect
 from skincal.effects.baseline_drift import BaselineDrift
 from skincal.effects.contact_offset import ContactOffset
 from skincal.effects.cover import Cover
@@ -18,6 +17,7 @@ from skincal.effects.creep import Creep
 from skincal.effects.crosstalk import Crosstalk
 from skincal.effects.dead_band import DeadBand
 from skincal.effects.dead_taxel import DeadTaxel
+from skincal.effects.effect import Effect
 from skincal.effects.first_cycle import FirstCycle
 from skincal.effects.force_bias import ForceBias
 from skincal.effects.gain_drift import GainDrift

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import erf, roots_genlaguerre
 
-from skincal.effects.base import SpreadEffect
+from skincal.effects.effect import SpreadEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.starts import Scene, Start, start
 from skincal.errors import InputError, Problem

@@ -8,7 +8,7 @@ equilibrium of forces is solved with this law, so that the penetration and the i
 
 from __future__ import annotations
 
-from skincal.effects.base import LawEffect
+from skincal.effects.effect import LawEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.starts import Scene, Start, start
 from skincal.model import StressLaw

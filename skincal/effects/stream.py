@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.effects.base import State
+from skincal.effects.effect import State
+from skincal.effects.effect_skin import EffectSkin
 from skincal.effects.samples import Samples
-from skincal.effects.session import EffectSkin
 from skincal.model.arrays import FloatArray
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skincal.envs.bolt import BoltRollEnv
+    from skincal.envs.episode_options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
-    from skincal.envs.options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
     from skincal.envs.registration import ENVIRONMENTS, register_environments
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv

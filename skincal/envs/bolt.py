@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body, Bolt
 from skincal.envs.drawing import Values, number
-from skincal.envs.options import ORIENTATIONS_DEG, EpisodeOptions
+from skincal.envs.episode_options import ORIENTATIONS_DEG, EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.task import TaskOptions
 from skincal.envs.trajectories import BOLT_HZ, sine

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body, Marble
 from skincal.envs.drawing import Values, number
-from skincal.envs.options import EpisodeOptions
+from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.trajectories import FIXED, ROUND_S, TO_SIDE_S, wander
 

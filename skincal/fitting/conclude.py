@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from skincal.fitting.findings import find
+from skincal.fitting.fit_findings import find
+from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.grid import GridSlab, MacroGrid
 from skincal.fitting.law import LawSpread
-from skincal.fitting.options import FitOptions, SearchBox
 from skincal.fitting.places import starting_nuisance
 from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import settle

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
-from skincal.fitting.options import SearchBox
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Bools, Floats
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skincal.fitting.conclude import Evidence, conclude
 from skincal.fitting.errors import FitError
+from skincal.fitting.fit_options import GENERAL_STEPS, LOCAL_STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
 from skincal.fitting.general_tabling import (
     NO_STORE,
@@ -23,7 +24,6 @@ from skincal.fitting.general_tabling import (
 from skincal.fitting.grid import GridSlab, MacroGrid, span
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
-from skincal.fitting.options import GENERAL_STEPS, LOCAL_STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import FitResult

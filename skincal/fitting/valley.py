@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skincal.fitting.options import SearchBox
+from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.places import Places, starting_nuisance
 from skincal.fitting.presses import settle
 from skincal.fitting.problem import FitProblem

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
 
-from skincal.fitting.options import SearchBox
+from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.presses import solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints

@@ -3,7 +3,7 @@
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.registry import create_driver, create_rig, driver_names
 from skincal.hand.stage import StageDescription, StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skincal.hand.clock import ClockCheck
 from skincal.hand.driver import HandDriver, HandState
 from skincal.hand.errors import HandErrorKind, Violation, shown
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 from skincal.robot.description import HandDescription
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from skincal.hand.errors import Violation
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 
 DRIFT = 1e-3
 """Largest relative difference of two clocks that run equally fast; cheap crystals keep a tenth of it."""

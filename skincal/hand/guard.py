@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from skincal.hand.checks import ContactForce, StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
-from skincal.hand.options import GuardOptions
 from skincal.robot import HandDescription, check_limits
 
 FloatArray = NDArray[np.float64]

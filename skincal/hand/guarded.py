@@ -24,8 +24,8 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, halt, held_back, stopped
-from skincal.hand.options import GuardOptions
 from skincal.hand.stage import StageDriver
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 

@@ -15,11 +15,11 @@ from typing import Any, Self
 
 from skincal.errors import SkincalError
 from skincal.hand.checks import ContactForce
+from skincal.hand.client_session import Outbox, Reply, Session
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.messages import REQUESTS, Message, MessageError, decode, encode, refusal_body
-from skincal.hand.options import GuardOptions
-from skincal.hand.session import Outbox, Reply, Session
 from skincal.hand.sockets import Keys, checked_address, prepared, zmq_module
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 from skincal.robot import HandDescription, check_limits

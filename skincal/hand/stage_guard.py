@@ -12,8 +12,8 @@ from skincal.errors import InputError, Problem
 from skincal.hand.clock import ClockCheck
 from skincal.hand.commands import Elapsed
 from skincal.hand.errors import HandError, HandErrorKind, Violation, shown
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
-from skincal.hand.options import GuardOptions
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
 
 ROUNDING_M = 1e-9

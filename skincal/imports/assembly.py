@@ -21,8 +21,8 @@ from skincal.files import check_input, reason, whole_folder
 from skincal.imports.alignment import JoinedClock
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.placement import placed
+from skincal.imports.press_recording import Session, session_of
 from skincal.imports.recording import Dropped, ReadFile, Recording
-from skincal.imports.session import Session, session_of
 
 
 @dataclass(frozen=True)

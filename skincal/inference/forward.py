@@ -1,7 +1,7 @@
 """What a session reads under a state of the sensor: y = c(g(theta, law, effects, press) + rest), and its slopes.
 
 A state is the pose, E, S, the level at rest, three numbers of the contact law, the parameters of effects, and for every
-press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.tables`);
+press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.press_table`);
 everything after
 the contact is the chain of effects itself, so each slope by a parameter is a difference of that chain.
 """
@@ -16,10 +16,10 @@ from scipy.sparse import csr_array
 
 from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect, effect
 from skincal.effects.applied import at_work
-from skincal.effects.base import Stage
+from skincal.effects.effect import Stage
 from skincal.inference.noise import Noise
+from skincal.inference.press_table import STEP_M, Presses, PressTable, press_table
 from skincal.inference.session import GapSession
-from skincal.inference.tables import STEP_M, Presses, PressTable, press_table
 from skincal.model import (
     Converter,
     Cylinder,

@@ -10,7 +10,7 @@ from skincal.effects.samples import HOLD
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
-from skincal.inference.tables import press_table
+from skincal.inference.press_table import press_table
 from skincal.model.arrays import FloatArray, IntArray
 
 _TURNS = (-0.2, 0.0, 0.2)

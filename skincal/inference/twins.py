@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
 from skincal.inference.forward import Forward, State, unrolled
-from skincal.inference.tables import NODES, Presses, PressTable, press_table
+from skincal.inference.press_table import NODES, Presses, PressTable, press_table
 from skincal.model import Cylinder, Patch, Plane, Sphere, StressLaw, Surface
 from skincal.model.arrays import FloatArray
 

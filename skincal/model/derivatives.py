@@ -8,11 +8,11 @@ import numpy as np
 
 from skincal.model.arrays import FloatArray, check_shape
 from skincal.model.contact import Contacts
-from skincal.model.indenters.base import ClosedForm
+from skincal.model.indenters.indenter import ClosedForm
 from skincal.model.patch import Patch
-from skincal.model.press.run import press_slopes
+from skincal.model.press.call import press_slopes
 from skincal.model.skin import Skin
-from skincal.model.surfaces.base import Surface
+from skincal.model.surfaces.surface import Surface
 
 _STEP_M = 1e-5
 """Step of the central differences of smooth surfaces, good to some 1e-8 of a radius of 10 mm."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import FloatArray, check_shape
-from skincal.model.press.run import routine
+from skincal.model.press.call import routine
 
 
 def solve_penetration(gap_m: ArrayLike, weight_m2: ArrayLike, force_over_elasticity: ArrayLike) -> FloatArray:

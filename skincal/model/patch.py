@@ -21,7 +21,7 @@ from skincal.model.arrays import (
 )
 from skincal.model.layout import TaxelLayout
 from skincal.model.press.points import TiledPoints
-from skincal.model.surfaces.base import SensorPose, Surface
+from skincal.model.surfaces.surface import SensorPose, Surface
 
 Rule = Literal["midpoint", "gauss"]
 """How a sum over points stands for an integral over a taxel: ``midpoint``, the centres of even cells, which is the

@@ -9,10 +9,10 @@ from scipy.sparse import csr_array
 
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, check_shape
 from skincal.model.contact import Contacts
-from skincal.model.indenters.base import Indenter
+from skincal.model.indenters.indenter import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
-from skincal.model.press.run import Entries, press
+from skincal.model.press.call import Entries, press
 from skincal.model.press.status import Status
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from skincal.errors import InputError, Problem
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
-from skincal.model.indenters.base import Indenter
+from skincal.model.indenters.indenter import Indenter
 from skincal.model.law import StressLaw
 from skincal.model.patch import Patch
-from skincal.model.press.run import press
+from skincal.model.press.call import press
 from skincal.model.press.status import Status
 
 _INVALID = {

@@ -3,6 +3,6 @@
 from skincal.prediction.mismatch import Mismatch
 from skincal.prediction.places import Places, Seen, best_places
 from skincal.prediction.prediction import Prediction, predict_dataset
-from skincal.prediction.samples import pose_names
+from skincal.prediction.session_samples import pose_names
 
 __all__ = ["Mismatch", "Places", "Prediction", "Seen", "best_places", "pose_names", "predict_dataset"]

@@ -11,7 +11,7 @@ from skincal.dataset import IDLE, Dataset
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.effects.samples import DERIVED
 from skincal.errors import Problem
-from skincal.prediction.samples import TIMES, pose_names, session_samples
+from skincal.prediction.session_samples import TIMES, pose_names, session_samples
 from skincal.prediction.touches import CalibratedSkin, Touches
 
 _COLUMNS = {

@@ -20,7 +20,14 @@ from skincal.dataset import HOLD, Dataset
 from skincal.effects import EffectSkin, MemoryEffect, Samples
 from skincal.model import SkinParameters
 from skincal.prediction.images import images_with_effects
-from skincal.prediction.samples import Floats, Ints, hold_samples, pose_names, press_order, press_times
+from skincal.prediction.session_samples import (
+    Floats,
+    Ints,
+    hold_samples,
+    pose_names,
+    press_order,
+    press_times,
+)
 from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, touching
 
 

@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 
 from skincal.dataset import HOLD, Dataset
 from skincal.effects import EffectSkin, Samples
-from skincal.effects.base import State
+from skincal.effects.effect import State
 from skincal.model.arrays import FloatArray
-from skincal.prediction.samples import Floats, Ints, frame_samples, played_presses, pose_names, press_order
+from skincal.prediction.session_samples import (
+    Floats,
+    Ints,
+    frame_samples,
+    played_presses,
+    pose_names,
+    press_order,
+)
 from skincal.prediction.touches import CHUNK, CalibratedSkin, Touches, frame_presses, touching
 
 Progress = Callable[[int, int], None]

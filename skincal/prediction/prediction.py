@@ -16,7 +16,7 @@ from skincal.prediction.abstaining import abstaining, abstaining_problems
 from skincal.prediction.holds import left_at_rest, rest_level
 from skincal.prediction.images import Images, images_with_effects
 from skincal.prediction.mismatch import Mismatch, mismatch, observed_images, rms, within_range
-from skincal.prediction.samples import pose_names
+from skincal.prediction.session_samples import pose_names
 from skincal.prediction.slack import best_slack
 from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, touching
 from skincal.version import __version__

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skincal.calibration import MARGIN_M, Calibration, skin_of
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.columns import NORMAL
-from skincal.dataset.uniform import borne
+from skincal.dataset.uniform_pressure import borne
 from skincal.effects import EffectSkin
 from skincal.errors import WorkError
 from skincal.model import Contacts, Indenter, Skin, Surface

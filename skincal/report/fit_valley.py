@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from skincal.fitting.options import PAPER_BOUND_COUNTS2
+from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 from skincal.fitting.result import FitResult
 from skincal.report.fit_quantities import Quantity, quantities
 from skincal.report.style import BLACK, BLUE, ORANGE, RED, few_logarithmic_ticks, new_figure, style

@@ -1,9 +1,9 @@
 """The simulated hand in a PyBullet client: fingers, drives, contact, and a reference skin with a hidden truth."""
 
 from skincal.sim.memory import SkinMemory
-from skincal.sim.options import SimOptions, TruthOptions
 from skincal.sim.position_error import PositionError, position_error
 from skincal.sim.reference_skin import ReferenceSkin
+from skincal.sim.sim_options import SimOptions, TruthOptions
 from skincal.sim.simulated_hand import SimReading, SimulatedHand
 from skincal.sim.touch import TrueContact
 from skincal.sim.truth import JointTruth, Truth

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from skincal.errors import InputError, Problem, WorkError
 from skincal.robot import HandDescription, urdf_with_sphere
-from skincal.sim.options import SimOptions
+from skincal.sim.sim_options import SimOptions
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from skincal.effects import effect
 from skincal.errors import InputError, Problem
 from skincal.model import SensorPose
 from skincal.robot import HandDescription
-from skincal.sim.options import Range, TruthOptions
+from skincal.sim.sim_options import Range, TruthOptions
 
 FloatArray = NDArray[np.float64]
 

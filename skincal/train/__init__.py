@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from skincal.train.environments import make_environment, maker, parallel
     from skincal.train.network import Network
     from skincal.train.onnx_file import write_policy
-    from skincal.train.run import Trained, begin, read_run, train
+    from skincal.train.training_run import Trained, begin, read_run, train
     from skincal.train.watch import Round
 
 _LEARNING = {
     "Network": "network",
     "Round": "watch",
-    "Trained": "run",
-    "begin": "run",
+    "Trained": "training_run",
+    "begin": "training_run",
     "make_environment": "environments",
     "maker": "environments",
     "parallel": "environments",
     "read_curve": "curve",
-    "read_run": "run",
-    "train": "run",
+    "read_run": "training_run",
+    "train": "training_run",
     "write_policy": "onnx_file",
 }
 

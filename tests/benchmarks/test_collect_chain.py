@@ -12,7 +12,7 @@ import pytest
 from benchmarks import collect_chain
 from benchmarks.collect_chain import Job, Seen, main, reached, run_job, summary, told_truth
 from skincal.collect import Plan, PlannedPress
-from skincal.fitting.options import FitOptions
+from skincal.fitting.fit_options import FitOptions
 
 
 def short_plan(rng: np.random.Generator, layout: object) -> Plan:

@@ -16,7 +16,7 @@ from benchmarks.coverage_store import Store
 from benchmarks.coverage_tables import SCALES, as_text, summary, wilson
 from benchmarks.interval_coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
 from benchmarks.sessions import Law, Truth
-from skincal.fitting.options import FitOptions, GridSteps, SearchBox
+from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.result import PARAMETERS
 from skincal.fitting.valley import interval
 

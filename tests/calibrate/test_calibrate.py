@@ -18,8 +18,8 @@ import pytest
 from benchmarks.sessions import make_session
 from skincal.calibrate import calibrate, search_box
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
+from skincal.calibrate.dataset_fit import why_dropped
 from skincal.calibrate.problem import fit_problem, unroll
-from skincal.calibrate.run import why_dropped
 from skincal.calibrate.workers import (
     _interrupt_afterwards,  # pyright: ignore[reportPrivateUsage]
     mapper,
@@ -27,8 +27,8 @@ from skincal.calibrate.workers import (
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import Dataset
 from skincal.errors import InputError, WorkError
+from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
-from skincal.fitting.options import FitOptions
 from skincal.model import Cylinder, Plane
 from tests.fitting.conftest import FEW_DRAWS, QUICK
 

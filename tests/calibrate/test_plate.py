@@ -12,9 +12,9 @@ from chambers import Chamber
 from skincal.calibrate import calibrate, choose_way
 from skincal.calibrate.checkpoint import Checkpoint
 from skincal.dataset import Dataset, SurfaceSpec, read_dataset
-from skincal.dataset.uniform import uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError
-from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.model import Contacts, Converter, Cylinder, FlatPunch, Patch, SensorPose, Skin, SkinParameters
 from skincal.units import rad
 

@@ -16,7 +16,7 @@ from skincal.calibrate import Way, calibrate, choose_way, fit_problem, search_bo
 from skincal.cli.main import main
 from skincal.dataset import Dataset, SurfaceSpec, write_dataset
 from skincal.errors import InputError, WorkError
-from skincal.fitting.options import FitOptions, GridSteps
+from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.model import Cylinder
 from skincal.units import deg
 from tests.fitting.conftest import QUICK

@@ -11,7 +11,7 @@ from hands import other_hand
 from skincal.cli import collect_progress
 from skincal.cli.collect_progress import Told, taxel_image
 from skincal.collect import PlannedPress, Progress
-from skincal.collect.samples import Senses
+from skincal.collect.senses import Senses
 from skincal.hand.sim import SimDriver
 from skincal.robot import Kinematics
 

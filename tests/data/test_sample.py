@@ -13,7 +13,7 @@ import pytest
 
 from skincal.calibrate import fit_problem
 from skincal.dataset import check_dataset, dataset_hash, read_dataset
-from skincal.fitting.options import FitOptions
+from skincal.fitting.fit_options import FitOptions
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "data" / "paper-like"

@@ -12,7 +12,7 @@ from diagnosis.diagnose_data import moving, still
 from skincal.collect import Mount, full_plan, paper_plan
 from skincal.dataset import IDLE, Dataset, SurfaceSpec
 from skincal.diagnosis.audit import AuditReport, audit_dataset, audit_plan
-from skincal.diagnosis.plan import plan_session
+from skincal.diagnosis.planned_session import plan_session
 from skincal.effects import EFFECTS
 from skincal.effects.samples import HOLD
 from skincal.errors import InputError, WorkError

@@ -9,7 +9,7 @@ import pytest
 from diagnosis.diagnose_data import moving, still
 
 from skincal.dataset import Dataset
-from skincal.diagnosis.session import gap_session, pose_names, readout_of, repeats, sites
+from skincal.diagnosis.dataset_session import gap_session, pose_names, readout_of, repeats, sites
 from skincal.effects.samples import HOLD, IDLE
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.observe import Readout
-from skincal.fitting.options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.problem import PressTable, Rig
 from skincal.model import (
     Contacts,

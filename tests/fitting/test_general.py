@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.general import evaluate_combination, evaluate_slab
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_skin import SkinShares
@@ -15,7 +16,6 @@ from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
 from skincal.fitting.general_tabling import joined, reach_of, run_table, table_tasks
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.micro import MicroSettings
-from skincal.fitting.options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.posterior import Bounds
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import FitResult

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from skincal.fitting.errors import FitError
-from skincal.fitting.findings import find
-from skincal.fitting.options import GridSteps, SearchBox
+from skincal.fitting.fit_findings import find
+from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve

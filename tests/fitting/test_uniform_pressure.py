@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skincal.fitting.uniform import common_draws, fit_scales
+from skincal.fitting.uniform_scales import common_draws, fit_scales
 
 TRUTH = np.array([1.0, 1.5, 2.0, 0.7])
 

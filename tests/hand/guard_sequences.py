@@ -13,7 +13,7 @@ from hand_fakes import PERIOD_S, FakeHand, tiny_description
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 
 OPTIONS = GuardOptions(idle_s=None)
 LIMITS = tiny_description().limits

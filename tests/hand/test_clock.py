@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from skincal.hand.clock import DRIFT, ClockCheck
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 
 PERIOD_S = 0.01
 

@@ -16,7 +16,7 @@ from skincal.errors import InputError, WorkError
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 
 QUICK = GuardOptions(timeout_s=0.15, connect_timeout_s=0.3, stop_timeout_s=0.1, stale_s=0.05, idle_s=5.0)
 SLACK_S = 0.25

@@ -14,8 +14,8 @@ from hand_fakes import FakeHand
 
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import ENDING, STOPPED, halt, held_back
-from skincal.hand.options import GuardOptions
 
 QUICK = GuardOptions(timeout_s=0.3, connect_timeout_s=0.3, stop_timeout_s=0.1)
 
@@ -117,7 +117,7 @@ import sys
 sys.path.insert(0, {folder!r})
 from hand_fakes import FakeHand
 from skincal.hand.guard import GuardedHand
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 GuardedHand(FakeHand(raises={{"stop": OSError("bus")}}), GuardOptions(stop_timeout_s=0.1)).connect()
 """
 

@@ -24,8 +24,8 @@ from skincal.hand import remote, sockets
 from skincal.hand.driver import HandCommand
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.messages import REPLIES, VERSION, Message, decode, encode
-from skincal.hand.options import GuardOptions
 from skincal.hand.remote import RemoteDriver
 from skincal.hand.serve import HandServer, ServeOptions
 from skincal.hand.sockets import checked_address, client_keys, hand_keys, make_keys

@@ -16,7 +16,7 @@ from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError
 from skincal.hand import HandCommand, HandDriver, HandError, create_driver
 from skincal.hand.sim import SimDriver
-from skincal.model.press import run
+from skincal.model.press import call
 from skincal.robot import Kinematics, place_indenter
 
 
@@ -40,9 +40,9 @@ def test_the_same_seed_gives_the_same_states() -> None:
 def test_connecting_compiles_what_a_touch_needs(
     make: type[HandDriver], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "_routine", None)
+    monkeypatch.setattr(call, "_routine", None)
     with make():
-        assert "press" in vars(run.routine())
+        assert "press" in vars(call.routine())
 
 
 def test_states_follow_each_other_by_the_period() -> None:

@@ -7,7 +7,7 @@ import pytest
 from model_shapes import FINGER, POSE, indenters, paper_layout, plain_loads, presses_on
 
 from skincal.model import Contacts, Patch, Skin, SkinParameters, StressLaw
-from skincal.model.press.run import count_places
+from skincal.model.press.call import count_places
 
 PATCH = Patch.build(FINGER, paper_layout(), POSE, resolution_m=0.5e-3)
 SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))

@@ -12,7 +12,7 @@ from calibrations import make_calibration
 
 from skincal.calibration import Calibration, Effect, effect_from, skin_of, stream_of
 from skincal.dataset import Dataset, IndenterSpec
-from skincal.diagnosis.session import gap_session
+from skincal.diagnosis.dataset_session import gap_session
 from skincal.effects import EFFECTS, Samples, hold_session, hold_times
 from skincal.errors import InputError
 from skincal.model import Contacts, Sphere

@@ -29,9 +29,9 @@ from skincal.dataset import (
     SurfaceSpec,
 )
 from skincal.dataset.placement import patch_coordinates
+from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.observe import Readout
-from skincal.fitting.options import SearchBox
 from skincal.fitting.problem import PressTable, Rig, pose_problem
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters

@@ -110,7 +110,7 @@ def test_seeds_matter_and_repeat(tmp_path):
 def test_the_file_says_what_the_learner_does(tmp_path, backend):
     """The policy file, the network as bare numbers, and the learner itself act the same."""
     from skincal.train.checkpoint import load_checkpoint
-    from skincal.train.run import _learner
+    from skincal.train.training_run import _learner
 
     done = small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS, backend)
     work, _ = read_run(tmp_path / "run")
@@ -130,7 +130,7 @@ def test_the_file_says_what_the_learner_does(tmp_path, backend):
 
 @pytest.mark.parametrize("backend", ["sb3", JAX])
 def test_the_actor_does_not_see_what_the_critics_see(backend):
-    from skincal.train.run import _learner
+    from skincal.train.training_run import _learner
 
     with _learner(small_runs.work(backend), small_runs.make, processes=False) as learner:
         seen = np.random.default_rng(1).normal(size=(1, 10)).astype(np.float32)
@@ -145,7 +145,7 @@ def test_the_actor_does_not_see_what_the_critics_see(backend):
 
 
 def test_the_critics_see_everything():
-    from skincal.train.run import _learner
+    from skincal.train.training_run import _learner
 
     with _learner(small_runs.work(), small_runs.make, processes=False) as learner:
         assert learner.model.critic.qf0[0].in_features == 10 + 4 + 2

@@ -12,7 +12,7 @@ import numpy as np
 from skincal.errors import InputError, Problem, WorkError
 from skincal.model.arrays import FloatArray
 from skincal.model.gpu.target import Precision
-from skincal.model.indenters.base import ClosedForm, Indenter
+from skincal.model.indenters.indenter import ClosedForm, Indenter
 from skincal.model.skin import Skin
 
 EXTRA = "pip install 'skincal[gpu]'"

@@ -1,7 +1,7 @@
 """Indenters: one short file a kind."""
 
-from skincal.model.indenters.base import ClosedForm, Indenter, RayHits
 from skincal.model.indenters.flat import FlatPunch
+from skincal.model.indenters.indenter import ClosedForm, Indenter, RayHits
 from skincal.model.indenters.mesh import MeshIndenter
 from skincal.model.indenters.sphere import Sphere
 

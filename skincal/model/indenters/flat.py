@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import as_floats, positive
-from skincal.model.indenters.base import MISSED, ClosedForm, RayHits
+from skincal.model.indenters.indenter import MISSED, ClosedForm, RayHits
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.indenters.base import Indenter, RayHits
+from skincal.model.indenters.indenter import Indenter, RayHits
 from skincal.model.mesh import TriangleMesh
 
 _MOST_PARTS = 4

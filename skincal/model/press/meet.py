@@ -10,7 +10,7 @@ import math
 
 from skincal.model.arrays import FloatArray
 from skincal.model.indenters import flat, sphere
-from skincal.model.indenters.base import MISSED
+from skincal.model.indenters.indenter import MISSED
 from skincal.model.press.jit import device
 
 SPHERE, FLAT = sphere.Sphere.kind, flat.FlatPunch.kind

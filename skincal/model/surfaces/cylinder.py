@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import FloatArray, as_floats, floats, positive
-from skincal.model.surfaces.base import SensorPose, Surface, turned
+from skincal.model.surfaces.surface import SensorPose, Surface, turned
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from trimesh import triangles
 from skincal.model.arrays import FloatArray, IntArray, floats, positive
 from skincal.model.contact import contact_rotations
 from skincal.model.mesh import TriangleMesh
-from skincal.model.surfaces.base import SensorPose, Surface
 from skincal.model.surfaces.shading import corner_normals
+from skincal.model.surfaces.surface import SensorPose, Surface
 from skincal.model.surfaces.walk import Stand, Walker
 
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from skincal.calibration import MARGIN_M
 from skincal.dataset import HOLD, IDLE, Dataset, idle_means
-from skincal.dataset.uniform import at_centre, uniform_pressure
+from skincal.dataset.uniform_pressure import at_centre, uniform_pressure
 from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.fitting.observe import Readout
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
 from skincal.model.rest import rest_from_presses
-from skincal.prediction.samples import frame_column, last_press, pose_names, pose_numbers
+from skincal.prediction.session_samples import frame_column, last_press, pose_names, pose_numbers
 from skincal.prediction.sites import met_forces, sites
 from skincal.prediction.touches import frame_normals
 

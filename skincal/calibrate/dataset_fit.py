@@ -20,8 +20,8 @@ from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fitting.errors import FitError
+from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_tabling import NO_STORE
-from skincal.fitting.options import FitOptions, SearchBox
 from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve

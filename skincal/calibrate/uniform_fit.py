@@ -19,11 +19,11 @@ from skincal.calibration import (
 )
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform import UNIFORM, at_centre
+from skincal.dataset.uniform_pressure import UNIFORM, at_centre
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
-from skincal.fitting.uniform import Scales, common_draws, fit_scales
+from skincal.fitting.uniform_scales import Scales, common_draws, fit_scales
 from skincal.model import Contacts
 from skincal.shown import Shown
 from skincal.units import deg

@@ -10,7 +10,7 @@ import numpy as np
 from skincal import compiling
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
-from skincal.model.indenters.base import ClosedForm, Indenter
+from skincal.model.indenters.indenter import ClosedForm, Indenter
 from skincal.model.indenters.mesh import MeshIndenter
 from skincal.model.law import StressLaw
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effects.effect_sessions import FINGER, LAYOUT
 
-from skincal.inference.tables import Presses, press_table
+from skincal.inference.press_table import Presses, press_table
 from skincal.model import Contacts, FlatPunch, Patch, SensorPose, Skin, SkinParameters, Sphere, StressLaw
 
 PATCH = Patch.build(

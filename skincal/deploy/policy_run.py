@@ -9,17 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.deploy.deploy_options import POLICY_HZ, DeployOptions
 from skincal.deploy.handover import PinchForces, let_go, take
 from skincal.deploy.motion import Motion, Watch
 from skincal.deploy.observation import PolicyObservation
-from skincal.deploy.options import POLICY_HZ, DeployOptions
 from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch
 from skincal.envs.postures import Postures
 from skincal.errors import InputError, Problem, WorkError
 from skincal.hand.driver import HandDriver
 from skincal.hand.guard import GuardedHand
-from skincal.hand.options import GuardOptions
+from skincal.hand.guard_options import GuardOptions
 from skincal.robot import Kinematics
 from skincal.train.policy_file import Policy
 

@@ -17,7 +17,7 @@ from skincal.effects import Samples, Steps, hold_session, met_before
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.inference.session import GapSession
 from skincal.model import Contacts, Indenter
-from skincal.prediction.samples import pose_numbers
+from skincal.prediction.session_samples import pose_numbers
 from skincal.robot import HandDescription, Kinematics
 
 Floats = NDArray[np.float64]

@@ -11,12 +11,12 @@ import numpy as np
 from skincal.collect.connection import Connection
 from skincal.collect.journal import Journal
 from skincal.collect.loop import Loop
-from skincal.collect.options import CollectOptions
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.poses import radius_of
 from skincal.collect.posture import Fingers
+from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import Arrays
-from skincal.collect.samples import Sample, Senses
+from skincal.collect.senses import Sample, Senses
 from skincal.errors import InputError, Problem
 from skincal.hand import GuardedHand, GuardOptions, HandDriver
 

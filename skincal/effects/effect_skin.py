@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.effects.applied import Applied, Missing, applied, at_work
-from skincal.effects.base import (
+from skincal.effects.effect import (
     InputEffect,
     LawEffect,
     MemoryEffect,
@@ -24,7 +24,7 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.press.run import count_places
+from skincal.model.press.call import count_places
 
 
 @dataclass(frozen=True, eq=False)

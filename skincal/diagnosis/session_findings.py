@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from skincal.calibration import Calibration, Finding
+from skincal.diagnosis.dataset_session import repeats
 from skincal.diagnosis.diagnosis import NamedEffect
 from skincal.diagnosis.gap import Gap
 from skincal.diagnosis.observed import NoiseFloor, Observed
-from skincal.diagnosis.session import repeats
 from skincal.diagnosis.spells import Spell
 from skincal.effects import EFFECTS
 from skincal.inference.fit import Fitted

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of
 from skincal.collect.journal import Journal, digest_of, journal_folder
-from skincal.collect.options import CollectOptions
+from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
+from skincal.collect.press_options import CollectOptions
+from skincal.collect.press_session import MakeDriver, Session, Watch
 from skincal.collect.rest_shift import rest_shifts
-from skincal.collect.session import MakeDriver, Session, Watch
-from skincal.collect.sites import Mount
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem
 from skincal.files import alone, recover, refuse_existing
