@@ -30,7 +30,7 @@ _TINY = 1e-12
 def mismatches(
     tables: Any, weight: Any, observed: Any, across: Any, along: Any, turn: Any, out: Any
 ) -> None:  # pragma: no cover - compiled
-    """Fill ``out`` (P, Q): the part D^2 (1 - cos^2) [counts²] left of one press at a lattice of contacts, to the nearest node.
+    """Fill ``out`` (P, Q) with D^2 (1 - cos^2) [counts²] of one press at a lattice of contacts, to the nearest node.
 
     Args:
         tables: planes (K, M, N, N), sizes (J,), centres (J, 2), lattice, and which press.
