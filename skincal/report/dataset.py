@@ -246,9 +246,7 @@ def _draw_taxels(figure: Figure, axes: Axes, dataset: Dataset, active: BoolArray
     if len(silent):
         axes.plot(*silent.T, "x", color="white", markersize=5, markeredgewidth=1.0)
     axes.set_anchor("W")
-    axes.set_title(
-        "Presses with an active taxel, by taxel" + (f" (x: none, {len(silent)})" if len(silent) else "")
-    )
+    axes.set_title("Presses per active taxel" + (f" (x: none, {len(silent)})" if len(silent) else ""))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     bar = figure.colorbar(image, ax=axes, pad=0.02, label="presses")

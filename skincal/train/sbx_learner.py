@@ -1,5 +1,8 @@
 """Soft actor-critic of sbx, Stable-Baselines3's sibling in jax: the same algorithm, compiled."""
 
+# pyright: reportMissingImports=false
+# The extra `sbx` is none of those that checks are made with.
+
 from __future__ import annotations
 
 from functools import partial

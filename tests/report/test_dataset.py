@@ -57,7 +57,7 @@ def test_answers_and_forces_are_counted(session: Session, caplog: pytest.LogCapt
     heights = [bar.get_height() for bar in answers.patches]
     assert heights == np.bincount(active_taxels(dataset).sum(axis=1)).tolist()
     assert sum(bar.get_height() for bar in axes_titled(figure, "Forces").patches) == 30
-    (image,) = axes_titled(figure, "Presses with an active taxel").images
+    (image,) = axes_titled(figure, "Presses per active taxel").images
     np.testing.assert_array_equal(np.asarray(image.get_array()).ravel(), active_taxels(dataset).sum(axis=0))
 
 
@@ -126,7 +126,7 @@ def test_titles_and_labels_do_not_overlap(session: Session, caplog: pytest.LogCa
 
 def test_the_insole_is_drawn(shared: Path, caplog: pytest.LogCaptureFixture) -> None:
     figure = drawn(read_dataset(shared / "real" / "insole"), caplog)
-    assert "20" in axes_titled(figure, "Presses with an active taxel").get_title(loc="left")
+    assert "20" in axes_titled(figure, "Presses per active taxel").get_title(loc="left")
 
 
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
