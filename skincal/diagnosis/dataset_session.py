@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibration import MARGIN_M
-from skincal.dataset import HOLD, IDLE, Dataset, idle_means
+from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.dataset.uniform_pressure import at_centre, uniform_pressure
 from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.fitting.observe import Readout
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts, Indenter
-from skincal.model.rest import rest_from_presses
 from skincal.prediction.session_samples import frame_column, last_press, pose_names, pose_numbers
 from skincal.prediction.sites import met_forces, sites
 from skincal.prediction.touches import frame_normals
@@ -165,12 +164,6 @@ def repeats(dataset: Dataset) -> tuple[Ints, Ints]:
     pairs = [(a, b) for rows in keys.values() for a, b in pairwise(rows)]
     both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return both[:, 0], both[:, 1]
-
-
-def rest_means(dataset: Dataset) -> Floats:
-    """Mean counts (J,) of untouched taxels, from idle frames, else from the presses that leave them dark."""
-    rest = idle_means(dataset)
-    return rest_from_presses(dataset.presses.counts)[0] if rest is None else rest
 
 
 def hold_groups(dataset: Dataset) -> Ints:
