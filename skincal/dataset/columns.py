@@ -9,40 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.covariates import ANY, COLUMNS, NOT_NEGATIVE, POSITIVE, TEXT, WHOLE
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.table_file import RawTable
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-POSITION = ("x_m", "y_m", "z_m")
-NORMAL = ("nx", "ny", "nz")
-TARGET = ("target_x_m", "target_y_m", "target_z_m")
 TAXEL = re.compile(r"taxel_(\d+)_(\d+)")
 JOINT = re.compile(r"(q|tau)_(\d+)")
 
-TEXT = "text"
-ANY = "a number"
-NOT_NEGATIVE = "a number, 0 or more"
-POSITIVE = "a number above 0"
-WHOLE = "a whole number, 0 or more"
-
-OPTIONAL = {
-    "pose": TEXT,
-    "branch": TEXT,
-    "cycle": WHOLE,
-    "speed_m_per_s": NOT_NEGATIVE,
-    "indenter_radius_m": POSITIVE,
-    "shear_u_n": ANY,
-    "shear_v_n": ANY,
-    "temperature_c": ANY,
-    "target_force_n": ANY,
-    **dict.fromkeys((*NORMAL, *TARGET), ANY),
-}
+OPTIONAL = {name: column.cells for name, column in COLUMNS.items()}
 """Optional columns of presses and frames, with the kind of their cells."""
-
-TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
-"""Optional columns of presses only, in the order of time."""
 
 GIVE_OR_DROP = "Give the number, or leave the row out."
 CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."

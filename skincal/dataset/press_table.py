@@ -7,15 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from skincal.dataset.columns import (
-    ANY,
-    CORRECT_OR_EMPTY,
-    NORMAL,
-    OPTIONAL,
-    POSITION,
-    TIMES,
-    ColumnReader,
-)
+from skincal.covariates import ANY, NORMAL, POSITION, TIMES
+from skincal.dataset.columns import CORRECT_OR_EMPTY, OPTIONAL, ColumnReader
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable

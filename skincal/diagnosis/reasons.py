@@ -14,7 +14,6 @@ from skincal.effects.samples import UNLOAD
 from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
-_COLUMNS = {"shear": "shear_u_n and shear_v_n"}
 _SAME_SPEED = 1.2
 _SHEAR_N = 0.05
 _FORCE_RATIO = 2.0
@@ -183,23 +182,11 @@ _RULES: Final[Mapping[str, Rule]] = MappingProxyType(
 """Kinds of presses that effects ask for (:attr:`skincal.effects.Effect.asks`)."""
 
 
-_CURES = {
-    "time": _NO_CLOCK.cure,
-    "phase": _NO_FRAMES.cure,
-    "pose": "press in two hand poses, and record which",
-    "speed": "load slowly and fast, and record how fast",
-    "cycle": "come back to sites, and record how often each was touched before",
-    "temperature": "record the temperature",
-    "shear": "press with tangential force, too, and record it",
-}
-"""What to record where a covariate is missing."""
-
-
 def why_not(found: EffectAudit, facts: Facts) -> str:
     """Why an effect cannot be seen: the covariates and kinds of press that are missing, else what hides it."""
     rules, lacking = _missing(found, facts)
     said = [rule.text for rule in rules]
-    columns = [_COLUMNS.get(name, COVARIATES[name]) for name in lacking]
+    columns = [str(COVARIATES[name]) for name in lacking]
     if columns:
         said.insert(0, f"no {' and no '.join(columns)} recorded")
     if said:
@@ -214,7 +201,7 @@ def why_not(found: EffectAudit, facts: Facts) -> str:
 def cures(found: EffectAudit, facts: Facts) -> tuple[str, ...]:
     """What to record so that an effect can be seen, a few words each."""
     rules, lacking = _missing(found, facts)
-    said = dict.fromkeys([*(rule.cure for rule in rules), *(_CURES[name] for name in lacking)])
+    said = dict.fromkeys([*(rule.cure for rule in rules), *(COVARIATES[name].cure for name in lacking)])
     if said:
         return tuple(said)
     if found.raw_distance < found.threshold:

@@ -158,7 +158,7 @@ def _check_files(top: StrictTable, quantities: tuple[Quantity, ...], form: CsvFo
 
 
 def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
-    meta = meta_from(top, tables_of(top, findings, file))
+    meta = meta_from(top, tables_of(top))
     created = top.raw("created")
     if isinstance(created, str):
         with suppress(ValueError):

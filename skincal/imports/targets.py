@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from skincal.dataset.columns import JOINT, NORMAL, OPTIONAL, POSITION, TARGET, TEXT, TIMES, WHOLE
+from skincal.covariates import COLUMNS, NORMAL, POSITION, TARGET, TEXT, TIMES, WHOLE
+from skincal.dataset.columns import JOINT, OPTIONAL
 from skincal.imports import units
 
 VECTORS: Final = {"position": POSITION, "normal": NORMAL, "target": TARGET}
@@ -16,14 +17,13 @@ PRESSES, SERIES = "presses", "series"
 """Meaning of a row of the source: a whole press, or one sample of a time series."""
 
 _KINDS: Final = {
-    **dict.fromkeys((*POSITION, *TARGET, "indenter_radius_m"), units.LENGTH),
-    **dict.fromkeys(("force_n", "target_force_n", "shear_u_n", "shear_v_n"), units.FORCE),
+    **{name: column.quantity for name, column in COLUMNS.items()},
+    **dict.fromkeys(POSITION, units.LENGTH),
+    "force_n": units.FORCE,
     **dict.fromkeys((*TIMES, "time_s"), units.TIME),
-    "speed_m_per_s": units.SPEED,
-    "temperature_c": units.TEMPERATURE,
 }
 
-LABELS: Final = ("pose", "branch", "cycle", "indenter_radius_m", "target_force_n", *TARGET)
+LABELS: Final = tuple(name for name, column in COLUMNS.items() if column.of_press)
 """Columns that describe a whole press and are not averaged over its hold."""
 
 
