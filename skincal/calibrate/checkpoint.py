@@ -29,7 +29,7 @@ _FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
 
 
 def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBox) -> str:
-    """What the evaluated grid depends on, as a hash; other settings may change between runs."""
+    """Return what the evaluated grid depends on, as a hash; other settings may change between runs."""
     depends: dict[str, Any] = {
         "version": __version__,
         "dataset": dataset_sha256,

@@ -155,7 +155,7 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
 
 
 def why_dropped(problem: FitProblem) -> str:
-    """How many presses were not used, and why, in one sentence."""
+    """Return how many presses were not used, and why, in one sentence."""
     reasons = Counter(status for status in problem.status if status != USED)
     if not reasons:
         return f"All {len(problem.status)} presses were used."

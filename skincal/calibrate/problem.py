@@ -18,7 +18,7 @@ from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
-from skincal.model import Cylinder, Indenter, MeshSurface, Surface
+from skincal.model import Surface
 from skincal.units import rad
 
 Floats = NDArray[np.float64]
@@ -76,10 +76,10 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
         reason = f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
         raise refusal(dataset, reason)
     meta, layout, surface = dataset.meta, dataset.layout(), dataset.surface()
-    indenters, kinds = _indenters(dataset)
+    indenters, kinds = dataset.indenters()
     sensor = meta.sensor
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
-    position, radius = meta.position, _mesh_radius(dataset, surface)
+    position, radius = meta.position, _arc_radius(dataset, surface)
     scale = meta.force.scale_sigma if meta.force is not None else 0.0
     # A place that is known exactly is still one that a fit may move by nothing to speak of; and where the slack is not
     # bounded, a press still lies on the patch.
@@ -89,26 +89,15 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     return Rig(layout, surface, indenters, readout, sigma, slack, radius, scale), kinds
 
 
-def _mesh_radius(dataset: Dataset, surface: Surface) -> float | None:
-    """How far a mesh is from the finger's axis where the sensor nominally lies [m]; None for other surfaces."""
-    if not isinstance(surface, MeshSurface):
-        return None
+def _arc_radius(dataset: Dataset, surface: Surface) -> float | None:
+    """R of arc = R beta where the sensor nominally lies [m]; None on a plane."""
     try:
-        points, _ = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))
+        return surface.arc_radius_at(dataset.nominal_pose())
     except ValueError as error:
         reason = (
             f"the nominal pose in [mount] does not lie on the surface: {error}. Correct [mount], or the mesh"
         )
         raise refusal(dataset, reason) from error
-    return float(np.hypot(points[0, 0], points[0, 2]))
-
-
-def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], NDArray[np.intp]]:
-    radii = np.round(dataset.indenter_radii_m(), 7)
-    if np.isnan(radii).all():
-        return (dataset.indenter(),), np.zeros(len(radii), dtype=np.intp)
-    different, kinds = np.unique(radii, return_inverse=True)
-    return tuple(dataset.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
 
 
 def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0) -> tuple[Floats, Floats]:
@@ -182,7 +171,7 @@ def search_box(
         ]
     if wrong:
         raise InputError(wrong)
-    radius = surface.radius_m if isinstance(surface, Cylinder) else _mesh_radius(dataset, surface)
+    radius = _arc_radius(dataset, surface)
     if radius is not None:
         low, high = across or mount.beta_range_deg or (0.0, 0.0)
         arc = (rad(low) * radius, rad(high) * radius)

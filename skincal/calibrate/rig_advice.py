@@ -17,7 +17,7 @@ ON_A_STAGE = {
 
 
 def has_joints(dataset: Dataset) -> bool:
-    """Whether a hand took the data: its joints' angles or torques are there."""
+    """Return whether a hand took the data: its joints' angles or torques are there."""
     return any(dataset.presses.column(name) is not None for name in ("q_0", "tau_0"))
 
 

@@ -143,7 +143,7 @@ def _calibration(
     findings: tuple[Finding, ...],
 ) -> Calibration:
     pose = dataset.nominal_pose()
-    plane = dataset.meta.surface.kind == "plane"
+    plane = dataset.meta.surface.is_plane
     low, high = search_box(dataset).elasticity_pa_per_m
     model = ModelParameters(
         pose.y_m,

@@ -113,7 +113,7 @@ def collect(
     """
     options = options or CollectOptions()
     fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
-    same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
+    same = {"plan": plan_digest(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
             "options": digest_of(repr(asdict(options)))}  # fmt: skip
 
     def make(journal: Journal) -> None:
@@ -178,7 +178,8 @@ def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
         raise
 
 
-def _named(plan: Plan) -> str:
+def plan_digest(plan: Plan) -> str:
+    """Return the name, length and digest of a plan, by which a session recognises it."""
     return f"{plan.name}, {len(plan)} presses ({digest_of(plan_as_toml(plan))})"
 
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.collection import Collected, keep_session
+from skincal.collect.collection import Collected, keep_session, plan_digest
 from skincal.collect.journal import Journal, digest_of
 from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan, PlannedPress
-from skincal.collect.plan_file import plan_as_toml
+from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import missed_target
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
@@ -22,7 +22,6 @@ from skincal.errors import InputError, Problem
 from skincal.hand import GuardOptions
 from skincal.hand.stage import StageDescription, StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
-from skincal.model import Plane
 
 FloatArray = NDArray[np.float64]
 StageWatch = Callable[[int, int], None]
@@ -45,7 +44,7 @@ def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
     """
     mount = Mount.of(rig.meta)
     problems: list[Problem] = []
-    if not isinstance(mount.surface, Plane):
+    if not rig.meta.surface.is_plane:
         expected = "a plane: a stage presses along z, and the normals of a curved surface differ from that"
         problems.append(Problem(f"stage {rig.name}, [surface] kind", expected, rig.meta.surface.kind))
     points, _ = mount.place(plan.sites_m())
@@ -105,21 +104,13 @@ def collect_stage(
     options = options or CollectOptions()
     driver = make_driver()
     rig = driver.description
-    same = {"plan": f"{plan.name}, {len(plan)} presses ({digest_of(plan_as_toml(plan))})", "stage": rig.name,
+    same = {"plan": plan_digest(plan), "stage": rig.name,
             **(key or {}), "options": digest_of(repr(asdict(options)))}  # fmt: skip
 
     def make(journal: Journal) -> None:
         _Session(plan, journal, rig, options, watch).run(driver, guard)
 
     return keep_session(out, same, rig.meta, source, make, inputs=inputs, force=force, restart=restart)
-
-
-@dataclass
-class _Times:
-    start_s: float = float("nan")
-    hold_s: float = float("nan")
-    release_s: float = float("nan")
-    end_s: float = float("nan")
 
 
 class _Session:
@@ -190,7 +181,7 @@ class _Session:
         begin = len(self._samples)
         self._wait(max(options.still_s, 5 * dt))
         tare = float(np.mean([state.force_n for state, _ in self._samples[begin:]]))
-        times, found = _Times(), float("nan")
+        times, found = Moments(), float("nan")
         slow = min(options.approach_m_per_s, 0.9 * self._stage.description.max_speed_m_per_s) * dt
         lowest = max(-options.search_m, float(self._stage.description.lower_m[2]))
         felt = 0
@@ -267,7 +258,7 @@ class _Session:
         self._journal.keep_rest({f"frames.{name}": column for name, column in frames.items()})
 
     def _keep(
-        self, number: int, planned: PlannedPress, point: FloatArray, tare: float, times: _Times
+        self, number: int, planned: PlannedPress, point: FloatArray, tare: float, times: Moments
     ) -> None:
         held = [
             state

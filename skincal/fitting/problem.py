@@ -12,7 +12,7 @@ from skincal.fitting.observe import Observed, Readout, observe
 from skincal.fitting.readings import Readings
 from skincal.fitting.shared import Shared
 from skincal.fitting.types import Bools, Floats, Ints
-from skincal.model import Cylinder, Indenter, Surface, TaxelLayout
+from skincal.model import Indenter, Surface, TaxelLayout
 
 ACTIVE_COUNTS = 5.0
 """A taxel of a converter from 0 to 255 answers when it stands this far above its level at rest [counts] (paper)."""
@@ -72,7 +72,8 @@ class Rig:
     @property
     def arc_radius_m(self) -> float | None:
         """R of arc = R beta [m]: positions across are arcs; None on a plane, where they are x."""
-        return self.surface.radius_m if isinstance(self.surface, Cylinder) else self.mesh_radius_m
+        own = self.surface.arc_radius_m
+        return self.mesh_radius_m if own is None else own
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def describes(stage: StageDriver) -> str:
         raise AssertionError(
             f"travel {rig.lower_m} to {rig.upper_m}, {rig.max_speed_m_per_s}, {rig.max_force_n}"
         )
-    if rig.meta.surface.kind != "plane":
+    if not rig.meta.surface.is_plane:
         raise AssertionError(f"a surface of kind {rig.meta.surface.kind}; a stage presses along z")
     return f"{rig.name}: never above {rig.max_force_n:g} N and {1e3 * rig.max_speed_m_per_s:g} mm/s"
 

@@ -68,7 +68,7 @@ def from_calibration(
     parameters = dict(presets.preset(preset))
     warnings: list[Problem] = []
     # On a plane the patch has no angle round the finger; on other surfaces it has no place across.
-    flat = calibration.surface.kind == "plane"
+    flat = calibration.surface.is_plane
     # A pad's y does not lie along a finger either, unlike the preset's.
     for path in ("skin.beta_deg", "skin.y_m", "skin.alpha_deg") if flat else ("skin.x_m",):
         parameters.pop(path, None)
