@@ -53,7 +53,7 @@ class Scene(ABC):
 
     @abstractmethod
     def touches(self) -> tuple[Touching | None, Touching | None]:
-        """What the tip with the skin and the thumb feel of the object."""
+        """Return what the tip with the skin and the thumb feel of the object."""
 
     @abstractmethod
     def joints(self) -> tuple[FloatArray, FloatArray]:
@@ -121,7 +121,7 @@ def check_engine(engine: str, place: str) -> None:
 
 
 def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:
-    """Whether angles and velocities of the joints and the object's place (3,) are finite and not absurd."""
+    """Return whether angles and velocities of the joints and the object's place (3,) are finite and not absurd."""
     # A comparison with NaN is false.
     moves = float(np.abs(dq_rad_per_s).max()) < np.inf
     there = float(np.abs(place_m).max()) < _FAR_M

@@ -102,11 +102,11 @@ class View:
 
     @property
     def dropped(self) -> bool:
-        """Whether a finger has lost the object."""
+        """Return whether a finger has lost the object."""
         return not self.sound or (not self.held and (self.skin is None or self.thumb is None))
 
     def right_contact(self, pinch: Pinch) -> bool:
-        """Whether the tip of the thumb and the cylindrical part of the finger touch it."""
+        """Return whether the tip of the thumb and the cylindrical part of the finger touch it."""
         if self.skin is None or self.thumb is None:
             return False
         low, high = pinch.cylinder_m
