@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skincal.fitting.conclude import Evidence, conclude
 from skincal.fitting.errors import FitError
-from skincal.fitting.fit_options import GENERAL_STEPS, LOCAL_STEPS, FitOptions, GridSteps, SearchBox
+from skincal.fitting.fit_options import STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
 from skincal.fitting.general_tabling import (
     NO_STORE,
@@ -90,8 +90,8 @@ class FitPlan:
 def default_steps(problem: FitProblem) -> GridSteps:
     """Steps of the macro grid that the way of the fit affords."""
     if problem.contacts is None:
-        return GridSteps()
-    return GENERAL_STEPS if problem.contacts.local is None else LOCAL_STEPS
+        return STEPS["fast"]
+    return STEPS["nlopt" if problem.contacts.local is None else "general"]
 
 
 def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPlan:
