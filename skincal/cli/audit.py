@@ -28,7 +28,6 @@ def audit(
         typer.Argument(
             metavar="DATASET_OR_PLAN",
             help="Folder of a dataset, or a plan (TOML, CSV) that has not been collected yet.",
-            show_default=False,
         ),
     ],
     calibration: Annotated[
@@ -38,18 +37,15 @@ def audit(
             metavar="CAL",
             help="Folder of a calibration of this sensor: pose, E, S and position uncertainty. Without it these "
             "are assumed.",
-            show_default=False,
         ),
     ] = None,
     hand: Annotated[
         str | None,
-        typer.Option(
-            "--hand", help="For a plan: the hand that would press, its name or hand.toml.", show_default=False
-        ),
+        typer.Option("--hand", help="For a plan: the hand that would press, its name or hand.toml."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help=f"Folder for a picture, {PICTURE}.", show_default=False),
+        typer.Option("--out", help=f"Folder for a picture, {PICTURE}."),
     ] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,

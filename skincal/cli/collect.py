@@ -46,9 +46,7 @@ def collect(
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(
-            "--plan", help="A plan of your own, TOML or CSV, instead of a protocol.", show_default=False
-        ),
+        typer.Option("--plan", help="A plan of your own, TOML or CSV, instead of a protocol."),
     ] = None,
     plan_only: Annotated[
         bool,
@@ -64,7 +62,6 @@ def collect(
             max=50.0,
             help="Radius of a second sphere: the full protocol ends with presses with it; you are asked to "
             "change the cap.",
-            show_default=False,
         ),
     ] = None,
     effect: Annotated[
@@ -73,22 +70,15 @@ def collect(
             "--effect",
             metavar="NAME=STRENGTH",
             help="Effect of the simulated skin; strength 1 is a typical case. May be repeated.",
-            show_default=False,
         ),
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(
-            "--truth", help="File for the simulated hand's hidden truth (JSON).", show_default=False
-        ),
+        typer.Option("--truth", help="File for the simulated hand's hidden truth (JSON)."),
     ] = None,
     hand: Annotated[
         str | None,
-        typer.Option(
-            "--hand",
-            help="Name of the hand, or its hand.toml, for drivers that take one.",
-            show_default=False,
-        ),
+        typer.Option("--hand", help="Name of the hand, or its hand.toml, for drivers that take one."),
     ] = None,
     driver_option: DriverOptionsOption = None,
     beyond_limits: BeyondLimitsOption = False,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
-from skincal.cli.eval import Task
 from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
 from skincal.cli.interrupt import moving
+from skincal.train.settings import Task
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +39,7 @@ ESTIMATOR = "marble-estimator-1"
 
 
 def deploy(
-    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.")],
     policy: Annotated[
         str, typer.Argument(metavar="POLICY", help="A policy file, or the name of a bundled policy.")
     ],
@@ -53,10 +53,7 @@ def deploy(
     effect: Annotated[
         list[str] | None,
         typer.Option(
-            "--effect",
-            metavar="NAME=STRENGTH",
-            help="Effect of the reference hand's skin; may be repeated.",
-            show_default=False,
+            "--effect", metavar="NAME=STRENGTH", help="Effect of the reference hand's skin; may be repeated."
         ),
     ] = None,
     pinch: Annotated[
@@ -181,7 +178,7 @@ def _check_task(made_for: str, task: Task, policy: str) -> None:
 def targets_of(
     task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
 ) -> np.ndarray:
-    """Where the object shall go, as the verb was asked."""
+    """Return where the object shall go, as the verb was asked."""
     from skincal.cli.eval import _targets as targets_of_file
     from skincal.deploy import letters, marble_targets
     from skincal.deploy.deploy_options import POLICY_HZ

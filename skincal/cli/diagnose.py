@@ -38,7 +38,7 @@ def diagnose(
     dataset: DatasetArgument,
     calibration: Annotated[
         Path,
-        typer.Argument(metavar="CAL", help="Folder of a calibration of this sensor.", show_default=False),
+        typer.Argument(metavar="CAL", help="Folder of a calibration of this sensor."),
     ],
     out: OutOption,
     thorough: Annotated[bool, typer.Option("--thorough", help="Five times as many null sessions.")] = False,

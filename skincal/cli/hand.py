@@ -30,7 +30,6 @@ DriverOptionsOption = Annotated[
         "--driver-option",
         metavar="KEY=VALUE",
         help="An option of the driver; may be repeated. `skincal hand list` shows them.",
-        show_default=False,
     ),
 ]
 
@@ -100,9 +99,7 @@ def show(
     ),
 )
 def test(
-    driver: Annotated[
-        str, typer.Argument(metavar="DRIVER", help="A driver's name, or module:Class.", show_default=False)
-    ],
+    driver: Annotated[str, typer.Argument(metavar="DRIVER", help="A driver's name, or module:Class.")],
     driver_option: DriverOptionsOption = None,
     step_deg: Annotated[
         float, typer.Option("--step-deg", min=0.1, max=5.0, help="Largest motion of a joint [°].")
@@ -159,7 +156,7 @@ def test(
     short_help="Make the key pairs of a remote hand.", epilog=example("skincal hand keys --out keys")
 )
 def keys(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the keys.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the keys.")],
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:

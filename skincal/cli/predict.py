@@ -31,7 +31,7 @@ EPILOG = example(
 
 
 def predict(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.", show_default=False)],
+    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")],
     dataset: DatasetArgument,
     out: OutOption,
     slack: Annotated[

@@ -23,10 +23,10 @@ CALIBRATION_MARK = "calibration.toml"
 
 
 def rescale(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration of the hand.", show_default=False)],
+    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration of the hand.")],
     rolled: Annotated[
         Path,
-        typer.Argument(metavar="ROLLED", help="Output of `skincal deploy` on it now.", show_default=False),
+        typer.Argument(metavar="ROLLED", help="Output of `skincal deploy` on it now."),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the calibration with the factor in its scale.")
@@ -64,7 +64,7 @@ def rescale(
 
 
 def _told(rolled: Path) -> dict[str, Any]:
-    """What the run was: the file that `deploy` leaves beside the session."""
+    """Return what the run was: the file that `deploy` leaves beside the session."""
     import json
 
     from skincal.bounded import read_text

@@ -10,17 +10,11 @@ import typer
 
 from skincal.cli.common import ForceOption, JsonOption, example, print_json, say
 from skincal.errors import InputError, Problem
+from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Settings, Task, Work
 
 if TYPE_CHECKING:
     from skincal.ranges import Ranges
-    from skincal.train import Trained, Work
-
-
-class Task(StrEnum):
-    """The tasks, listed here so that help need not import them."""
-
-    marble = "marble"
-    bolt = "bolt"
+    from skincal.train import Trained
 
 
 class Learned(StrEnum):
@@ -31,28 +25,11 @@ class Learned(StrEnum):
     estimator = "estimator"
 
 
-class Kind(StrEnum):
-    """The kinds of policies."""
-
-    tactile = "tactile"
-    joint_angles = "joint-angles"
-    desired = "desired"
-
-
-class Backend(StrEnum):
-    """The training backends."""
-
-    sb3 = "sb3"
-    sbx = "sbx"
-
-
 EPILOG = example(
     "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
     "skincal train marble --out run --resume",
     "skincal train estimator --ranges ranges.toml --out estimator.npz",
 )
-
-STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
 
 
 def train(
@@ -61,19 +38,16 @@ def train(
         typer.Argument(
             metavar="TASK",
             help="`marble` or `bolt`: a policy that rolls it; `estimator`: where the marble is, from images.",
-            show_default=False,
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
-            help="Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz).",
-            show_default=False,
+            "--out", help="Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz)."
         ),
     ],
     policy: Annotated[
-        Kind | None, typer.Option("--policy", help="Observation of the policy.", show_default="tactile")
+        PolicyKind | None, typer.Option("--policy", help="Observation of the policy.", show_default="tactile")
     ] = None,
     ranges: Annotated[
         Path | None,
@@ -93,7 +67,7 @@ def train(
         ),
     ] = None,
     backend: Annotated[
-        Backend | None,
+        BackendName | None,
         typer.Option("--backend", help="Stable-Baselines3 (torch), or SBX (jax).", show_default="sb3"),
     ] = None,
     envs: Annotated[
@@ -131,7 +105,7 @@ def train(
     task = Task(learned.value)
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     stated = {f"--{name}": value for name, value in given.items() if value is not None}
-    from skincal.train import Settings, begin, read_run
+    from skincal.train import begin, read_run
     from skincal.train.training_run import CHECKPOINT
 
     if resume:
@@ -143,7 +117,8 @@ def train(
             say(f"{out}: an older run without the environment's numbers; it continues with today's")
     else:
         settings = Settings(environments=envs or Settings.environments)
-        work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
+        kind, steps_of_run = policy or PolicyKind.tactile, steps or PUBLISHED_STEPS[task]
+        work = Work(task, kind, seed or 0, steps_of_run, backend or BackendName.sb3, settings)
         used = _ranges(task, ranges)
         begin(work, used, out, *([] if ranges is None else [ranges]), force=force)
         work, used = read_run(out)
@@ -153,22 +128,6 @@ def train(
         print_json(_as_json(result))
     else:
         typer.echo(_summary(result))
-
-
-def _work(
-    task: Task, policy: Kind | None, seed: int | None, steps: int, backend: Backend | None, settings: Any
-) -> Work:
-    from skincal.train import BackendName, PolicyKind, Work
-    from skincal.train import Task as TrainTask
-
-    return Work(
-        TrainTask(task.value),
-        PolicyKind((policy or Kind.tactile).value),
-        seed or 0,
-        steps,
-        BackendName((backend or Backend.sb3).value),
-        settings,
-    )
 
 
 def _ranges(task: Task, file: Path | None) -> Ranges:
