@@ -205,9 +205,10 @@ STATIC = Spec("one", 0, 7, "foundation", "static", effects=(("crosstalk", 4.0),)
 WHOLE = Spec("one", 0, 7, effects=(("crosstalk", 1.2),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "some",
-    [(STATIC,), pytest.param((Spec("none", 0, 7), WHOLE), marks=pytest.mark.slow)],
+    [(STATIC,), (Spec("none", 0, 7), WHOLE)],
     ids=["static presses", "whole sessions"],
 )
 def test_a_slice_with_skincal_itself(tmp_path, some):

@@ -205,7 +205,7 @@ def test_why_presses_were_dropped_is_told_in_plain_words(session: Dataset) -> No
 
 
 def test_a_calibration_comes_back_from_its_folder(session: Dataset, tmp_path: Path) -> None:
-    outcome = calibrate(session, options=QUICK, workers=1, checkpoint=tmp_path / "kept", command="test")
+    outcome = calibrate(session, options=FEW_DRAWS, workers=1, checkpoint=tmp_path / "kept", command="test")
     assert len(list((tmp_path / "kept").glob("turn-*.npz"))) == len(outcome.result.grid.grid.alpha_rad)
     write_calibration(outcome.calibration, tmp_path / "cal")
     back = read_calibration(tmp_path / "cal")
@@ -217,7 +217,7 @@ def test_a_calibration_comes_back_from_its_folder(session: Dataset, tmp_path: Pa
     low, high = back.intervals["elasticity_pa_per_m"]
     assert low <= back.model.elasticity_pa_per_m <= high
     assert back.skin().parameters.elasticity_pa_per_m == back.model.elasticity_pa_per_m
-    again = calibrate(session, options=QUICK, workers=1, checkpoint=tmp_path / "kept")
+    again = calibrate(session, options=FEW_DRAWS, workers=1, checkpoint=tmp_path / "kept")
     assert again.resumed == len(outcome.result.grid.grid.alpha_rad)
     assert again.calibration.intervals == outcome.calibration.intervals
 

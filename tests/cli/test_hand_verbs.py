@@ -131,14 +131,9 @@ def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
     assert "--driver remote --driver-option keys=" in out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, number: int) -> None:
+def test_a_simulated_hand_is_served_with_keys_until_told_to_end(run: Run, tmp_path: Path) -> None:
     main_keys = tmp_path / "keys"
-    subprocess.run(
-        [sys.executable, "-m", "skincal", "hand", "keys", "--out", str(main_keys)],
-        check=True,
-        capture_output=True,
-    )
+    assert run("hand", "keys", "--out", main_keys)[0] == 0
     command = [
         "serve-hand",
         "--driver",
@@ -162,7 +157,7 @@ def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, 
         with GuardedHand(create_driver("remote", address=address, keys=str(main_keys / "client"))) as hand:
             for _ in range(20):
                 hand.act(hand.nearest(hand.observe().q_desired_rad))
-        os.kill(process.pid, number)
+        os.kill(process.pid, signal.SIGTERM)
         assert process.wait(10) == 0
         assert "sim: ended after 1 clients" in process.stderr.read()
     finally:
