@@ -167,7 +167,7 @@ def parse_csv(text: str, delimiter: str = ",") -> list[list[str]]:
 
 
 def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
-    """What a parser makes of a text; whatever it raises says that the text is none of its kind.
+    """Return what a parser makes of a text; whatever it raises says that the text is none of its kind.
 
     Args:
         kind: what the text should be, for the message.
