@@ -10,11 +10,17 @@ import typer
 
 from skincal.cli.common import ForceOption, JsonOption, example, print_json, say
 from skincal.errors import InputError, Problem
-from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Settings, Task, Work
 
 if TYPE_CHECKING:
     from skincal.ranges import Ranges
-    from skincal.train import Trained
+    from skincal.train import Trained, Work
+
+
+class Task(StrEnum):
+    """The tasks, listed here so that help need not import them."""
+
+    marble = "marble"
+    bolt = "bolt"
 
 
 class Learned(StrEnum):
@@ -25,11 +31,28 @@ class Learned(StrEnum):
     estimator = "estimator"
 
 
+class Kind(StrEnum):
+    """The kinds of policies."""
+
+    tactile = "tactile"
+    joint_angles = "joint-angles"
+    desired = "desired"
+
+
+class Backend(StrEnum):
+    """The training backends."""
+
+    sb3 = "sb3"
+    sbx = "sbx"
+
+
 EPILOG = example(
     "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
     "skincal train marble --out run --resume",
     "skincal train estimator --ranges ranges.toml --out estimator.npz",
 )
+
+STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
 
 
 def train(
@@ -38,16 +61,19 @@ def train(
         typer.Argument(
             metavar="TASK",
             help="`marble` or `bolt`: a policy that rolls it; `estimator`: where the marble is, from images.",
+            show_default=False,
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            "--out", help="Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz)."
+            "--out",
+            help="Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz).",
+            show_default=False,
         ),
     ],
     policy: Annotated[
-        PolicyKind | None, typer.Option("--policy", help="Observation of the policy.", show_default="tactile")
+        Kind | None, typer.Option("--policy", help="Observation of the policy.", show_default="tactile")
     ] = None,
     ranges: Annotated[
         Path | None,
@@ -67,7 +93,7 @@ def train(
         ),
     ] = None,
     backend: Annotated[
-        BackendName | None,
+        Backend | None,
         typer.Option("--backend", help="Stable-Baselines3 (torch), or SBX (jax).", show_default="sb3"),
     ] = None,
     envs: Annotated[
@@ -105,7 +131,7 @@ def train(
     task = Task(learned.value)
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
     stated = {f"--{name}": value for name, value in given.items() if value is not None}
-    from skincal.train import begin, read_run
+    from skincal.train import Settings, begin, read_run
     from skincal.train.training_run import CHECKPOINT
 
     if resume:
@@ -117,8 +143,7 @@ def train(
             say(f"{out}: an older run without the environment's numbers; it continues with today's")
     else:
         settings = Settings(environments=envs or Settings.environments)
-        kind, steps_of_run = policy or PolicyKind.tactile, steps or PUBLISHED_STEPS[task]
-        work = Work(task, kind, seed or 0, steps_of_run, backend or BackendName.sb3, settings)
+        work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
         used = _ranges(task, ranges)
         begin(work, used, out, *([] if ranges is None else [ranges]), force=force)
         work, used = read_run(out)
@@ -128,6 +153,22 @@ def train(
         print_json(_as_json(result))
     else:
         typer.echo(_summary(result))
+
+
+def _work(
+    task: Task, policy: Kind | None, seed: int | None, steps: int, backend: Backend | None, settings: Any
+) -> Work:
+    from skincal.train import BackendName, PolicyKind, Work
+    from skincal.train import Task as TrainTask
+
+    return Work(
+        TrainTask(task.value),
+        PolicyKind((policy or Kind.tactile).value),
+        seed or 0,
+        steps,
+        BackendName((backend or Backend.sb3).value),
+        settings,
+    )
 
 
 def _ranges(task: Task, file: Path | None) -> Ranges:
