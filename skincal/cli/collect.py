@@ -11,7 +11,7 @@ import typer
 
 from skincal.cli.collect_plan import plan_of, show_plan
 from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say, warn
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
 from skincal.cli.interrupt import moving
 
 if TYPE_CHECKING:
@@ -30,10 +30,7 @@ MEMORY = "skin.memory"
 
 def collect(
     out: OutOption,
-    driver: Annotated[
-        str,
-        typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class."),
-    ] = "sim",
+    driver: RigOption = "sim",
     seed: SeedOption = 0,
     protocol: Annotated[
         str | None,

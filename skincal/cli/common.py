@@ -16,6 +16,7 @@ import typer
 from skincal.errors import Problem
 
 DatasetArgument = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.")]
+CalibrationArgument = Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")]
 OutOption = Annotated[
     Path,
     typer.Option("--out", help="Folder to write; it appears complete or not at all."),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
 from skincal.cli.interrupt import moving
 from skincal.train.settings import Task
 
@@ -44,10 +44,7 @@ def deploy(
         str, typer.Argument(metavar="POLICY", help="A policy file, or the name of a bundled policy.")
     ],
     out: OutOption,
-    driver: Annotated[
-        str,
-        typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class."),
-    ] = "reference",
+    driver: RigOption = "reference",
     driver_option: DriverOptionsOption = None,
     seed: SeedOption = 0,
     effect: Annotated[

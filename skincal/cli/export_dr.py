@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, example, print_json, say, warn
+from skincal.cli.common import CalibrationArgument, ForceOption, JsonOption, example, print_json, say, warn
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -31,7 +31,7 @@ EPILOG = example(
 
 
 def export_dr(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")],
+    cal: CalibrationArgument,
     out: Annotated[
         Path,
         typer.Option("--out", help="File to write: .toml, .json or .yaml."),

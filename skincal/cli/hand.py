@@ -24,6 +24,9 @@ app = typer.Typer(
     epilog=example("skincal hand list"),
 )
 
+RigOption = Annotated[
+    str, typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class.")
+]
 DriverOptionsOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import (
+    CalibrationArgument,
     DatasetArgument,
     ForceOption,
     JsonOption,
@@ -31,7 +32,7 @@ EPILOG = example(
 
 
 def predict(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")],
+    cal: CalibrationArgument,
     dataset: DatasetArgument,
     out: OutOption,
     slack: Annotated[

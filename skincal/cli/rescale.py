@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json, warn
+from skincal.cli.common import (
+    CalibrationArgument,
+    ForceOption,
+    JsonOption,
+    SeedOption,
+    example,
+    print_json,
+    warn,
+)
 from skincal.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -23,7 +31,7 @@ CALIBRATION_MARK = "calibration.toml"
 
 
 def rescale(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration of the hand.")],
+    cal: CalibrationArgument,
     rolled: Annotated[
         Path,
         typer.Argument(metavar="ROLLED", help="Output of `skincal deploy` on it now."),

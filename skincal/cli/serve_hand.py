@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from skincal.cli.common import JsonOption, example, print_json, say
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
 
 if TYPE_CHECKING:
     from skincal.hand.serve import HandServer
@@ -22,7 +22,7 @@ EPILOG = example(
 
 
 def serve_hand(
-    driver: Annotated[str, typer.Option("--driver", help="A driver's name, or module:Class.")],
+    driver: RigOption,
     driver_option: DriverOptionsOption = None,
     bind: Annotated[
         str, typer.Option("--bind", help="Address to listen at; port * takes any free port.")
