@@ -14,7 +14,7 @@ class Kind:
     """A kind of surface or indenter.
 
     Attributes:
-        model: name of its class in :mod:`skincal.model`, built from a radius [m], from a mesh, or from nothing.
+        model: name of its class in ``skincal.model``, built from a radius [m], from a mesh, or from nothing.
         radius: what ``radius_m`` is; '' where it has none.
         least_m: smallest plausible radius [m].
         mesh: whether ``file`` names its mesh.
@@ -33,8 +33,11 @@ SURFACES: Final = {
     "plane": Kind("Plane", plane=True),
     "mesh": Kind("MeshSurface", mesh=True),
 }
+"""What ``[surface] kind`` may be."""
+
 INDENTERS: Final = {
     "sphere": Kind("Sphere", radius="the sphere's radius [m]", least_m=5e-5),
     "flat": Kind("FlatPunch", radius="the punch's radius [m]", least_m=5e-5),
     "mesh": Kind("MeshIndenter", mesh=True),
 }
+"""What ``[indenter] kind`` may be."""

@@ -71,7 +71,7 @@ class _Shape:
 
 
 class SurfaceSpec(_Shape):
-    """The surface that carries the sensor: one of :data:`skincal.dataset.kinds.SURFACES`."""
+    """The surface that carries the sensor: a kind of ``skincal.dataset.kinds``."""
 
     @property
     def is_plane(self) -> bool:
@@ -85,7 +85,7 @@ class SurfaceSpec(_Shape):
 
 
 class IndenterSpec(_Shape):
-    """The indenter: one of :data:`skincal.dataset.kinds.INDENTERS`."""
+    """The indenter: a kind of ``skincal.dataset.kinds``."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ class Parameter:
     :meth:`constant`.
 
     Attributes:
-        distribution: one of :data:`skincal.ranges.distributions.DISTRIBUTIONS`.
+        distribution: ``uniform`` or ``log_uniform`` in [low, high], ``normal``, ``constant``, or another of
+            ``skincal.ranges.distributions``.
         mode: drawn once per ``episode``, or at every ``step`` of the skin and the policy.
         source: ``calibrated`` if a fit to data gave the figures, else ``assumed``.
         low: lower bound of a (log-)uniform distribution.

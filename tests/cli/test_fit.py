@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from calibrations import make_calibration
+from commands import captured
 
 from benchmarks.sessions import make_session
 from skincal.calibration import write_calibration
-from skincal.cli.main import main
 from skincal.dataset import write_dataset
 
 QUICK = [
@@ -37,13 +37,6 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sessions") / "run"
     write_dataset(make_session(np.random.default_rng(5), presses=30)[0], folder)
     return folder
-
-
-def _run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stopped:
-        main(list(arguments))
-    out, err = capsys.readouterr()
-    return int(stopped.value.code or 0), out, err
 
 
 def _is_what_the_contract_says(out: Path, told: dict[str, Any]) -> None:
@@ -73,7 +66,7 @@ def _is_what_the_contract_says(out: Path, told: dict[str, Any]) -> None:
 def test_a_wrong_option_is_status_2(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
-    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *arguments)
+    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *arguments)
     assert status == 2
     assert message in err
     assert not list(tmp_path.iterdir())
@@ -83,7 +76,7 @@ def test_a_calibration_without_effects_is_refused_before_the_fit(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_calibration(make_calibration(), tmp_path / "plain")
-    status, _, err = _run(
+    status, _, err = captured(
         capsys, "fit", str(session), "--out", str(tmp_path / "cal"), "--effects", str(tmp_path / "plain")
     )
     assert status == 2 and "expected a calibration with effects" in err
@@ -96,7 +89,7 @@ def test_an_output_that_exists_is_left_alone(
     (tmp_path / "cal").mkdir()
     (tmp_path / "cal" / "mine.txt").write_text("mine")
     for force in ([], ["--force"]):
-        status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *force)
+        status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *force)
         assert status == 2 and "cal" in err
         assert (tmp_path / "cal" / "mine.txt").read_text() == "mine"
 
@@ -107,7 +100,7 @@ def test_a_session_without_active_taxels_exits_1(tmp_path: Path, capsys: pytest.
         data.presses.press, data.presses.position_m, data.presses.force_n, np.zeros((10, 16))
     )
     write_dataset(type(data)(data.meta, presses), tmp_path / "dark")
-    status, _, err = _run(capsys, "fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
+    status, _, err = captured(capsys, "fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
     assert status == 1
     said = "no press can be used. Of 10 presses 10 were not used: 10 with 0 active taxels"
     assert (
@@ -121,7 +114,7 @@ def test_a_fit_that_fails_after_its_grid_leaves_nothing(
 ) -> None:
     # A sensor far from every press: the grid is evaluated, and no combination of it gives an image.
     far = ["--y-range-mm", "120", "121", "--workers", "1"]
-    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK, *far)
+    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK, *far)
     assert status == 1
     assert "no combination of the grid gives an image" in err and "kept" not in err
     assert not list(tmp_path.iterdir())
@@ -143,7 +136,7 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
         raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "cal"))
 
     monkeypatch.setattr("skincal.calibrate.calibrate", fails)
-    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
+    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
     kept = tmp_path / ".cal.fit"
     assert status == 1 and "No space left" in err
     assert kept.exists() == (turns > 0)
@@ -161,7 +154,7 @@ def test_a_fault_that_would_come_again_keeps_nothing(
         raise np.linalg.LinAlgError("singular")
 
     monkeypatch.setattr("skincal.calibrate.calibrate", fails)
-    status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
+    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
     assert status == 1 and "internal error" in err and "kept" not in err
     assert not list(tmp_path.iterdir())
 
@@ -184,7 +177,7 @@ def test_unused_or_wrongly_scaled_ranges_are_refused(
         "got 0.0195 and 0.0275. Are they in metres? Multiply by 1000.",
     }
     for options, text in wrong.items():
-        status, _, err = _run(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *options)
+        status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *options)
         assert status == 2
         assert text in err
     assert not list(tmp_path.glob(".cal*"))

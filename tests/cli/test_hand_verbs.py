@@ -8,18 +8,15 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import Run
 
 import skincal.robot
-from skincal.cli.main import main
 from skincal.hand import create_driver
 from skincal.hand.guard import GuardedHand
-
-Run = Callable[..., tuple[int, str, str]]
 
 BAD_HAND = """
 from skincal.hand import HandDriver
@@ -35,17 +32,6 @@ class BadHand(HandDriver):
     def stop(self): pass
     def close(self): pass
 """
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
 
 
 def test_list_names_the_shipped_drivers_and_their_options(run: Run) -> None:

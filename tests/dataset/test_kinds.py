@@ -11,8 +11,8 @@ from skincal.dataset.model_objects import indenter_of, surface_of
 from skincal.model import ClosedForm, SensorPose
 from skincal.model.press.meet import meet_point
 
-# A square about the origin, wide enough for every ray.
-MESH = b"OFF\n4 2 0\n-1 -1 0\n1 -1 0\n1 1 0\n-1 1 0\n3 0 1 2\n3 0 2 3\n"
+# A tetrahedron that stands on its tip at the origin: closed, as an indenter is.
+MESH = b"OFF\n4 4 0\n0 0 0\n-1 -1 2\n2 -1 2\n-1 2 2\n3 0 1 2\n3 0 2 3\n3 0 3 1\n3 1 3 2\n"
 
 
 def _given(kind: Kind) -> dict[str, object]:

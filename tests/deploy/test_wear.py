@@ -8,19 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calibrations import make_calibration
+from commands import run
 
 from skincal.calibration import read_calibration, write_calibration
-from skincal.cli.main import main
 from skincal.deploy.wear import Feel, feel, wear
 from skincal.errors import WorkError
 
 TAXELS = 16
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def rolled(

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
-from skincal.cli.main import main
 from skincal.deploy.estimate import estimate_error_m, estimated_places
 from skincal.deploy.record import Record
 from skincal.envs.needed import ranges_for
@@ -45,12 +45,6 @@ def small() -> Estimator:
 @pytest.fixture(scope="module")
 def bundled() -> Estimator:
     return read_estimator(estimator_path("marble-estimator-1"))
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def test_the_gradient_is_that_of_the_loss() -> None:
