@@ -65,6 +65,7 @@ class Covariate:
         with_others: column names for messages, where ``columns`` do not tell them.
         comes_with: covariate that it is recorded along with; a message that names that one need not name it.
         whole: whether it is a whole number, -1 where it is unknown, instead of a real one.
+        typical: its value, or those of its components, in an ordinary press: for drawings.
     """
 
     attribute: str
@@ -73,6 +74,7 @@ class Covariate:
     with_others: str = ""
     comes_with: str = ""
     whole: bool = False
+    typical: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         return self.with_others or " and ".join(self.columns) or self.attribute
@@ -83,19 +85,30 @@ COVARIATES: Final[dict[str, Covariate]] = {
         "time_s",
         cure="record when each press begins and ends",
         with_others=f"{', '.join(TIMES)} of every press",
+        typical=(0.0,),
     ),
-    "phase": Covariate("phase", cure="record every frame", comes_with="time", whole=True),
-    "speed": Covariate("speed_m_per_s", ("speed_m_per_s",), "load slowly and fast, and record how fast"),
+    "phase": Covariate(
+        "phase", cure="record every frame", comes_with="time", whole=True, typical=(2,)
+    ),  # hold
+    "speed": Covariate(
+        "speed_m_per_s", ("speed_m_per_s",), "load slowly and fast, and record how fast", typical=(1e-3,)
+    ),
     "cycle": Covariate(
-        "cycle", ("cycle",), "come back to sites, and record how often each was touched before"
+        "cycle",
+        ("cycle",),
+        "come back to sites, and record how often each was touched before",
+        typical=(9,),
     ),
     "met": Covariate(
         "met_n", with_others=f"cycle and {', '.join(TARGET)} of every press", comes_with="cycle"
     ),
-    "pose": Covariate("pose", cure="press in two hand poses, and record which", whole=True),
-    "temperature": Covariate("temperature_c", ("temperature_c",), "record the temperature"),
+    "pose": Covariate("pose", cure="press in two hand poses, and record which", whole=True, typical=(0,)),
+    "temperature": Covariate("temperature_c", ("temperature_c",), "record the temperature", typical=(25.0,)),
     "shear": Covariate(
-        "shear_n", ("shear_u_n", "shear_v_n"), "press with tangential force, too, and record it"
+        "shear_n",
+        ("shear_u_n", "shear_v_n"),
+        "press with tangential force, too, and record it",
+        typical=(1.0, 0.0),
     ),
 }
 """Covariates of effects, by name. A new one also needs its attribute in :class:`skincal.effects.Samples`."""
