@@ -20,7 +20,6 @@ from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit, facts_of, why_not
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
-from skincal.inference.blocks import Whitened
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import State
@@ -199,7 +198,7 @@ def audit_planned(
     low = -np.inf if meta.sensor.value_min is None else meta.sensor.value_min
     high = np.inf if meta.sensor.value_max is None else meta.sensor.value_max
     taxels = mount.layout.taxels
-    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01)
+    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01, low if np.isfinite(low) else 0.0)
     forward = forward_of(session, mount.surface, mount.layout, noise, clipped=bool(np.isfinite(low)))
     own = None if calibration is None else calibration.parameters()
     e, scale = (
@@ -266,11 +265,9 @@ def report_of(
     w = fitter.whitened(
         seen,
         np.concatenate([fitter.columns(seen, ()), np.stack(cases, axis=-1)], axis=2),
-        fitter.contributions(seen),
+        fitter.equations(seen)[0],
     )
-    h = fitter.built(
-        seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
-    ).blocks.h.sum(axis=0)
+    h = fitter.built(seen, (), w, 0).blocks.h.sum(axis=0)
     del slope
     n = h.shape[0] - len(names)
     raw = (w.columns[..., n:] ** 2).sum(axis=(0, 1))

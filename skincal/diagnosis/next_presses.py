@@ -98,7 +98,7 @@ def information(
         observed.fitter.before.base, first.state, observed.fitter.before.move, 2e-3, np.ones_like(counts)
     )
     fitter = Fitter(forward, counts, before)
-    w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.contributions(seen))
+    w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.equations(seen)[0])
     found = fitter.built(
         seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
     ).blocks

@@ -91,7 +91,7 @@ def diagnose(
         wild = wild_presses(whole, ready)
         last_fitter = without_presses(whole, wild)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
-        wide = last_fitter.covariance(last)
+        wide = last.covariance
         final = new_calibration(calibration, observed, last, wide, drawn, wild, unexplained=unexplained)
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
@@ -118,7 +118,7 @@ def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:
 
 def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
     fit, fitter = found.fitted, observed.fitter
-    covariance = fitter.covariance(fit)
+    covariance = fit.covariance
     excess = [float(np.nansum(_residual(fitter, x) ** 2 - 1)) for x in (found.base, fit)]
     whole = max(excess[0] - excess[1], 1e-9)
     made = []
@@ -185,5 +185,5 @@ def refitted_effects(
         # They have drawn sensor, places and effects after them: again without them.
         fitter = without_presses(fitter, wild)
         last = fitter.solve(state, tuple(free), steps=C.last_steps)
-    made = new_calibration(both, observed, last, fitter.covariance(last), drawn, wild, unexplained=False)
+    made = new_calibration(both, observed, last, last.covariance, drawn, wild, unexplained=False)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

@@ -147,7 +147,6 @@ class Search:
         fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
         dropped: set[str] = set()
         null: Null | None = None
-        gained = 0.0
         while True:
             found, now = self._columns(fit, null is None)
             if null is None:
@@ -155,15 +154,15 @@ class Search:
             assert null is not None
             tried = self._tried(fit, found, null)
             rounds.append(tuple(tried))
-            good = [t for t in tried if t.good and t.gain > C.part * gained and t.name not in dropped]
+            good = [t for t in tried if t.good and t.name not in dropped]
             if not good or len(named) >= C.most:
                 break
-            best = self._best(fit, good, null, C.part * gained)
+            best = self._best(fit, good, null)
             if best is None:
                 break
             one, new, alike, rivals = best
             gain = Score(self.score(new) - self.score(fit))
-            gained += gain.total
+
             fit = new
             if one.name not in [n.name for n in named]:
                 p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (
@@ -174,12 +173,12 @@ class Search:
             for old in list(named[:-1]):
                 less = self._without(fit, old.name, known)
                 more = Score(self.score(fit) - self.score(less)).total
-                if more < max(null.limit(old.name), C.part * gained):
+                if more < null.limit(old.name):
                     fit, named = less, [n for n in named if n is not old]
                     dropped.add(old.name)
         fit = self._from_start(fit) if named else fit
         b = fit.blocks
-        own = left(b.chi[:, None], b.count, b.press)[0]
+        own = left(fit.chi()[:, None], b.count, b.press)[0]
         first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
         return Found(self.base, fit, tuple(named), tuple(rounds), null, own, beyond(own, null.left), first)
 
@@ -202,7 +201,7 @@ class Search:
             if not any(s.alone is not None for s in starts_of(n, self.scene))
         }
         found = list(candidates(f, seen, self.scene, slope, self.names, had))
-        w = fitter.whitened(seen, fitter.columns(seen, fit.free), fitter.contributions(seen))
+        w, errors = fitter.columns_of(seen, fit.free)
         sd = np.exp(w.log_sd)
         weight = np.where(w.seen, fitter.before.weights, 0.0) / sd
         more = [c.columns * weight[..., None] for c in found]
@@ -216,7 +215,7 @@ class Search:
             laws, draws = drawn_residuals(
                 residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions
             )
-        linear = fitter.built(seen, fit.free, wide, draws=draws, rng=self.rng)
+        linear = fitter.built(seen, fit.free, wide, errors, draws=draws, rng=self.rng)
         null = None
         if first:
             b = linear.blocks
@@ -271,7 +270,7 @@ class Search:
         return sorted(out.values(), key=lambda t: -t.gain)
 
     def _best(
-        self, fit: Fitted, good: Sequence[Tried], null: Null, least: float
+        self, fit: Fitted, good: Sequence[Tried], null: Null
     ) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
         """Of the best few the one whose joint fit surely predicts better, and best, and those that predict as well.
 
@@ -285,7 +284,7 @@ class Search:
         fits = [
             own
             for own, gain in zip(fits, gains, strict=True)
-            if gain.total > max(null.limit(own[0].name), least) and max(own[0].sure, gain.sure) > C.sure
+            if gain.total > null.limit(own[0].name) and max(own[0].sure, gain.sure) > C.sure
         ]
         if not fits:
             return None
