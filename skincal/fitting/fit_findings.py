@@ -129,8 +129,8 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
         yield FitFinding(
             "positions_bent",
             "info",
-            f"The error of the measured positions changes smoothly over the patch, by about {1e3 * field:.2f} mm. Its "
-            "turn cannot be told from alpha; the intervals are widened for it.",
+            "The error of the measured positions changes smoothly with place, force or posture, by about "
+            f"{1e3 * field:.2f} mm. Its turn cannot be told from alpha; the intervals are widened for it.",
             "Calibrate the kinematics (joint offsets) for a sharper alpha.",
         )
     slack, at_bound = result.problem.rig.slack_m, 0
