@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
 from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
-from skincal.dataset import Dataset, idle_means
+from skincal.dataset import Dataset, Presses, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
@@ -51,6 +52,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.counts,
         kinds,
         idle_means(dataset),
+        _joints(presses),
     )
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
@@ -65,6 +67,13 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         centre = np.array([nominal, mount.y_m])
         contacts = replace(contacts, local=LocalPlaces.of(problem, presses.position_m, centre))
     return replace(problem, contacts=contacts)
+
+
+def _joints(presses: Presses) -> Floats | None:
+    """Joint angles (K, Q) in the holds [rad]; None where the session has none."""
+    names = takewhile(lambda name: presses.column(name) is not None, (f"q_{i}" for i in count()))
+    angles = [np.asarray(presses.column(name), dtype=np.float64) for name in names]
+    return np.stack(angles, axis=1) if angles else None
 
 
 _EXACT_M = 1e-6

@@ -10,7 +10,7 @@ from skincal.errors import WorkError
 from skincal.fitting.general_contacts import ContactMap
 from skincal.fitting.observe import Observed, Readout, observe
 from skincal.fitting.readings import Readings
-from skincal.fitting.shared import Shared
+from skincal.fitting.shared import Shared, smooth_field
 from skincal.fitting.types import Bools, Floats, Ints
 from skincal.model import Indenter, Surface, TaxelLayout
 
@@ -88,6 +88,7 @@ class PressTable:
         counts: (K, J) mean counts in the hold.
         indenter: (K,) index of the indenter.
         rest_mean_counts: (J,) mean counts of untouched taxels from idle frames; None where there are none.
+        joints_rad: (K, Q) joint angles in the hold; None where there are no joints.
     """
 
     press: Ints
@@ -97,6 +98,7 @@ class PressTable:
     counts: Floats
     indenter: Ints
     rest_mean_counts: Floats | None = None
+    joints_rad: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +172,11 @@ class FitProblem:
         return self.weight > 0
 
     @property
+    def alive(self) -> Bools:
+        """(J,) taxels of which any reading counts."""
+        return self.used.any(axis=0)
+
+    @property
     def noise_sigma_counts(self) -> float:
         """Noise of a hold mean of a taxel away from the bounds [counts], from the scatter of untouched taxels."""
         return self.observation.noise_counts
@@ -189,7 +196,7 @@ class FitProblem:
             **{name: getattr(self, name)[keep] for name in _BY_PRESS},
             status=tuple(status),
             observation=self.observation.subset(keep),
-            shared=self.shared.for_presses(self.across_m[keep], self.along_m[keep]),
+            shared=self.shared.for_presses(keep),
         )
 
     def with_shared(self, theta: Floats) -> FitProblem:
@@ -245,6 +252,7 @@ def pose_problem(
             f"above rest is {values.max():.3g}. Do the counts grow with load?"
         )
     across, along = presses.across_m[rows], presses.along_m[rows]
+    posture = np.empty((len(presses.press), 0)) if presses.joints_rad is None else presses.joints_rad
     return FitProblem(
         rig,
         across,
@@ -260,7 +268,12 @@ def pose_problem(
         active.astype(np.intp),
         seen,
         readings,
-        Shared.none(np.maximum(seen.level_sigma_counts, LEVEL_PART * readings.noise_counts), across, along),
+        Shared.none(
+            np.maximum(seen.level_sigma_counts, LEVEL_PART * readings.noise_counts),
+            *smooth_field(
+                np.column_stack([presses.across_m, presses.along_m]), presses.force_n, posture, rows
+            ),
+        ),
     )
 
 
