@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import gymnasium
@@ -96,6 +97,12 @@ def test_a_seed_gives_the_same_episode_to_the_last_bit(mujoco: Any) -> None:
         places.append([env.step(np.full(6, 0.1))[4]["position_m"] for _ in range(5)])
     env.close()
     np.testing.assert_array_equal(places[0], places[2])
+
+
+def test_a_copy_has_the_same_engine(mujoco: Any) -> None:
+    del mujoco
+    copied = pickle.loads(pickle.dumps(make("mujoco", policy="desired")))
+    assert copied.engine == "mujoco" and copied.policy == "desired"
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])
