@@ -31,10 +31,14 @@ FloatArray = NDArray[np.float64]
 
 _STEP_S = 1.0 / PHYSICS_HZ
 _BODY, _HOLD = "object", "hold"
-_FRICTION_RATIO = 1e4
-"""How much harder friction is than the normal contact: 1 N slides by some 0.1 mm/s."""
+_FRICTION_RATIO = 1e6
+"""How much harder friction is than the normal contact. It creeps: at 1 N some 0.1 um/s, at 10 mN m 0.1 deg/min."""
 _LONG = 4.0
-"""Cylinders longer than so many radii get round ends beyond them."""
+"""Cylinders longer than so many radii get round ends beyond them, and rest on balls along a finger."""
+_ALONG = math.cos(math.radians(30.0))
+"""Cosine of the angle between a finger and a cylinder up to which the cylinder lies along it."""
+_NEVER_M = -1.0
+"""Margin of a pair that shall not touch [m]."""
 _SMALLEST = 1e-9
 """MuJoCo divides by friction coefficients."""
 _ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
@@ -62,9 +66,11 @@ class MujocoScene(Scene):
         mj, spec = self._mj, self._world(grip)
         self._model: Any = spec.compile()
         self._data: Any = mj.MjData(self._model)
-        self._names(grip)
+        self._names()
         self._soften(grip)
         self._data.qpos[self._columns] = grip.angles_rad
+        mj.mj_kinematics(self._model, self._data)
+        self._rest()
         mj.mj_forward(self._model, self._data)
         self._begin_drives(grip)
         self.held = True
@@ -108,20 +114,39 @@ class MujocoScene(Scene):
         added = spec.worldbody.add_body(name=_BODY, pos=grip.position_m, quat=[w, x, y, z])
         added.add_freejoint()
         added.mass, added.inertia, added.explicitinertial = body.mass_kg, body.inertia_kg_m2, True
-        for number, part in enumerate(body.parts):
-            added.add_geom(name=f"{_BODY}-{number}", contype=0, conaffinity=0, **self._geom(part))
-        return [f"{_BODY}-{number}" for number in range(len(body.parts))]
+        # Left out, MuJoCo takes the body's own place in the world for that of its centre of mass in the body.
+        added.ipos, added.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+        shapes = [self._geom(part) for part in body.parts]
+        balls = [ball for part in body.parts for ball in _balls(part)]
+        names = [f"{_BODY}-{number}" for number in range(len(shapes) + len(balls))]
+        for name, shape in zip(names, [*shapes, *map(self._geom, balls)], strict=True):
+            added.add_geom(name=name, contype=0, conaffinity=0, **shape)
+        self._ball_names, self._part_names = names[len(shapes) :], names
+        return names
 
     def _geom(self, part: Part) -> dict[str, Any]:
         kinds = self._mj.mjtGeom
         if part.length_m is None:
             return {"type": kinds.mjGEOM_SPHERE, "size": [part.radius_m, 0, 0], "pos": [part.at_m, 0, 0]}
-        # MuJoCo's cylinders touch a finger along a line in one point only; its capsules in two.
         kind = kinds.mjGEOM_CAPSULE if part.length_m > _LONG * part.radius_m else kinds.mjGEOM_CYLINDER
         size = [part.radius_m, part.length_m / 2, 0]
         return {"type": kind, "size": size, "pos": [part.at_m, 0, 0], "quat": _ALONG_X}
 
-    def _names(self, grip: Grip) -> None:
+    def _rest(self) -> None:
+        """Let a cylinder rest on its balls on those fingers that it lies along.
+
+        MuJoCo gives a cylinder or capsule along a finger one point, which jumps from end to end: it would rock on it.
+        """
+        model, data = self._model, self._data
+        along = data.xmat[self._body].reshape(3, 3)[:, 0]
+        for pair in range(model.npair):
+            geoms = {int(model.pair_geom1[pair]), int(model.pair_geom2[pair])}
+            tips = geoms.intersection(self._tip_geoms)
+            if geoms.intersection(self._balls) and tips:
+                axis = data.geom_xmat[tips.pop()].reshape(3, 3)[:, 2]
+                model.pair_margin[pair] = 0.0 if abs(float(axis @ along)) > _ALONG else _NEVER_M
+
+    def _names(self) -> None:
         """Where joints, bodies and geoms are in MuJoCo's arrays."""
         model = self._model
         joints = [model.joint(name) for name in self._pinch.description.joints]
@@ -129,16 +154,18 @@ class MujocoScene(Scene):
         self._speeds = np.array([int(joint.dofadr[0]) for joint in joints])
         self._tips = [int(model.body(link).id) for link in self._tip_links]
         self._tip_geoms = [int(model.geom(link).id) for link in self._tip_links]
-        self._parts = [int(model.geom(f"{_BODY}-{n}").id) for n in range(len(grip.body.parts))]
+        self._parts = [int(model.geom(name).id) for name in self._part_names]
+        self._balls = {int(model.geom(name).id) for name in self._ball_names}
         self._body = int(model.body(_BODY).id)
         self._motion = int(model.body_dofadr[self._body])
 
     def _soften(self, grip: Grip) -> None:
         """Friction of a pair is the product of the two, as in PyBullet; contacts are springs with dampers."""
-        model, last = self._model, self._model.npair - 1
+        model = self._model
         heavy = grip.stiffness_n_per_m * _STEP_S**2 + grip.damping_ns_per_m * _STEP_S
         for pair in range(model.npair):
-            bodies = model.geom_bodyid[[model.pair_geom1[pair], model.pair_geom2[pair]]]
+            geoms = [int(model.pair_geom1[pair]), int(model.pair_geom2[pair])]
+            bodies = model.geom_bodyid[geoms]
             light = float(model.body_invweight0[bodies, 0].sum())
             impedance = heavy * light / (1.0 + heavy * light)
             spring, damper = (
@@ -151,7 +178,8 @@ class MujocoScene(Scene):
             model.pair_solimp[pair] = [impedance, impedance, 1e-3, 0.5, 2.0]
             model.pair_solref[pair] = [-spring, -damper]
             model.pair_solreffriction[pair] = [-_SMALLEST, -impedance / _STEP_S]
-            own = (grip.finger_friction, 0.0, 0.0) if pair == last else (
+            # MuJoCo sorts its pairs.
+            own = (grip.finger_friction, 0.0, 0.0) if sorted(geoms) == sorted(self._tip_geoms) else (
                 grip.lateral_friction, grip.spinning_friction, grip.rolling_friction
             )  # fmt: skip
             slide, spin, roll = (max(grip.finger_friction * value, _SMALLEST) for value in own)
@@ -233,6 +261,14 @@ class MujocoScene(Scene):
 
     def close(self) -> None:
         """See :meth:`Scene.close`: its memory is freed with it."""
+
+
+def _balls(part: Part) -> list[Part]:
+    """Balls in a row inside a long cylinder, side by side."""
+    if part.length_m is None or part.length_m <= _LONG * part.radius_m:
+        return []
+    half = int((part.length_m / 2 - part.radius_m) / (2 * part.radius_m))
+    return [Part(part.radius_m, None, part.at_m + 2 * part.radius_m * n) for n in range(-half, half + 1)]
 
 
 _COMPILER = '<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="false"/></mujoco>'
