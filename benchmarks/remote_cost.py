@@ -66,11 +66,10 @@ class Link(HandDriver):
     """
 
     name = "link"
-    real_time = False
 
     def __init__(self, hand: ReferenceHand, delay_s: float, lost: float, seed: int) -> None:
         self._hand, self._delay_s, self._lost = hand, delay_s, lost
-        self._clock = hand.clock = Clock()
+        self.clock = hand.clock = Clock()
         self._rng = np.random.default_rng(seed)
         self._timers = {"observe": ResendTimer(), "act": ResendTimer()}
 
@@ -98,7 +97,7 @@ class Link(HandDriver):
 
     def _ask(self, kind: str, do: Any) -> Any:
         """Ask until there is an answer; what was asked for is done once, when the first request arrives."""
-        clock, timer, begun_s = self._clock, self._timers[kind], self._clock.now_s
+        clock, timer, begun_s = self.clock, self._timers[kind], self.clock.now_s
         arrivals: list[float] = []
         result, done, sent = None, False, 0
         while True:
@@ -138,13 +137,18 @@ class Link(HandDriver):
         self._hand.close()
 
 
+def more(hand: HandDriver) -> dict[str, Any]:
+    """What else a run is told: of a simulated link the guard sees the same clock."""
+    return {"clock": hand.clock.monotonic} if isinstance(hand, Link) else {}
+
+
 def figures(make: Any, policy: Policy, duration_s: float) -> dict[str, Any]:
     """A run on a hand, in numbers."""
-    begun = time.monotonic()
+    begun, hand = time.monotonic(), make()
     try:
         found: Deployed = deploy(
-            policy, make(), read_pinch(None), marble_targets("circle", duration_s),
-            object_width_m=0.012, speed_rad_per_s=0.3,
+            policy, hand, read_pinch(None), marble_targets("circle", duration_s),
+            object_width_m=0.012, speed_rad_per_s=0.3, **more(hand),
         )  # fmt: skip
     except SkincalError as error:
         return {"held": False, "stopped": str(error), "wall_s": time.monotonic() - begun}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +70,7 @@ def deploy(
     options: DeployOptions | None = None,
     guard: GuardOptions | None = None,
     watch: Watch | None = None,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Deployed:
     """Let a policy move an object between the fingers of a hand.
 
@@ -82,6 +84,7 @@ def deploy(
         options: times, speeds, forces.
         guard: limits.
         watch: called with every state.
+        clock: ours [s].
 
     Returns:
         What happened, also where the object was lost on the way.
@@ -101,7 +104,7 @@ def deploy(
         raise InputError([Problem(policy.file, expected, f"one for {policy.description.actions}")])
     kinematics = Kinematics(pinch.description)
     postures, forces = Postures.of(pinch, kinematics), PinchForces(pinch, kinematics)
-    with GuardedHand(driver, guard, contact_force=forces.largest_n) as hand:
+    with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
         motion = Motion(hand, driver.object_position_m, watch)
         state = motion.look()
         if seen.sees_image and not np.isfinite(state.taxels).any():

@@ -69,7 +69,9 @@ def test_marble_is_rolled(policy: Policy) -> None:
 def test_a_slow_and_lossy_link_is_borne(policy: Policy) -> None:
     """Messages that take 20 ms, of which one in a hundred is lost: later steps, but no stop and no drop."""
     link = Link(ReferenceHand(seed=1), 0.02, 0.01, seed=3)
-    found = deploy(policy, link, read_pinch(None), marble_targets("still", 3.0), **WIDTH)
+    found = deploy(
+        policy, link, read_pinch(None), marble_targets("still", 3.0), clock=link.clock.monotonic, **WIDTH
+    )
     assert found.lost_s is None and found.steps == 30
     assert np.nanmean(found.error_m[15:]) < 1.5e-3
     assert 0.01 < found.jitter_s < 0.1
