@@ -294,6 +294,7 @@ def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, o
         "driver": driver,
         "seed": seed,
         "steps": found.steps,
+        "missed_steps": found.missed,
         "held": found.lost_s is None,
         "lost_s": found.lost_s,
         "error_m": float(error.mean()) if error.size else None,

@@ -71,7 +71,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         **single: Any,
     ) -> None:
         # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
-        EzPickle.__init__(self, policy, ranges, hand, render_mode, options, **single)
+        EzPickle.__init__(self, policy, ranges, hand, render_mode, options, engine, **single)
         if policy not in KINDS:
             raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
         check_engine(engine, "environment engine")

@@ -130,17 +130,18 @@ class View:
         return Felt(contacts, float(across), float(friction[1]))
 
 
-def view(scene: Scene, sensor: Sensor) -> View:
+def view(scene: Scene, sensor: Sensor, which: int = 0) -> View:
     """Looks at a scene.
 
     Args:
         scene: as it is.
         sensor: where the patch is.
+        which: object that is looked at.
     """
     q, dq = scene.joints()
-    skin, thumb = scene.touches()
-    (tip, thumb_tip), body = scene.tips(), scene.object_frame()
-    velocity, spin = scene.object_motion()
+    skin, thumb = scene.touches(which)
+    (tip, thumb_tip), body = scene.tips(), scene.object_frame(which)
+    velocity, spin = scene.object_motion(which)
     believed = sound(q, dq, body.origin_m)
     return View(
         q_rad=q,
