@@ -143,6 +143,7 @@ def fit(
     from skincal.dataset import read_dataset
     from skincal.dataset.uniform_pressure import uniform_pressure
     from skincal.files import refuse_existing
+    from skincal.units import in_unit
 
     options = _options(active_counts, min_active, bound, level, draws, per_taxel)
     inputs = [dataset] if effects is None else [dataset, effects]
@@ -199,7 +200,7 @@ def fit(
     if as_json:
         print_json(_as_json(outcome.calibration, out))
         return
-    about = why_dropped(outcome.result.problem)
+    about = in_unit(why_dropped(outcome.result.problem), data.meta.sensor.unit)
     if outcome.resumed:
         turns = (
             "1 turn of the grid was" if outcome.resumed == 1 else f"{outcome.resumed} turns of the grid were"
@@ -371,8 +372,8 @@ def _tell(calibration: Calibration, presses: str, about: str, out: Path, report:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
-    table = Table(title=f"{presses}, rmse {calibration.loss.mse_counts2**0.5:.2f} counts per taxel")
+    console, rmse = Console(), calibration.loss.mse_counts2**0.5
+    table = Table(title=f"{presses}, rmse {rmse:.3g} {calibration.sensor.unit_label} per taxel")
     for column in ("parameter", "best", "low", "high"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     best = calibration.model.best()

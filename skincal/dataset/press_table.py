@@ -10,6 +10,7 @@ import numpy as np
 from skincal.dataset.columns import (
     ANY,
     CORRECT_OR_EMPTY,
+    NO_FORCE,
     NORMAL,
     OPTIONAL,
     POSITION,
@@ -40,7 +41,7 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
     presses = Presses(
         press=press,
         position_m=np.column_stack([reader.checked(name, ANY, may_be_nan=unknown) for name in POSITION]),
-        force_n=reader.checked("force_n", ANY, may_be_nan=False),
+        force_n=reader.checked("force_n", ANY, may_be_nan=False, if_empty=NO_FORCE),
         counts=counts,
         normals=_normals(reader),
         columns=dict(

@@ -137,13 +137,18 @@ class Rule:
     of: str = ""
 
 
+TWO_POSES = "press in two hand poses"
+TWO_MOUNTS = "press with the sensor turned on its stage, too, as another pose"
+"""The same on a rig without joints."""
+
+
 _NO_FRAMES = Rule(
     lambda f: not f.frames, "no frames: only the mean of each hold was recorded", "record every frame"
 )
 _NO_CLOCK = Rule(
     lambda f: not f.clock, "no times of the presses were recorded", "record when each press begins and ends"
 )
-_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", "press in two hand poses", "pose")
+_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", TWO_POSES, "pose")
 _ONE_FORCE = Rule(
     lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard", "press gently and hard"
 )
@@ -186,7 +191,7 @@ _RULES: Final[Mapping[str, Rule]] = MappingProxyType(
 _CURES = {
     "time": _NO_CLOCK.cure,
     "phase": _NO_FRAMES.cure,
-    "pose": "press in two hand poses, and record which",
+    "pose": f"{TWO_POSES}, and record which",
     "speed": "load slowly and fast, and record how fast",
     "cycle": "come back to sites, and record how often each was touched before",
     "temperature": "record the temperature",
