@@ -287,7 +287,9 @@ def _array(stream: IO[bytes]) -> NDArray[Any]:
     }
     shape, by_columns, kind = read_header[version](stream)
     data = stream.read()
-    if kind.hasobject or math.prod(shape) * kind.itemsize != len(data):
+    if kind.hasobject:
+        raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")
+    if math.prod(shape) * kind.itemsize != len(data):
         raise UnreadableError(f"numbers of shape {shape}", f"{len(data)} bytes of {kind}")
     return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")
 

@@ -24,6 +24,9 @@ class Preset(StrEnum):
     icra26 = "icra26"
 
 
+PUBLISHED_TOP = 255.0
+"""Largest count of the converter of the published skins, which have 8 bits."""
+
 EPILOG = example(
     "skincal export-dr cal --out ranges.toml",
     "skincal export-dr cal --out ranges.yaml --preset icra26 --joint",
@@ -77,7 +80,9 @@ def export_dr(
     write_ranges(ranges, out, force=force)
     warn((*calibration.warnings, *ranges.warnings))
     _say_findings(calibration)
-    rows = narrowing(ranges, published(preset.value))
+    sensor = calibration.sensor
+    same = sensor.unit in (None, "counts") and sensor.value_max == PUBLISHED_TOP
+    rows = narrowing(ranges, published(preset.value), same_converter=same)
     if as_json:
         print_json(_as_json(out, preset.value, calibration, ranges, rows))
         return

@@ -136,6 +136,7 @@ def fit(
     from skincal.dataset import read_dataset
     from skincal.dataset.uniform_pressure import uniform_pressure
     from skincal.files import refuse_existing
+    from skincal.units import in_unit
 
     options = FitOptions(
         active_counts=active_counts, min_active=min_active, bound_counts2=_bound(bound), level=level, draws=draws,
@@ -195,7 +196,7 @@ def fit(
     if outcome.resumed:
         turns = "1 turn" if outcome.resumed == 1 else f"{outcome.resumed} turns"
         say(f"{turns} of the grid taken from an interrupted run")
-    about = why_dropped(outcome.result.problem)
+    about = in_unit(why_dropped(outcome.result.problem), data.meta.sensor.unit)
     _told(outcome.calibration, f"{len(outcome.result.problem)} presses", about, out, report, as_json)
 
 
@@ -339,8 +340,8 @@ def _told(calibration: Calibration, presses: str, about: str, out: Path, report:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
-    table = Table(title=f"{presses}, rmse {calibration.loss.mse_counts2**0.5:.2f} counts per taxel")
+    console, rmse = Console(), calibration.loss.mse_counts2**0.5
+    table = Table(title=f"{presses}, rmse {rmse:.3g} {calibration.sensor.unit_label} per taxel")
     for column in ("parameter", "best", "low", "high"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     best = calibration.model.best()

@@ -136,13 +136,18 @@ class Rule:
     of: str = ""
 
 
+TWO_POSES = "press in two hand poses"
+TWO_MOUNTS = "press with the sensor turned on its stage, too, as another pose"
+"""The same on a rig without joints."""
+
+
 _NO_FRAMES = Rule(
     lambda f: not f.frames, "no frames: only the mean of each hold was recorded", "record every frame"
 )
 _NO_CLOCK = Rule(
     lambda f: not f.clock, "no times of the presses were recorded", "record when each press begins and ends"
 )
-_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", "press in two hand poses", "pose")
+_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", TWO_POSES, "pose")
 _ONE_FORCE = Rule(
     lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard", "press gently and hard"
 )

@@ -62,7 +62,7 @@ def _noise(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
     if not observed.session.has_frames:
         text = (
             f"no frames: the noise of a hold mean is that of taxels that are not pressed, "
-            f"{floor.mean_counts:.2f} counts"
+            f"{floor.mean_counts:.3g} counts"
         )
         yield Finding("noise_not_measured", "info", text, "Record frames; press a few sites twice.")
     if not len(repeats(observed.dataset)[0]):
@@ -76,7 +76,7 @@ def _noise(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
     if floor.grows:
         text = (
             f"the noise grows with the signal, by {100 * floor.grows:.1f} % of it beside "
-            f"{floor.frame_counts:.2f} counts at rest; allowed for"
+            f"{floor.frame_counts:.3g} counts at rest; allowed for"
         )
         yield Finding("noise_grows", "info", text, "")
 

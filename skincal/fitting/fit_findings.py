@@ -146,7 +146,7 @@ def _misfit(result: FitResult) -> Iterator[FitFinding]:
     if found > 3.0 * floor:
         yield _warn(
             "misfit",
-            f"Images differ by {found:.2f} counts where noise explains {floor:.2f}: the base model lacks something.",
+            f"Images differ by {found:.3g} counts where noise explains {floor:.3g}: the base model lacks something.",
             "The intervals are widened for it. `skincal diagnose` looks for what is missing.",
         )
     if bad:

@@ -98,10 +98,11 @@ def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None
     """Return the assumed range of S for a calibration that leaves S open."""
     if assumed is None:
         low, high = calibration.intervals[_SCALE]
+        unit = calibration.sensor.unit_label
         raise WorkError(
             f"{calibration.folder or 'the calibration'}: the data leave the scale S open (its interval is [{low:g}, "
             f"{high:g}]), and that of a preset belongs to another sensor and converter. Collect more presses and fit "
-            "again, or state a range to assume: --assume-scale LOW HIGH [counts per N]"
+            f"again, or state a range to assume: --assume-scale LOW HIGH [{unit} per N]"
         )
     low, high = assumed
     if not (0 < low < high and isfinite(high)):

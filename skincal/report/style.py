@@ -18,9 +18,11 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from skincal.errors import InputError, Problem
+from skincal.units import in_unit
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#8A8A8A", "#222222",
@@ -127,6 +129,13 @@ def checked_suffix(path: Path) -> Path:
             [Problem(str(path), f"a picture's name in {', '.join(SUFFIXES)}", f'"{path.suffix}"')]
         )
     return path
+
+
+def relabel(figure: Figure, unit: str | None) -> None:
+    """Put the unit of the taxel values in the place of counts in all texts of a figure; None: counts."""
+    if unit is not None:
+        for text in figure.findobj(Text):
+            text.set_text(in_unit(text.get_text(), as_it_is(unit)))  # pyright: ignore[reportAttributeAccessIssue]
 
 
 PICTURE_MARK = "atplotlib"
