@@ -75,10 +75,11 @@ class TomlTable:
             if open_keys:
                 table.extra = {key: value for key, value in values.items() if key not in known}
             return table
+        where, expected = f"{self._file}, [{place}]", f"a table [{place}]"
         if values is not None:
-            self.error(name, f"a table [{place}]", values, f"Write [{place}] on its own line.")
+            self._findings.error(where, expected, values, f"Write [{place}] on its own line.")
         elif not optional:
-            self.error(f"[{place}]", f"a table [{place}]", "nothing", fix)
+            self._findings.error(where, expected, "nothing", fix)
         return TomlTable(Findings(), self._file, place, {}, known)
 
     def place(self, key: str) -> str:
