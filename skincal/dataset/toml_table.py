@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Self, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class TomlTable:
         optional: bool = False,
         open_keys: bool = False,
         fix: str = "",
-    ) -> Self:
+    ) -> TomlTable:
         """Return a table inside this one; an empty one, which reports nothing more, if it is missing or no table.
 
         Args:
@@ -69,17 +69,18 @@ class TomlTable:
         """
         values, place = self.raw(name), f"{self._name}.{name}" if self._name else name
         if isinstance(values, dict):
-            table = type(self)(
+            table = TomlTable(
                 self._findings, self._file, place, values, tuple(values) if open_keys else known
             )
             if open_keys:
                 table.extra = {key: value for key, value in values.items() if key not in known}
             return table
+        where, expected = f"{self._file}, [{place}]", f"a table [{place}]"
         if values is not None:
-            self.error(name, f"a table [{place}]", values, f"Write [{place}] on its own line.")
+            self._findings.error(where, expected, values, f"Write [{place}] on its own line.")
         elif not optional:
-            self.error(f"[{place}]", f"a table [{place}]", "nothing", fix)
-        return type(self)(Findings(), self._file, place, {}, known)
+            self._findings.error(where, expected, "nothing", fix)
+        return TomlTable(Findings(), self._file, place, {}, known)
 
     def place(self, key: str) -> str:
         """Return the place of a key."""

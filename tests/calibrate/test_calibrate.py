@@ -20,10 +20,7 @@ from skincal.calibrate import calibrate, search_box
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.dataset_fit import why_dropped
 from skincal.calibrate.problem import fit_problem, unroll
-from skincal.calibrate.workers import (
-    _interrupt_afterwards,  # pyright: ignore[reportPrivateUsage]
-    mapper,
-)
+from skincal.calibrate.workers import interrupt_afterwards, mapper
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import Dataset
 from skincal.errors import InputError, WorkError
@@ -108,7 +105,7 @@ def test_a_fit_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
 
 def test_an_interrupt_while_workers_start_comes_afterwards() -> None:
     begun = False
-    with pytest.raises(KeyboardInterrupt), _interrupt_afterwards():
+    with pytest.raises(KeyboardInterrupt), interrupt_afterwards():
         os.kill(os.getpid(), signal.SIGINT)
         begun = True
     assert begun

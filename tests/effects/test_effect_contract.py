@@ -237,7 +237,7 @@ def test_it_abstains_in_samples_that_lack_a_covariate(name: str, parameter: str,
     holes = held.copy()
     holes[lacking] = -1 if covariate == "pose" else np.nan
     skin = BASE.with_effects({name: strongly(name, parameter)})
-    values = skin.values(replace(SESSION, **{COVARIATES[covariate]: holes}))
+    values = skin.values(replace(SESSION, **{COVARIATES[covariate].attribute: holes}))
     if name not in MOVES:
         assert np.array_equal(values[lacking], VALUES[lacking])
         assert np.array_equal(values[~lacking], skin.values(SESSION)[~lacking])

@@ -19,7 +19,7 @@ FLOAT = Readout(None, None, False)
 SUBTRACTED = Readout(None, None, False, rest_subtracted=True)
 
 
-def values_of(seed: int, presses: int = 50) -> PressTable:
+def values_of(seed: int, presses: int = 30) -> PressTable:
     """Presses with the exact values of the skin above rest, and positions off by half a millimetre."""
     return make_session(presses=presses, seed=seed, noise=0.0)[0]
 
@@ -69,7 +69,7 @@ def test_a_simulator_without_noise() -> None:
 
 
 def test_a_busy_taxel_rests_elsewhere_than_the_others() -> None:
-    table = values_of(6)
+    table = values_of(6, 50)
     rng = np.random.default_rng(7)
     levels = 600.0 + 20.0 * rng.standard_normal(16)
     busy = int(np.argmax((table.counts > 5).sum(axis=0)))
