@@ -16,7 +16,7 @@ from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.ladder import WORDS, factors_of, ladder_plan
 from skincal.diagnosis.observed import Observed, forward_of
 from skincal.diagnosis.pool import imagined, pool_plan
-from skincal.diagnosis.reasons import TWO_MOUNTS, TWO_POSES, cures, facts_of
+from skincal.diagnosis.reasons import cures, facts_of, on_a_stage
 from skincal.diagnosis.rig import Rig
 from skincal.diagnosis.where import Share
 from skincal.inference.blocks import Whitened
@@ -136,7 +136,7 @@ def _unseen(observed: Observed, audit: AuditReport, other_cap_m: float | None) -
         groups.setdefault(cures(audit.effects[name], facts), []).append(name)
     by_hand = has_joints(observed.dataset)
     for cure, names in groups.items():
-        said = cure if by_hand else tuple(one.replace(TWO_POSES, TWO_MOUNTS) for one in cure)
+        said = cure if by_hand else tuple(map(on_a_stage, cure))
         yield f"to see {', '.join(names)}: {'; '.join(said)}"
     if by_hand and other_cap_m is not None and len(groups) >= _MANY:
         yield (

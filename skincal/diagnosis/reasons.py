@@ -136,9 +136,13 @@ class Rule:
     of: str = ""
 
 
-TWO_POSES = "press in two hand poses"
-TWO_MOUNTS = "press with the sensor turned on its stage, too, as another pose"
-"""The same on a rig without joints."""
+TWO_POSES: Final = "press in two hand poses"
+_THE_POSE: Final = "the hand's pose"
+_ON_A_STAGE: Final = {
+    TWO_POSES: "press with the sensor turned on its stage, too, as another pose",
+    _THE_POSE: "the sensor's turn on its stage",
+}
+"""Cures of a hand, and what they are on a rig without joints."""
 
 
 _NO_FRAMES = Rule(
@@ -212,8 +216,15 @@ def cures(found: EffectAudit, facts: Facts) -> tuple[str, ...]:
     if found.raw_distance < found.threshold:
         return ("press harder and on more taxels, and hold longer",)
     if found.lost_to_base > found.lost_to_presses:
-        return ("vary forces, sites and the hand's pose more, each apart from the others",)
+        return (f"vary forces, sites and {_THE_POSE} more, each apart from the others",)
     return ("measure places and forces better, or come back to the same sites",)
+
+
+def on_a_stage(cure: str) -> str:
+    """Return a cure for a rig without joints."""
+    for hand, stage in _ON_A_STAGE.items():
+        cure = cure.replace(hand, stage)
+    return cure
 
 
 def _missing(found: EffectAudit, facts: Facts) -> tuple[list[Rule], list[str]]:

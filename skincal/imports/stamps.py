@@ -251,7 +251,7 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
         return
     found = epoch_unit(together, [*known.items()])
     beyond = float(np.nanmedian(together)) * factor > DAY_S * 365 * 130
-    wrong = raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
+    wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
     if not (wrong or (beyond and found)):
         return
     if found is None or found == time.unit.name:
@@ -270,7 +270,8 @@ def _clock_digits(stamps: FloatArray) -> bool:
     """Return whether stamps are times of day written as one number, HHMMSS: they jump by 40 at full minutes."""
     given = stamps[np.isfinite(stamps)]
     steps = np.diff(given)
-    at = np.flatnonzero(((steps > 40) & (steps < 41 + LARGEST_STEP * usual_step(stamps))) | (steps < -235900))
+    over = np.where(steps > 4000, steps - 4000, steps) - 40  # a full hour, or a full minute
+    at = np.flatnonzero(((over > 0) & (over < 1 + LARGEST_STEP * usual_step(stamps))) | (steps < -235900))
     digits = (given % 100 < 60).all() and (given // 100 % 100 < 60).all() and given.max() < 240000
     return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
 
