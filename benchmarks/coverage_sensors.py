@@ -109,6 +109,7 @@ def row(records: Sequence[Record]) -> Record:
         sigma = np.array([r["sigma"][name] for r in fits])
         found[name] = {
             "held": hits,
+            "of": len(fits),
             "held_95": list(wilson(hits, len(fits))),
             "open": int((~np.isfinite(high - low)).sum()),
             "levels": {str(v): float((np.abs(rank - 0.5) <= v / 2).mean()) for v in LEVELS},
@@ -124,27 +125,52 @@ def row(records: Sequence[Record]) -> Record:
     return found
 
 
-def as_text(rows: dict[str, Record]) -> str:
-    """The rows as a table in Markdown: held of all, coverage at 50/80/90/95 %, rms of error over sigma."""
-    lines = [
-        "| kind | parameter | held | 95 % of that | 50 / 80 / 90 / 95 % | rank p | rms z | mean z |",
-        "|" + " --- |" * 8,
-    ]
-    for kind, found in rows.items():
-        for name in PARAMETERS:
-            if name not in found:
-                continue
-            p = found[name]
-            low, high = p["held_95"]
-            levels = " / ".join(f"{100 * v:.0f}" for v in p["levels"].values())
-            lines.append(
-                f"| {kind} | {name} | {p['held']} of {found['sessions'] - found['failed']} | {100 * low:.0f} to "
-                f"{100 * high:.0f} % | {levels} | {p['rank_p']:.2f} | {p['z_rms']:.2f} | {p['z_mean']:+.2f} |"
-            )
-        lines.append(
-            f"| {kind} | findings | {found.get('findings', {})} | failed {found['failed']} | | | | |"
-        )
+NAMES = dict(zip(PARAMETERS, ("beta, as arc, or x", "y", "alpha", "E", "S"), strict=True))
+
+
+def tables(rows: dict[str, Record]) -> Record:
+    """The rows as tables, for a page: one of the sessions, and one of each parameter, over the kinds."""
+    content: Record = {
+        "sessions": {
+            kind: {key: value for key, value in found.items() if key not in PARAMETERS}
+            for kind, found in rows.items()
+        }
+    }
+    for name, title in NAMES.items():
+        content[title] = {kind: _told(found[name]) for kind, found in rows.items() if name in found}
+    return content
+
+
+def _told(p: Record) -> Record:
+    low, high = p["held_95"]
+    return {
+        "held": f"{p['held']} of {p['of']}",
+        "95 % interval of that": f"{100 * low:.0f} to {100 * high:.0f} %",
+        "truth in the draws' central 50, 80, 90, 95 %": ", ".join(
+            f"{100 * share:.0f}" for share in p["levels"].values()
+        ),
+        "p of even ranks": p["rank_p"],
+        "rms error over sigma": p["z_rms"],
+        "mean error over sigma": p["z_mean"],
+    }
+
+
+def as_text(content: Record) -> str:
+    """The tables in Markdown."""
+    lines: list[str] = []
+    for title, table in content.items():
+        columns = list(dict.fromkeys(key for row in table.values() for key in row))
+        lines += [f"{title}", "", f"| kind | {' | '.join(columns)} |", "|" + " --- |" * (len(columns) + 1)]
+        lines += [
+            f"| {kind} | {' | '.join(_cell(line.get(key, '')) for key in columns)} |"
+            for kind, line in table.items()
+        ]
+        lines.append("")
     return "\n".join(lines)
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -170,10 +196,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         store.add(record)
     records = store.of(job.key for job in jobs)
     rows = {kind: row([r for r in records if r["law"] == kind]) for kind in given.kind}
+    content = tables(rows | {"all": row(records)})
     given.out.write_text(
-        json.dumps(strict_json({"study": study, "rows": rows}), indent=1) + "\n", encoding="utf-8"
+        json.dumps(strict_json({"study": study, **content}), indent=1) + "\n", encoding="utf-8"
     )
-    print(as_text(rows))
+    print(as_text(content))
     return 0
 
 

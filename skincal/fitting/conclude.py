@@ -75,7 +75,7 @@ def conclude(
     bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
     losses = _grid_result(grid, slabs, fixed, found.grid_mse_counts2)
     if fixed is None:
-        told = _as_told(problem, chosen, rng)
+        told = as_told(problem, chosen, rng)
         clouds = _clouds(told, found.law, problem.rig.force_scale_sigma, rng)
     else:
         clouds = [choose(losses, options.draws, rng)]
@@ -123,7 +123,7 @@ def _grid_result(
     return GridResult(grid, losses, scale, slack, inside, at_best_counts2)
 
 
-def _as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Floats:
+def as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Floats:
     """Draws (N, 11) with what presses leave open whatever they are: the mean gain, and which contacts the pose is of.
 
     Presses tell the scale times the mean gain (:meth:`skincal.fitting.shared.Shared.directions`); that of J taxels is
