@@ -180,11 +180,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--kind", nargs="+", choices=tuple(KINDS), default=tuple(KINDS))
     parser.add_argument("--sessions", type=int, default=100, help="of each kind (default 100)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first session of a kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("sensors.json"))
     given = parser.parse_args(arguments)
-    jobs = [Job(given.seed, kind, index) for index in range(given.sessions) for kind in given.kind]
+    indices = range(given.first, given.first + given.sessions)
+    jobs = [Job(given.seed, kind, index) for index in indices for kind in given.kind]
     study = {"seed": given.seed, "version": __version__, "options": asdict(CHEAP)}
     try:
         store = Store(given.out.with_suffix(".jsonl"), study)
