@@ -125,30 +125,34 @@ def row(records: Sequence[Record]) -> Record:
     return found
 
 
-NAMES = dict(zip(PARAMETERS, ("beta, as arc, or x", "y", "alpha", "E", "S"), strict=True))
+NAMES = dict(zip(PARAMETERS, ("beta", "y", "alpha", "E", "S"), strict=True))
+"""As pages name the parameters; beta is x on a plane."""
 
 
 def tables(rows: dict[str, Record]) -> Record:
-    """The rows as tables, for a page: one of the sessions, and one of each parameter, over the kinds."""
-    content: Record = {
-        "sessions": {
-            kind: {key: value for key, value in found.items() if key not in PARAMETERS}
-            for kind, found in rows.items()
+    """The rows as tables, for a page: what was held of each parameter, how ranks lie, and what else there was."""
+    held, ranks, others = dict[str, Record](), dict[str, Record](), dict[str, Record]()
+    for kind, found in rows.items():
+        told = {title: found[name] for name, title in NAMES.items() if name in found}
+        held[kind] = {"sessions": found["sessions"]} | {
+            t: f"{p['held']} of {p['of']}" for t, p in told.items()
         }
-    }
-    for name, title in NAMES.items():
-        content[title] = {kind: _told(found[name]) for kind, found in rows.items() if name in found}
-    return content
+        ranks[kind] = {title: f"{p['z_mean']:+.2f}, {p['z_rms']:.2f}" for title, p in told.items()}
+        others[kind] = {key: value for key, value in found.items() if key not in PARAMETERS}
+    whole = {title: _ranks(rows[ALL][name]) for name, title in NAMES.items() if name in rows[ALL]}
+    return {"held": held, "calibration": whole, "errors_over_sigma": ranks, "sessions": others}
 
 
-def _told(p: Record) -> Record:
+ALL = "all"
+
+
+def _ranks(p: Record) -> Record:
     low, high = p["held_95"]
+    shares = {f"central {100 * float(v):.0f} %": f"{100 * share:.0f} %" for v, share in p["levels"].items()}
     return {
         "held": f"{p['held']} of {p['of']}",
         "95 % interval of that": f"{100 * low:.0f} to {100 * high:.0f} %",
-        "truth in the draws' central 50, 80, 90, 95 %": ", ".join(
-            f"{100 * share:.0f}" for share in p["levels"].values()
-        ),
+        **shares,
         "p of even ranks": p["rank_p"],
         "rms error over sigma": p["z_rms"],
         "mean error over sigma": p["z_mean"],
@@ -198,9 +202,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         store.add(record)
     records = store.of(job.key for job in jobs)
     rows = {kind: row([r for r in records if r["law"] == kind]) for kind in given.kind}
-    content = tables(rows | {"all": row(records)})
+    content = tables(rows | {ALL: row(records)})
     given.out.write_text(
-        json.dumps(strict_json({"study": study, **content}), indent=1) + "\n", encoding="utf-8"
+        json.dumps(strict_json({"study": {"seed": given.seed, "version": __version__}, **content}), indent=1)
+        + "\n",
+        encoding="utf-8",
     )
     print(as_text(content))
     return 0
