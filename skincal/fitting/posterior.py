@@ -29,10 +29,10 @@ from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
 
-FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.005, 0.01, 0.03
+FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
 """Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
 
-SPREADS = np.array([0.6, 1.0, 0.2, 1.0, 1.0, 1.0])
+SPREADS = np.array([0.6, 1.0, 0.2, 1.2, 1.2, 1.0])
 """Standard deviations of the priors of the sigmas, in their logarithm, in the order of ``HYPER``.
 
 Those of sigma_p and sigma_n are of what a rig declares and of what untouched taxels show; the others say that nobody

@@ -174,7 +174,7 @@ class FitProblem:
     @property
     def alive(self) -> Bools:
         """(J,) taxels of which any reading counts."""
-        return self.used.any(axis=0)
+        return np.asarray(self.used.any(axis=0), dtype=np.bool_)
 
     @property
     def noise_sigma_counts(self) -> float:

@@ -95,7 +95,7 @@ class Shared:
         rows = np.flatnonzero(alive)
         # The last right singular vectors of a row of ones are orthonormal and sum to zero.
         contrasts = np.linalg.svd(np.ones((1, len(rows))))[2][1:] if len(rows) else np.zeros((0, 0))
-        out[np.ix_(rows, range(len(contrasts)))] = contrasts.T
+        out[rows, : len(contrasts)] = contrasts.T
         return np.delete(out, range(len(contrasts), taxels), axis=1)
 
     def precision(self, gain_sigma: Floats, field_sigma: Floats) -> Floats:

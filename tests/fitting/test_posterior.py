@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skincal.fitting.conclude import as_told
 from skincal.fitting.errors import FitError
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
@@ -101,6 +102,33 @@ def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: T
     assert (error < 4.0).all()
     assert peak.sigmas[0] == pytest.approx(0.5e-3, rel=0.35)
     assert np.isfinite(peak.log_evidence)
+
+
+def test_gains_are_free_beside_a_scale_of_the_taxels_as_they_are(problem: FitProblem, peak: Peak) -> None:
+    dead = problem.without_taxels(np.arange(16) == 3)
+    way = dead.shared.directions(dead.alive)
+    assert way.shape == (len(dead.shared.theta), len(dead.shared.theta) - 2)
+    assert way.T @ way == pytest.approx(np.eye(way.shape[1]), abs=1e-12)
+    assert np.abs(way[:16].sum(axis=0)).max() < 1e-12 and np.abs(way[3]).max() == 0.0
+    assert peak.theta[:16].mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_draws_have_what_presses_leave_open_whatever_they_are(problem: FitProblem, peak: Peak) -> None:
+    """The mean gain of 16 taxels, and a pose that is another at other forces."""
+    rng = np.random.default_rng(0)
+    theta = np.zeros_like(peak.theta)
+    by_force = int(np.argmax(problem.shared.fading))
+    theta[32 + by_force] = 1e-4  # across
+    bent = problem.with_shared(theta)
+    same = np.tile(np.concatenate([peak.macro, np.log(peak.sigmas)]), (4000, 1))
+    told = as_told(bent, same, rng) - same
+    assert told[:, 4].std() == pytest.approx(peak.sigmas[4] / 4, rel=0.05)
+    half = 1e-4 * problem.shared.fading[by_force]
+    others = 1e-4 * math.sqrt(2 / len(problem))
+    assert half > 1e-4
+    assert told[:, 0].mean() == pytest.approx(half / 2, abs=1e-5)
+    assert told[:, 0].std() == pytest.approx(math.hypot(half / math.sqrt(12), others), rel=0.05)
+    assert np.abs(told[:, 1:4]).max() == 0.0
 
 
 def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
