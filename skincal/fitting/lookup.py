@@ -25,6 +25,7 @@ _SETTINGS: dict[str, Any] = {
     "error_model": "numpy",
     "fastmath": {"reassoc", "contract", "nsz", "arcp"},
 }
+_INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **_SETTINGS}
 _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdigest()[:16]
 """A digest of this module, whose functions are compiled into those of others."""
 
@@ -38,7 +39,7 @@ def compiled(function: _Function) -> _Function:
 
 def inlined(function: _Function) -> _Function:
     """Compile a function into those that call it, Python never: see :func:`skincal.model.press.jit.device`."""
-    return cast(_Function, numba.njit(forceinline=True, no_cpython_wrapper=True, **_SETTINGS)(function))
+    return cast(_Function, numba.njit(**_INLINED)(function))
 
 
 @inlined

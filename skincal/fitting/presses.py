@@ -128,7 +128,9 @@ def _searched(
     presses = Presses(
         np.column_stack([problem.across_m, problem.along_m, np.log(problem.force_n), problem.centre]),
         np.column_stack([problem.indenter, problem.rows]),
-        np.array([readings.target, readings.share, readings.signal, problem.used, problem.saturated]),
+        np.array(
+            [readings.target, readings.share, readings.signal, problem.used, problem.saturated], np.float64
+        ),
         np.array([np.exp(shared.log_gain), readings.offset + shared.level]),
         np.array([link.values, link.mean, link.slope]),
     )

@@ -73,8 +73,8 @@ def descend(
     slack: Any,
     image: Any,
     shares: Any,
-) -> None:  # pragma: no cover - compiled
-    """Gauss-Newton from ``slack`` (2,), which is moved to the best point seen.
+) -> float:  # pragma: no cover - compiled
+    """Gauss-Newton from ``slack`` (2,), which is moved to the best point seen; returns Q there.
 
     Args:
         tables: as for :func:`mismatches`.
@@ -136,6 +136,7 @@ def descend(
         if abs(new_x - x) <= _REST_M and abs(new_y - y) <= _REST_M:
             break
         x, y = new_x, new_y
+    return best
 
 
 @compiled

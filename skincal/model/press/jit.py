@@ -25,6 +25,8 @@ SETTINGS: dict[str, Any] = {
 """Sums may be taken in vectors. Infinity keeps its meaning, which ``fastmath=True`` would take away; the routine is not
 given NaN, and makes none."""
 
+_INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **SETTINGS}
+"""Compiling how Python would call a function takes as long again; called from Python without it, it would crash."""
 _modules: set[str] = set()
 
 
@@ -35,15 +37,13 @@ def device(function: _Function) -> _Function:
     and the process that compiles would take the one, those that read the cache the other: sums in another order.
     """
     _modules.add(function.__module__)
-    # Compiling how Python would call it takes as long again; called from Python, it would crash.
-    return cast(_Function, numba.njit(forceinline=True, no_cpython_wrapper=True, **SETTINGS)(function))
+    return cast(_Function, numba.njit(**_INLINED)(function))
 
 
 def plain_device(function: _Function) -> _Function:
     """As :func:`device`, for a function that looks for NaN: arithmetic as it is written."""
     _modules.add(function.__module__)
-    exact = {**SETTINGS, "fastmath": False}
-    return cast(_Function, numba.njit(forceinline=True, no_cpython_wrapper=True, **exact)(function))
+    return cast(_Function, numba.njit(**{**_INLINED, "fastmath": False})(function))
 
 
 def stamp() -> str:
