@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.coverage_store import Store, finished
+from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import COARSE, strict_json
 from skincal.calibrate import calibrate
@@ -254,10 +254,10 @@ def _covered(name: str, fits: Sequence[Record]) -> Record:
     return {"inside": sum(inside), "of": len(inside), "low": low, "high": high, "median_width": float(width)}
 
 
-def run_all(store: Store, jobs: Sequence[Job], workers: int) -> None:
+def run_all(store: Store, jobs: Sequence[Job], workers: int, scheduler: str | None = None) -> None:
     """Runs what is not done yet; each session is kept as soon as it is."""
     missing = [job for job in jobs if job.key not in store.done]
-    for number, record in enumerate(finished(run_job, missing, workers), start=1):
+    for number, record in enumerate(finished(run_job, missing, workers, scheduler), start=1):
         store.add(record)
         print(f"{number} of {len(missing)} sessions", file=sys.stderr)
 
@@ -307,6 +307,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--fit", action="store_true", help="fit each session, and look for the truth in the intervals")
     add("--coarse-grid", action="store_true", help="fit from fewer starting points, four times as fast")
     add("--workers", type=int, default=available_cores(), help="default: one a core")
+    add("--scheduler", metavar="ADDRESS", help=SCHEDULER)
     add("--out", type=Path, default=Path("collect_chain.json"), help="summary to write")
     return parser
 
@@ -323,7 +324,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
-    run_all(store, jobs, given.workers)
+    run_all(store, jobs, given.workers, given.scheduler)
     found = summary(store.of(job.key for job in jobs))
     content = json.dumps(strict_json({"study": study, **tables(found)}), indent=1)
     given.out.write_text(content + "\n", encoding="utf-8")

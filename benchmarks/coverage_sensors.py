@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import kstest
 
-from benchmarks.coverage_store import Store, finished
+from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import strict_json
 from benchmarks.sensors import KINDS, make
@@ -187,6 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first session of a kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=SCHEDULER)
     parser.add_argument("--out", type=Path, default=Path("sensors.json"))
     given = parser.parse_args(arguments)
     indices = range(given.first, given.first + given.sessions)
@@ -198,7 +199,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     done = store.done
-    for record in finished(run_job, [job for job in jobs if job.key not in done], given.workers):
+    for record in finished(
+        run_job, [job for job in jobs if job.key not in done], given.workers, given.scheduler
+    ):
         store.add(record)
     records = store.of(job.key for job in jobs)
     rows = {kind: row([r for r in records if r["law"] == kind]) for kind in given.kind}

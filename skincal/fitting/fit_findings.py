@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
@@ -125,7 +125,8 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
     slack, at_bound = result.problem.rig.slack_m, 0
     if slack > 0:
         at_bound = int((np.abs(result.presses.slack_m).max(axis=1) > 0.98 * slack).sum())
-    if at_bound > max(1, binom.isf(0.01, len(result.problem), AT_BOUND)):
+    # By chance so many would be there in one session of a hundred at most.
+    if at_bound > 1 and bdtrc(at_bound - 1, len(result.problem), AT_BOUND) <= 0.01:
         yield _warn(
             "slack_too_tight",
             f"{at_bound} of {len(result.problem)} presses sit at the bound of their slack ({1e3 * slack:.1f} mm): the "

@@ -154,5 +154,11 @@ def png_bytes(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PNG, for a self-contained page."""
     buffer = io.BytesIO()
     with style():
+        # Laid out by itself: `savefig` would draw all of it for that, and then again.
+        layout = figure.get_layout_engine()
+        if layout is not None:
+            figure.set_dpi(DPI)
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()

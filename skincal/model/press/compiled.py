@@ -8,7 +8,7 @@ from typing import Any
 import numba
 from numba.core import event, types
 
-from skincal.model.press import balance, casting, routine, slopes
+from skincal.model.press import balance, casting, routine
 from skincal.model.press.jit import SETTINGS, stamp
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
@@ -31,10 +31,6 @@ SIGNATURES: dict[str, tuple[Any, Any]] = {
         types.Tuple((_I1, _S2, _S2))(
             _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _F2, _F, _FLAGS, _R1, _F, _F, _I1
         ),
-    ),
-    "slopes": (
-        slopes.slopes,
-        types.void(_F2, _I1, _I, _F, *_PLACES, *_LAW, _F1, _I1, _I1, _F3, _F3, _F2, _F3, _F3),
     ),
     "press_cast": (
         casting.press_cast,

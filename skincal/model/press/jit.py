@@ -19,11 +19,14 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 SETTINGS: dict[str, Any] = {
     "nogil": True,
     "error_model": "numpy",
+    "no_cfunc_wrapper": True,
     "fastmath": {"reassoc", "contract", "nsz", "arcp", "nnan"},
 }
 """Sums may be taken in vectors. Infinity keeps its meaning, which ``fastmath=True`` would take away; the routine is not
 given NaN, and makes none."""
 
+_INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **SETTINGS}
+"""Compiling how Python would call a function takes as long again; called from Python without it, it would crash."""
 _modules: set[str] = set()
 
 
@@ -34,13 +37,13 @@ def device(function: _Function) -> _Function:
     and the process that compiles would take the one, those that read the cache the other: sums in another order.
     """
     _modules.add(function.__module__)
-    return cast(_Function, numba.njit(forceinline=True, **SETTINGS)(function))
+    return cast(_Function, numba.njit(**_INLINED)(function))
 
 
 def plain_device(function: _Function) -> _Function:
     """As :func:`device`, for a function that looks for NaN: arithmetic as it is written."""
     _modules.add(function.__module__)
-    return cast(_Function, numba.njit(forceinline=True, nogil=True, error_model="numpy")(function))
+    return cast(_Function, numba.njit(**{**_INLINED, "fastmath": False})(function))
 
 
 def stamp() -> str:
