@@ -122,7 +122,7 @@ class MujocoScene(Scene):
         return {"type": kind, "size": size, "pos": [part.at_m, 0, 0], "quat": _ALONG_X}
 
     def _names(self, grip: Grip) -> None:
-        """Return where joints, bodies and geoms are in MuJoCo's arrays."""
+        """Where joints, bodies and geoms are in MuJoCo's arrays."""
         model = self._model
         joints = [model.joint(name) for name in self._pinch.description.joints]
         self._columns = np.array([int(joint.qposadr[0]) for joint in joints])

@@ -53,7 +53,7 @@ class Scene(ABC):
 
     @abstractmethod
     def touches(self) -> tuple[Touching | None, Touching | None]:
-        """Return what the tip with the skin and the thumb feel of the object."""
+        """What the tip with the skin and the thumb feel of the object."""
 
     @abstractmethod
     def joints(self) -> tuple[FloatArray, FloatArray]:

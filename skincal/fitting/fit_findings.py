@@ -118,8 +118,8 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
         yield FitFinding(
             "positions_bent",
             "info",
-            f"The error of the measured positions varies smoothly over the patch, by about {1e3 * field:.2f} mm. Its "
-            "turn looks like alpha, so the intervals are widened.",
+            "The error of the measured positions changes smoothly with place, force or posture, by about "
+            f"{1e3 * field:.2f} mm. Its turn cannot be told from alpha; the intervals are widened for it.",
             "Calibrate the kinematics (joint offsets) for a sharper alpha.",
         )
     slack, at_bound = result.problem.rig.slack_m, 0
