@@ -72,7 +72,7 @@ def rescale(
 
 
 def _told(rolled: Path) -> dict[str, Any]:
-    """Return what the run was: the file that `deploy` leaves beside the session."""
+    """What the run was: the file that `deploy` leaves beside the session."""
     import json
 
     from skincal.bounded import read_text

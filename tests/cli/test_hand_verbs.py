@@ -140,11 +140,13 @@ def test_a_simulated_hand_is_served_with_keys_until_told_to_end(run: Run, tmp_pa
     assert process.stderr is not None
     try:
         address = json.loads(process.stdout.readline())["address"]
-        with GuardedHand(create_driver("remote", address=address, keys=str(main_keys / "client"))) as hand:
+        with GuardedHand(
+            create_driver("remote", address=address, keys=str(main_keys / "client"), silence_s="30")
+        ) as hand:
             for _ in range(20):
                 hand.act(hand.nearest(hand.observe().q_desired_rad))
         os.kill(process.pid, signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert process.wait(60) == 0
         assert "sim: ended after 1 clients" in process.stderr.read()
     finally:
         process.kill()
