@@ -37,7 +37,7 @@ def find(result: FitResult, *, dropped: int) -> FitResult:
         result: a fit.
         dropped: how many presses were left out as glitches.
     """
-    checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _rest, _sampling)
+    checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _lost, _rest, _sampling)
     found = [finding for check in checks for finding in check(result)]
     if dropped:
         text = f"{dropped} presses are outliers and were left out."
@@ -167,6 +167,19 @@ def _taxels(result: FitResult) -> Iterator[FitFinding]:
     for j in np.flatnonzero(result.dead_taxels).tolist():
         text = f"Taxel {_places([j], result)} does not answer where it is pressed; it was left out."
         yield _warn("dead_taxel", text, "Check its wiring.")
+
+
+def _lost(result: FitResult) -> Iterator[FitFinding]:
+    problem = result.problem
+    lost = problem.observation.read & ~problem.used & ~result.dead_taxels
+    if lost.any():
+        yield FitFinding(
+            "lost_readings",
+            "info",
+            f"{lost.sum()} readings of {lost.any(axis=1).sum()} presses are far below what the rest of their images "
+            "agrees on, and were left out: a taxel dropped out there.",
+            "Look at the connection of the sensor; read each taxel again where it fails.",
+        )
 
 
 def _rest(result: FitResult) -> Iterator[FitFinding]:

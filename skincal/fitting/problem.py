@@ -209,12 +209,16 @@ class FitProblem:
 
     def without_taxels(self, dead: Bools) -> FitProblem:
         """The problem with some taxels (J,) left out of every residual."""
+        return self.without_readings(np.broadcast_to(dead, self.values.shape))
+
+    def without_readings(self, lost: Bools) -> FitProblem:
+        """The problem with some readings (K, J) left out."""
         return replace(
             self,
-            values=np.where(dead[None, :], 0.0, self.values),
-            weight=np.where(dead[None, :], 0.0, self.weight),
-            saturated=self.saturated & ~dead[None, :],
-            lit=self.lit & ~dead[None, :],
+            values=np.where(lost, 0.0, self.values),
+            weight=np.where(lost, 0.0, self.weight),
+            saturated=self.saturated & ~lost,
+            lit=self.lit & ~lost,
         )
 
 

@@ -27,7 +27,7 @@ from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import FitResult
-from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
+from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Draws, sample, walk
 from skincal.fitting.tasks import (
     ClimbTask,
@@ -255,6 +255,10 @@ def _refine(
     if (dead ^ weak).any():
         peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
     progress("peak", 1, 2)
+    lost = lost_readings(problem, peak)
+    if lost.any():
+        problem = problem.without_readings(lost)
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
     keep = ~glitches(problem, peak)
     if not keep.all():
         problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")

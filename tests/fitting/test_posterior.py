@@ -13,7 +13,7 @@ from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import evaluate, settle
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
-from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
+from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.seen import from_patch, to_patch
 from skincal.fitting.tasks import Neighbourhood
@@ -173,6 +173,24 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
     assert list(spoilt.rows[glitches(spoilt, peak)]) == [row]
     clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
     assert not glitches(honest, clean).any()
+
+
+def test_a_reading_that_dropped_out_is_left_out_and_its_press_is_not(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=45, seed=4)
+    unclipped = replace(rig(), readout=Readout(None, None, False))
+    counts = presses.counts + 20.0
+    honest = pose_problem(unclipped, replace(presses, counts=counts.copy()))
+    dark = int(honest.rows[0]), int(np.argmin(honest.values[0]))
+    counts[dark] = 0.0
+    spoilt = pose_problem(unclipped, replace(presses, counts=counts))
+    start = _macro(truth)
+    peak = climb(spoilt, Neighbourhood.around(start).images(spoilt), BOUNDS, start)
+    lost = lost_readings(spoilt, peak)
+    assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
+    left = spoilt.without_readings(lost)
+    assert left.used.sum() == spoilt.used.sum() - 1 and left.alive.all()
+    clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
+    assert not lost_readings(honest, clean).any()
 
 
 def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
