@@ -187,7 +187,9 @@ def _header(
         return [], []
     names = [cell.strip() for cell in cells] if form.header else [str(i + 1) for i in range(len(cells))]
     rows = lines[(1 if form.header else 0) + form.skip_after_header :]
-    if form.header and names[0].startswith(COMMENT):  # as numpy.savetxt and loggers write it
+    if (
+        form.header and len(names) > 1 and names[0].startswith(COMMENT)
+    ):  # as numpy.savetxt and loggers write it
         names[0] = names[0].lstrip("#% ")
         names = names if names[0] else names[1:]
     if names[-1] and rows and all(text.rstrip().endswith(form.delimiter) for _, text in rows):
