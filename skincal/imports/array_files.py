@@ -110,23 +110,25 @@ def read_json(path: Path) -> Columns:
     Raises:
         ValueError: the text is not JSON, or its samples differ in form.
     """
-    text = path.read_text(encoding="utf-8-sig")
     try:
-        try:
-            value = json.loads(text)
-        except json.JSONDecodeError:
-            value = [json.loads(line) for line in text.splitlines() if line.strip()]
-    except RecursionError:
-        raise ValueError("lists within each other without an end") from None
+        return _of_json(path.read_text(encoding="utf-8-sig"))
+    except MemoryError:
+        raise
+    except Exception as error:  # what numbers and nesting without bounds lead to
+        raise ValueError(str(error) or type(error).__name__) from error
+
+
+def _of_json(text: str) -> Columns:
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError:
+        value = [json.loads(line) for line in text.splitlines() if line.strip()]
     if isinstance(value, Mapping):
         return _columns(cast("Mapping[str, Any]", value))
     samples = cast("list[Any]", value) if isinstance(value, list) else []
     if samples and all(isinstance(sample, Mapping) for sample in samples):
         return _columns(_by_key(samples))
-    try:
-        rows = np.array(samples, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError("samples that are neither tables nor lists of equally many numbers") from None
+    rows = np.array(samples, dtype=np.float64)
     rows = rows.reshape(len(rows), -1)
     return {str(i + 1): rows[:, i] for i in range(rows.shape[1])}
 

@@ -32,6 +32,9 @@ LARGEST_STEP: Final = 20.0
 
 SMALL_PART: Final = 0.02
 
+PAUSES: Final = 2.0
+"""Or this many of the longest pauses elsewhere in the recording."""
+
 RARE_STEP: Final = 3.0
 """Of the rare periods, the step may be this many usual ones: a restart then seldom looks like their wrap."""
 
@@ -64,7 +67,7 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     """Return the wraps that explain every step back of a clock; None without steps back, or without such a period.
 
     A counter has wrapped if adding its period turns the step back into a small step forward, or, for a counter of usual
-    width, into one no longer than the pauses elsewhere in the recording. Of several such periods, the one with the
+    width, into a pause like those elsewhere in the recording. Of several such periods, the one with the
     smallest steps is chosen.
 
     Args:
@@ -82,7 +85,9 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     pause = float(np.diff(stamps[np.isfinite(stamps)]).max())
     for words, period, rare in _periods(unit_s):
         step = period - fall
-        allowed = RARE_STEP * usual if rare else max(LARGEST_STEP * usual, SMALL_PART * period, pause)
+        allowed = (
+            RARE_STEP * usual if rare else max(LARGEST_STEP * usual, SMALL_PART * period, PAUSES * pause)
+        )
         # A clock shows nothing beyond its period, and falls back by most of it.
         if (
             span < period < 2 * fall.min()

@@ -18,6 +18,9 @@ from skincal.imports.text_table import TextTable, text_lines
 MOST_LINES: Final = 4000
 """Number of lines that are looked at."""
 
+LONGEST_LINE: Final = 200
+"""Number of characters of a line above the blocks that are looked at."""
+
 MOST_BEFORE: Final = 200
 """Number of lines in which a header is looked for."""
 
@@ -49,7 +52,7 @@ def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
     filled = [(number, line) for number, line in lines or [] if line.strip()][:MOST_LINES]
     if not filled:
         return ""
-    counted = all(name.isdigit() for name in wanted)
+    counted = bool(wanted) and all(name.isascii() and name.isdigit() for name in wanted)
     return (
         _shape_line(filled, form, counted=counted)
         or _labelled(filled)
@@ -148,7 +151,7 @@ def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:
     (rows, cells), count = sizes.most_common(1)[0]
     if count < 3 or rows < 2 or count <= 0.8 * len(blocks):
         return ""
-    head = " ".join(line for number, line in lines if number < blocks[0].line)
+    head = " ".join(line[:LONGEST_LINE] for number, line in lines if number < blocks[0].line)
     found = RATE.search(head)
     value = float(found[2]) if found else 0.0
     rate = "rate_hz gives the frames per second"

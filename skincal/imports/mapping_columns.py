@@ -113,7 +113,7 @@ def _units(entry: StrictTable, target: str) -> tuple[Unit, ...]:
     names = as_list(entry.raw("unit"))
     if target == "time_s" and names and all(isinstance(name, str) for name in names):
         return tuple(_unit(entry, kind, name) for name in names)
-    if kind == units.NONE and not entry.has("unit"):
+    if not entry.has("unit") and not targets.needs_unit(target):
         return (units.si_unit(kind),)
     return (_unit(entry, kind, entry.text("unit", f"a unit of {kind}: {known}")),)
 

@@ -23,6 +23,11 @@ _KINDS: Final = {
     **dict.fromkeys((*TIMES, "time_s"), units.TIME),
 }
 
+_ENDS: Final = {
+    "_m_per_s": units.SPEED, "_m": units.LENGTH, "_n": units.FORCE, "_s": units.TIME, "_rad": units.ANGLE,
+}  # fmt: skip
+"""Kinds of quantities of other columns, by the unit at the end of their names."""
+
 LABELS: Final = tuple(name for name, column in COLUMNS.items() if column.of_press)
 """Columns that describe a whole press and are not averaged over its hold."""
 
@@ -32,7 +37,13 @@ def quantity_of(target: str) -> str:
     joint = JOINT.fullmatch(target)
     if joint:
         return units.ANGLE if joint[1] == "q" else units.TORQUE
-    return _KINDS.get(target, units.NONE)
+    by_name = next((kind for end, kind in _ENDS.items() if target.endswith(end)), units.NONE)
+    return _KINDS.get(target, units.NONE if target in OPTIONAL else by_name)
+
+
+def needs_unit(target: str) -> bool:
+    """Return whether the source of a column has to name its unit; columns of other names may."""
+    return target in _KINDS or JOINT.fullmatch(target) is not None
 
 
 def is_text(target: str) -> bool:

@@ -102,7 +102,7 @@ def read_text_table(
     numbers = [name for name in numbers if name not in lists]
     texts = [*dict.fromkeys((*texts, *lists.values()))]
     wanted = [*dict.fromkeys((*numbers, *texts))]
-    if not names or not _check_names(path.name, form, names, wanted, findings):
+    if not names or not _check_names(path.name, names, wanted, findings):
         return None
     body = "\n".join(" ".join(text.split()) if form.delimiter == "whitespace" else text for _, text in kept)
     numbered = np.array([number for number, _ in kept], dtype=np.int64)
@@ -187,7 +187,9 @@ def _header(
         return [], []
     names = [cell.strip() for cell in cells] if form.header else [str(i + 1) for i in range(len(cells))]
     rows = lines[(1 if form.header else 0) + form.skip_after_header :]
-    if form.header and names[0].startswith(COMMENT):  # as numpy.savetxt and loggers write it
+    if (
+        form.header and len(names) > 1 and names[0].startswith(COMMENT)
+    ):  # as numpy.savetxt and loggers write it
         names[0] = names[0].lstrip("#% ")
         names = names if names[0] else names[1:]
     if names[-1] and rows and all(text.rstrip().endswith(form.delimiter) for _, text in rows):
@@ -197,15 +199,14 @@ def _header(
     return names if rows else [], rows
 
 
-def _check_names(file: str, form: CsvFormat, names: list[str], wanted: list[str], findings: Findings) -> bool:
+def _check_names(file: str, names: list[str], wanted: list[str], findings: Findings) -> bool:
     missing = [name for name in wanted if name not in names]
     for name in missing[:6]:
         close = did_you_mean(name, names)
         shown = ", ".join(f'"{n}"' for n in names[:12]) + (
             f", … ({len(names)} in all)" if len(names) > 12 else ""
         )
-        split = _other_delimiter(names, form)
-        fix = f'Did you mean "{close}"?' if close else f"Set delimiter in [csv] to {split}." if split else ""
+        fix = f'Did you mean "{close}"?' if close else ""
         findings.error(file, f'a column "{name}"', f"the columns {shown}", fix)
     if len(missing) > 6:
         findings.error(file, f"{len(missing) - 6} more columns, like {missing[6]}", "none of them")
@@ -213,12 +214,6 @@ def _check_names(file: str, form: CsvFormat, names: list[str], wanted: list[str]
     for name in doubled:
         findings.error(f'{file}, column "{name}"', "each column once", f"{names.count(name)} of that name")
     return not missing and not doubled
-
-
-def _other_delimiter(names: list[str], form: CsvFormat) -> str:
-    marks = {";": '";"', "\t": '"\\t"', ",": '","', "|": '"|"', " ": '"whitespace"'}
-    found = [shown for mark, shown in marks.items() if len(names) == 1 and mark in names[0]]
-    return found[0] if found and form.delimiter not in found[0] else ""
 
 
 def _parse(

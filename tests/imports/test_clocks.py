@@ -109,9 +109,12 @@ def test_rare_clocks_that_wrap(tmp_path: Path, period: int, unit: str, per_s: fl
 
 def test_wrap_in_a_pause(tmp_path: Path):
     """Nothing was recorded for minutes, here and elsewhere: the counter came round meanwhile."""
-    stamps = TIME + 200.0 * (np.arange(len(TIME)) // 300)
-    wraps = find_wraps((stamps * 1e6 - stamps[900] * 1e6 + 1e8) % 2**32, 1e-6)
+    stamps = TIME + 900.0 * (np.arange(len(TIME)) // 300)
+    counter = (stamps * 1e6 - stamps[900] * 1e6 + 3e8) % 2**32
+    wraps = find_wraps(counter, 1e-6)
     assert wraps is not None and wraps.period == 2**32 and wraps.rows.tolist() == [900]
+    # The second half lies among the values of the first: sorted, their samples would be mixed.
+    assert counter[900:].max() > counter[:900].min()
 
 
 def test_seconds_and_nanoseconds(tmp_path: Path):
