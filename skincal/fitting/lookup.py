@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fitting.types import Bools, Floats, Ints
+from skincal.model.press.jit import cached
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _SETTINGS: dict[str, Any] = {
@@ -32,9 +33,7 @@ _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdi
 
 def compiled(function: _Function) -> _Function:
     """Compile a function of the fit; the compilation is cached for all processes after the first."""
-    # Part of the name of the cache file: numba knows only whether the file with the function itself has changed.
-    function.__qualname__ = f"{function.__name__}_{_STAMP}"
-    return cast(_Function, numba.njit(cache=True, **_SETTINGS)(function))
+    return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", _SETTINGS))
 
 
 def inlined(function: _Function) -> _Function:

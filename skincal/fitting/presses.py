@@ -20,6 +20,7 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.residuals import Found, Presses, search
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
+from skincal.model.press.jit import telling
 
 MACRO = ("across_m", "y_m", "alpha_rad", "log_elasticity", "log_scale")
 HYPER = (
@@ -137,7 +138,8 @@ def _searched(
     shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
     found = Found(*(np.empty((count, *shape)) for shape in shapes))
     given = _plain(macro), _plain(sigmas), _whole(press), _plain(start), bound
-    search(images.tables(), presses, *given, _MAX_STEP, iterations, to_rest, found)
+    with telling():
+        search(images.tables(), presses, *given, _MAX_STEP, iterations, to_rest, found)
     return PressStates(*found)
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skincal import compiling
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
 from skincal.model.indenters.indenter import ClosedForm, Indenter
@@ -35,7 +34,7 @@ def routine() -> Any:
     if _routine is None:
         from skincal.model.press import compiled
 
-        _routine = compiled.Routine(compiling.on_compile)
+        _routine = compiled.Routine()
     return _routine
 
 
