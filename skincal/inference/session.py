@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -90,6 +91,24 @@ class GapSession:
         apart = _APART_S * number
         return replace(self.samples, time_s=self.samples.time_s + apart, apart_s=apart)
 
+    @cached_property
+    def paths_m(self) -> FloatArray:
+        """How far (N,) the contact is from where it is in the hold of its press, as measured [m]; zero at rest."""
+        points = self.samples.contacts.points_m
+        own = (self.observation >= 0) & self.samples.touching & np.isfinite(points).all(axis=1)
+        rows = self.observation[own]
+        count = np.bincount(rows, minlength=len(self))
+        total = np.stack([np.bincount(rows, axis, len(self)) for axis in points[own].T], axis=-1)
+        place = total / np.maximum(count, 1)[:, None]
+        found = np.zeros(len(self))
+        for press in np.unique(self.press[(self.press >= 0) & (count > 0)]).tolist():
+            mine = (self.press == press) & (count > 0)
+            held = mine & (self.phase == HOLD)
+            held = held if held.any() else mine
+            middle = np.average(place[held], axis=0, weights=self.frames[held])
+            found[mine] = np.linalg.norm(place[mine] - middle, axis=1)
+        return found
+
     def held(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """(N,) observations in the hold of a press."""
         return (self.phase == HOLD) & (self.press >= 0)
@@ -112,6 +131,12 @@ class GapSession:
             self, samples=self.samples[own], row=self.row[own], observation=rows, press=self.press[own],
             phase=self.phase[own], frames=self.frames[own], counts=counts,
         )  # fmt: skip
+
+    def of_taxels(self, taxels: IntArray) -> GapSession:
+        """The session as some of the layout's taxels see it."""
+        assert self.taxels is None
+        counts = None if self.counts is None else self.counts[:, taxels]
+        return replace(self, counts=counts, taxels=taxels)
 
     def means(self, values: FloatArray) -> FloatArray:
         """Observations (N, J) of the taxels looked at, from values of all samples and taxels (K, all of them)."""

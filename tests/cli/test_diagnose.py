@@ -6,7 +6,6 @@ import hashlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -20,17 +19,10 @@ from rich.console import Console
 from skincal.calibration import read_calibration, write_calibration
 from skincal.cli.diagnose import _stages
 from skincal.dataset import dataset_hash, read_dataset, write_dataset
-from skincal.inference import constants
 
 
 def hashes(folder: Path) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
-
-
-@pytest.fixture(autouse=True)
-def fewer_null_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fifth of the null sessions: the effects here lie far beyond any quantile of them."""
-    monkeypatch.setattr(constants, "CONSTANTS", replace(constants.CONSTANTS, null_sessions=24))
 
 
 @pytest.fixture

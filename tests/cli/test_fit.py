@@ -204,7 +204,7 @@ def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) 
     assert "Traceback" not in err
     assert f"interrupted. The grid so far is saved in {kept}" in err
     assert kept.is_dir() and not (tmp_path / "cal").exists()
-    second = subprocess.run(command, capture_output=True, text=True, timeout=300, env=os.environ)
+    second = subprocess.run(command, capture_output=True, text=True, timeout=900, env=os.environ)
     assert second.returncode == 0, second.stderr
     assert "of the grid taken from an interrupted run" in second.stderr
     assert not list(tmp_path.glob(".*"))
