@@ -1,4 +1,4 @@
-"""The compiled loops of the fit: said once, cached, the same bytes from a process that compiles and one that does not."""
+"""The compiled loops of the fit: said once, cached, the same bytes from processes that compile and that do not."""
 
 from __future__ import annotations
 
