@@ -65,6 +65,8 @@ def read_hdf5(path: Path) -> Columns:
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            if item.external or item.is_virtual:  # a dataset may lie in any file of this computer
+                raise ValueError(f"{name} lies in another file; expected data in {path.name} itself")
             arrays[name] = item[()].T if "MATLAB_class" in item.attrs else item[()]
 
     try:
