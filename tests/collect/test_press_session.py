@@ -308,8 +308,8 @@ def test_a_changed_plan_in_the_journal_changes_no_press(rig: Rig):
         rig.run(spoil=failing(400, raise_error))
     file = journal_folder(rig.out) / "plan.toml"
     text = file.read_text()
-    assert "force_n = 0.4" in text
-    file.write_text(text.replace("force_n = 0.4", "force_n = 6.0"))
+    assert "force_n = 2.0" in text
+    file.write_text(text.replace("force_n = 2.0", "force_n = 6.0"))
     rig.run()
     assert column(rig, "target_force_n").tolist() == [2.0, 0.4, 5.0, 2.0]
 
