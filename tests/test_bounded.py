@@ -31,7 +31,7 @@ NAMES = (
     "hand", "pinch", "message, state", "message, refused", "keys, hand", "keys, client", "mapping, CSV", "mapping, bag",
     "import, presses", "import, series", "import, NumPy, npz", "import, NumPy, npy", "import, MATLAB", "import, HDF5",
     "import, Parquet", "bag, ROS 1", "bag, ROS 2", "bag, MCAP", "ranges, toml", "ranges, json", "ranges, yaml",
-    "policy", "run", "checkpoint", "journal", "skin memory", "curve", "trajectory",
+    "policy", "estimator", "deployed", "run", "checkpoint", "journal", "skin memory", "curve", "trajectory",
 )  # fmt: skip
 
 

@@ -131,6 +131,11 @@ def collect(
             restart=restart,
             watch=reporter,
         )
+    _conclude(found, out, as_json)
+
+
+def _conclude(found: Collected, out: Path, as_json: bool) -> None:
+    """Report a finished session; status 1 if its dataset cannot be fitted."""
     if as_json:
         print_json(_as_json(found, out))
     else:
@@ -201,7 +206,7 @@ def _stage(
             restart=restart,
             watch=lambda done, total: reporter("presses", done, total),
         )
-    print_json(_as_json(found, out)) if as_json else _tell(found, out)
+    _conclude(found, out, as_json)
 
 
 def _driver_options(

@@ -119,6 +119,7 @@ def test(
     import math
 
     from skincal.hand.contract import ContractOptions, run_contract
+    from skincal.hand.guard_options import GuardOptions
     from skincal.hand.registry import create_driver, create_rig, parse_options
     from skincal.hand.stage import StageDriver
     from skincal.hand.stage_checks import run_stage_checks
@@ -138,7 +139,8 @@ def test(
             return made
 
         with moving():
-            report = run_stage_checks(driver, another, move=move, told=report_check)
+            guard = GuardOptions(beyond_limits=beyond_limits)
+            report = run_stage_checks(driver, another, move=move, guard=guard, told=report_check)
     else:
         check_limits(first.description, beyond=beyond_limits)
         tried = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)

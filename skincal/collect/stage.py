@@ -18,7 +18,7 @@ from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import missed_target
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, WorkError
 from skincal.hand import GuardOptions
 from skincal.hand.stage import StageDescription, StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
@@ -31,6 +31,10 @@ GAIN = 0.25
 
 SOFTEST_N_PER_M = 2e3
 """Smallest stiffness assumed for a skin at first contact [N/m]."""
+
+BLIND_M, BLIND_S = 0.5e-3, 0.05
+"""Largest way into the skin without any growth of the force, for a skin as soft as can be and a slow load cell: the
+way itself, and the time at the press's speed [m, s]."""
 
 GAP_S = 1.0
 """Gap between the sessions before and after an interruption [s]."""
@@ -104,6 +108,7 @@ def collect_stage(
     options = options or CollectOptions()
     driver = make_driver()
     rig = driver.description
+    _check_height(rig, options.clearance_m)
     same = {"plan": plan_digest(plan), "stage": rig.name,
             **(key or {}), "options": digest_of(repr(asdict(options)))}  # fmt: skip
 
@@ -111,6 +116,14 @@ def collect_stage(
         _Session(plan, journal, rig, options, watch).run(driver, guard)
 
     return keep_session(out, same, rig.meta, source, make, inputs=inputs, force=force, restart=restart)
+
+
+def _check_height(rig: StageDescription, clearance_m: float) -> None:
+    """Refuse a stage that cannot lift its tip off the skin, or not reach the skin."""
+    low, high = float(rig.lower_m[2]), float(rig.upper_m[2])
+    if not low < 0 < clearance_m <= high:
+        expected = f"travel along z from below the skin (z = 0) to {clearance_m:g} m above it"
+        raise InputError([Problem(f"stage {rig.name}", expected, f"{low:g} m to {high:g} m")])
 
 
 class _Session:
@@ -217,9 +230,17 @@ class _Session:
         """Move the tip until the force is right; during loading it stops there, during the hold it stays regulated."""
         dt, lowest = self._stage.period_s, self._stage.description.lower_m[2]
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
-        right = 0
+        right, blind_m = 0, BLIND_M + BLIND_S * planned.speed_m_per_s
+        most_n, there_m = -np.inf, found_m
         for _ in range(max(1, round(seconds / dt))):
-            force = self._now.force_n - tare
+            force, place_m = self._now.force_n - tare, float(self._now.position_m[2])
+            if force > most_n + self._options.contact_n / 2:
+                most_n, there_m = force, place_m
+            if phase == LOAD and there_m - place_m > blind_m:
+                raise WorkError(
+                    f"load cell: expected a force that grows on a way of {1e3 * (there_m - place_m):.3g} mm into the "
+                    f"skin; it stayed at {force:.3g} N. Is the load cell connected?"
+                )
             # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
             depth = max(found_m - float(self._tip[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)

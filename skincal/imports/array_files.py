@@ -65,15 +65,19 @@ def read_hdf5(path: Path) -> Columns:
     h5py: Any = library
     arrays: dict[str, Any] = {}
 
-    def content(item: Any) -> Any:
+    def content(name: str, item: Any, depth: int = 0) -> Any:
+        if not isinstance(item, h5py.Dataset) or depth > 4:
+            raise ValueError(f"{name} refers to no data; expected arrays, or cells of arrays")
+        if item.external or item.is_virtual:  # a dataset may lie in any file of this computer
+            raise ValueError(f"{name} lies in another file; expected data in {path.name} itself")
         array = item[()]
         if h5py.check_ref_dtype(item.dtype) is not None:  # cells of MATLAB
-            return [content(item.file[cell]) for cell in np.ravel(array)]
+            return [content(name, item.file[cell], depth + 1) for cell in np.ravel(array)]
         return array.T if "MATLAB_class" in item.attrs else array
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-            arrays[name] = content(item)
+            arrays[name] = content(name, item)
 
     try:
         with h5py.File(path, "r") as file:

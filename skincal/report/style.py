@@ -71,8 +71,10 @@ _RC: Any = {
 
 @contextmanager
 def style() -> Generator[None]:
-    """Give figures and axes that are made within this context skincal's style."""
-    with mpl.rc_context({**_RC, "font.family": _families()}):
+    """Give figures and axes that are made within this context skincal's style, whatever a ``matplotlibrc`` says."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({**_RC, "font.family": _families()})
         yield
 
 

@@ -288,3 +288,15 @@ def test_taxels_in_another_order_are_named_and_give_no_interval(session: Dataset
     assert "dead_taxel" not in {one.code for one in back.findings}
     assert not np.isfinite(list(back.intervals.values())).any()
     assert "mapping" not in {key for one in back.findings[1:] for key in one.plain()}
+
+
+def test_a_fit_that_is_done_removes_only_what_it_kept(tmp_path: Path) -> None:
+    kept = Checkpoint(tmp_path / ".cal.fit", "key")
+    kept.keep(3, GridSlab(*np.zeros((3, 1, 1, 1))))
+    (kept.folder / "thesis.txt").write_text("mine")
+    kept.remove()
+    assert [path.name for path in kept.folder.iterdir()] == ["thesis.txt"]
+    (kept.folder / "thesis.txt").unlink()
+    kept.keep(3, GridSlab(*np.zeros((3, 1, 1, 1))))
+    kept.remove()
+    assert not kept.folder.exists()

@@ -59,6 +59,10 @@ def test_strangers_are_refused_by_name(tmp_path: Path, name: str) -> None:
         (out / name).mkdir()
     else:
         write(out / name)
+    if name == "m.toml.bak":
+        (out / NAME).write_text(
+            json.dumps({"tool": "skincal", "files": ["m.toml", "inner/part", "*", "m.*.bak"]})
+        )
     shown = "more/" if name.startswith("more") else name
     with pytest.raises(InputError, match=rf"also {shown}\. Move that elsewhere"):
         output(out, "new", force=True)

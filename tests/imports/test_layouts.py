@@ -362,6 +362,23 @@ def test_arrays_that_are_not_there(tmp_path: Path):
     assert "expected columns of one length" in refused(tmp_path, tmp_path / "b.npz", mapping(PLANE, ARRAYS))
 
 
+@pytest.mark.parametrize("way", ["raw data", "virtual"])
+def test_hdf5_that_lies_in_another_file_is_refused(tmp_path: Path, way: str):
+    h5py = pytest.importorskip("h5py")
+    (tmp_path / "secret").write_bytes(b"12345678" * 4)
+    with h5py.File(tmp_path / "a.h5", "w") as out:
+        if way == "raw data":
+            out.create_dataset("t", (4,), "f8", external=[(str(tmp_path / "secret"), 0, 32)])
+        else:
+            with h5py.File(tmp_path / "b.h5", "w") as other:
+                other["t"] = np.arange(4.0)
+            layout = h5py.VirtualLayout((4,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "b.h5"), "t", (4,))
+            out.create_virtual_dataset("t", layout)
+    with pytest.raises(ValueError, match="another file"):
+        read_hdf5(tmp_path / "a.h5")
+
+
 def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)

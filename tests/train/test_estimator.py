@@ -188,3 +188,32 @@ def test_neither_a_learner_nor_gymnasium_is_needed() -> None:
         "import skincal.train.estimator_run, skincal.deploy.estimate, skincal.deploy.wear"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b'"layers": 3', b'"layers": Infinity'), (b'"layers": 3', b'"layers": ' + b"[" * 5000),
+        (b'"taxels": 16', b'"taxels": 1000000000000'), (b'"layers": 3', b'"layers": 0'),
+        (b'"seed": ', b'"seed": 1e999, "x": '),
+    ],
+    ids=["endless number", "endless nesting", "endless image", "no layers", "endless seed"],
+)  # fmt: skip
+def test_an_estimator_that_is_none_is_refused(tmp_path: Path, old: bytes, new: bytes) -> None:
+    with np.load(estimator_path("marble-estimator-1")) as file:
+        arrays = dict(file)
+    about = arrays["about"].tobytes()
+    assert old in about
+    arrays["about"] = np.frombuffer(about.replace(old, new), np.uint8)
+    np.savez(tmp_path / "e.npz", **arrays)
+    with pytest.raises(InputError, match=r"e\.npz"):
+        read_estimator(tmp_path / "e.npz")
+
+
+def test_an_estimator_of_odd_numbers_is_refused(tmp_path: Path) -> None:
+    with np.load(estimator_path("marble-estimator-1")) as file:
+        arrays = dict(file)
+    for name, array in (("bias_0", np.nan * arrays["bias_0"]), ("mean", np.zeros(2_000_000))):
+        np.savez_compressed(tmp_path / "e.npz", **{**arrays, name: array})
+        with pytest.raises(InputError, match=r"e\.npz"):
+            read_estimator(tmp_path / "e.npz")
