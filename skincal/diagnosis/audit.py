@@ -20,12 +20,12 @@ from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit, facts_of, why_not
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
-from skincal.inference.blocks import Whitened
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import State
 from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
+from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription
 
@@ -265,15 +265,13 @@ def report_of(
         cases.append(np.nan_to_num(f.with_effects(seen, {**state.effects, name: case}) - seen.values))
     w = fitter.whitened(
         seen,
-        np.concatenate([fitter.columns(seen, ()), np.stack(cases, axis=-1)], axis=2),
+        Slopes.joined([fitter.columns(seen, ()), Slopes.of(np.stack(cases, axis=-1))]),
         fitter.contributions(seen),
     )
-    h = fitter.built(
-        seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
-    ).blocks.h.sum(axis=0)
+    h = fitter.built(seen, (), w).blocks.h.sum(axis=0)
     del slope
     n = h.shape[0] - len(names)
-    raw = (w.columns[..., n:] ** 2).sum(axis=(0, 1))
+    raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
     law = 1 / np.array([C.law_power, C.law_blur, C.law_radius]) ** 2
     base = h[:n, :n] + np.diag(np.concatenate([fitter.before.base, law]))
     left = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])

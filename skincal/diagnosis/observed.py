@@ -19,6 +19,7 @@ from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fitting.observe import clipped_share, noise_from_rest
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.contact_law import numbers_of
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of, rest_level, step_of
@@ -232,12 +233,13 @@ def start_state(
     scale = np.asarray(own.scale_per_n)
     scale = np.maximum(scale, 1e-9 * scale.max())
     effects = {n: {k: np.asarray(v) for k, v in p.items()} for n, p in effects_of(calibration, poses).items()}
+    law = None if calibration.contact_law is None else calibration.contact_law.law
     return State(
         calibration.pose(),
         float(np.log(own.elasticity_pa_per_m)),
         np.log(scale),
         rest,
-        np.zeros(3),
+        numbers_of(law),
         moves,
         effects,
     )

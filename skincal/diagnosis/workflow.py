@@ -15,7 +15,7 @@ from skincal.diagnosis.audit import report_of
 from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnosis.gap import gap_of, placed_presses
 from skincal.diagnosis.newcal import effect_intervals, new_calibration
-from skincal.diagnosis.next_presses import next_presses
+from skincal.diagnosis.next_presses import MOST, next_presses
 from skincal.diagnosis.observed import Observed, observe
 from skincal.diagnosis.session_findings import findings_of
 from skincal.diagnosis.spells import find_spells
@@ -23,6 +23,7 @@ from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
 from skincal.inference.columns import free_of
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.contact_law import foundation_fit, shows_law
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
 from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
@@ -37,6 +38,7 @@ def diagnose(
     seed: int = 0,
     heard: Heard = lambda _: None,
     null_sessions: int = C.null_sessions,
+    more: int = MOST,
 ) -> Diagnosis:
     """Finds what a calibrated simulation lacks against a dataset.
 
@@ -46,13 +48,14 @@ def diagnose(
         seed: of all chance.
         heard: told which stage begins.
         null_sessions: simulated sessions with nothing hidden.
+        more: presses to make next at most, where effects have rivals.
 
     Raises:
         InputError: the calibration is of another sensor.
         WorkError: too few presses.
     """
     check_same_sensor(calibration, dataset)
-    split, searched, again, drawn, pressed, audited, spelled = np.random.default_rng(seed).spawn(7)
+    split, searched, again, drawn, pressed, audited, spelled, dealt = np.random.default_rng(seed).spawn(8)
     heard("noise floor and places")
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
@@ -85,18 +88,24 @@ def diagnose(
     effects = _named(found, observed) if verdict == "effects" else ()
     heard("calibration")
     final = calibration
-    if effects:
+    law = verdict != "unknown" and shows_law(found.fitted, dealt)
+    if law and calibration.contact_law is None:
+        # The law is added as well: what was there before is the foundation.
+        gap = gap_of(observed, foundation_fit(fitter, found.base).state, found.fitted.state, again)
+    if effects or law:
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
         wild = wild_presses(whole, ready)
         last_fitter = without_presses(whole, wild)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
         wide = last_fitter.covariance(last)
-        final = new_calibration(calibration, observed, last, wide, drawn, wild, unexplained=unexplained)
+        final = new_calibration(
+            calibration, observed, last, wide, drawn, wild, unexplained=unexplained, law=law
+        )
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
-    findings = findings_of(observed, calibration, found.base, shown, effects, gap)
+    findings = findings_of(observed, calibration, final, found.base, shown, effects, gap)
     if order is not None:
         findings = (order, *findings)
     heard("next presses")
@@ -105,7 +114,9 @@ def diagnose(
         if effects
         else []
     )
-    words, plan = next_presses(observed, audit, depends, rivals, pressed, unknown=verdict == "unknown")
+    words, plan = next_presses(
+        observed, audit, depends, rivals, pressed, unknown=verdict == "unknown", most=more
+    )
     return Diagnosis(
         verdict, effects, unexplained, where_text(left, observed.session, dataset.layout()), gap, observed.floor, audit,
         found, observed, depends[:6], findings, final, seed, words, plan, taken_back,
@@ -163,7 +174,8 @@ def refitted_effects(
         WorkError: too few presses.
     """
     check_same_sensor(known, dataset)
-    both = replace(calibration, effects=known.effects)
+    law = known.contact_law is not None
+    both = replace(calibration, effects=known.effects, contact_law=known.contact_law)
     rng, drawn = np.random.default_rng(seed).spawn(2)
     observed = observe(dataset, both, rng, keep=False)
     base = base_fit(observed.fitter, known=True)
@@ -185,5 +197,7 @@ def refitted_effects(
         # They have drawn sensor, places and effects after them: again without them.
         fitter = without_presses(fitter, wild)
         last = fitter.solve(state, tuple(free), steps=C.last_steps)
-    made = new_calibration(both, observed, last, fitter.covariance(last), drawn, wild, unexplained=False)
+    made = new_calibration(
+        both, observed, last, fitter.covariance(last), drawn, wild, unexplained=False, law=law
+    )
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

@@ -14,6 +14,7 @@ from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
+from skincal.inference.slopes import Slopes
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
@@ -91,13 +92,13 @@ class Fitter:
         self._force = np.maximum(force, 0.0)
 
     def whitened(
-        self, seen: Seen, columns: FloatArray, own: FloatArray, only: BoolArray | None = None
+        self, seen: Seen, columns: Slopes | FloatArray, own: FloatArray, only: BoolArray | None = None
     ) -> Whitened:
         """Over the noise.
 
         Args:
             seen: the state.
-            columns: (K, J, n) slopes by what is fitted.
+            columns: slopes by what is fitted, (K, J, n) if all of them are dense.
             own: (K, J, k) contributions of effects that are in the model.
             only: (N,) observations that count.
         """
@@ -127,14 +128,14 @@ class Fitter:
 
         residual = np.where(ok, self.counts - expected, 0.0) * weight
         signal = (f.mean @ (slope * seen.values)) * weight
-        return Whitened(residual, thin(columns), thin(moves), signal, thin(own), ok, np.log(sd))
+        slopes = columns if isinstance(columns, Slopes) else Slopes.of(columns)
+        thinned = slopes.through(f.mean.__matmul__, slope, weight)
+        return Whitened(residual, thinned, thin(moves), signal, thin(own), ok, np.log(sd))
 
-    def columns(self, seen: Seen, free: tuple[Free, ...]) -> FloatArray:
-        """(K, J, n) slopes of base, law and effects."""
+    def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
+        """Slopes (K, J, n) of base, law and effects."""
         f = self.forward
-        base = f.base_columns(seen)
-        rows = free_columns(f, seen, free)
-        return np.concatenate([base, *(x[..., None] for x in rows)], axis=2) if rows else base
+        return Slopes.joined([Slopes.of(f.base_columns(seen)), *free_columns(f, seen, free)])
 
     def contributions(self, seen: Seen) -> FloatArray:
         """(K, J, k) what each effect of the state adds to values."""
@@ -207,7 +208,7 @@ class Fitter:
         shared = [own * (2 * force / max(float(force.max(initial=0.0)), 1e-12) - 1)[:, None, None]]
         if samples.phase is not None:
             shared += [own * (samples.phase == p)[:, None, None] for p in np.unique(samples.phase)]
-        w = self.whitened(seen, np.concatenate([self.columns(seen, free), *shared], axis=2), own)
+        w = self.whitened(seen, Slopes.joined([self.columns(seen, free), *map(Slopes.of, shared)]), own)
         h = self.built(seen, free, w).blocks.h.sum(axis=0)
         prior = np.concatenate([fit.prior, np.full(h.shape[0] - n, 1 / C.equation**2)])
         return np.linalg.inv(h + np.diag(prior))[:n, :n]
