@@ -255,7 +255,6 @@ def report_of(
     poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
     lacking = {n: tuple(c for c in e.covariates if c not in have) for n, e in EFFECTS.items()}
     names = [n for n in EFFECTS if not lacking[n]]
-    _, slope = f.noise.written(seen.values + state.rest)
     cases: list[FloatArray] = []
     for name in names:
         case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2))
@@ -269,7 +268,6 @@ def report_of(
         fitter.contributions(seen),
     )
     h = fitter.built(seen, (), w).blocks.h.sum(axis=0)
-    del slope
     n = h.shape[0] - len(names)
     raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
     law = 1 / np.array([C.law_power, C.law_blur, C.law_radius]) ** 2
@@ -322,14 +320,3 @@ def report_of(
         planned,
         options,
     )
-
-
-__all__ = [
-    "AuditOptions",
-    "AuditReport",
-    "GapSession",
-    "audit_dataset",
-    "audit_plan",
-    "audit_planned",
-    "report_of",
-]
