@@ -18,7 +18,7 @@ from skincal.inference.forward import LAW
 from skincal.inference.press_table import STEP_M
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, IntArray
 
 _WIDTH = 1.96
 _BLUR_M2 = STEP_M**2 / 2
@@ -44,16 +44,16 @@ def law_ends(numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, C
     return law_of(numbers - _WIDTH * sd), law_of(numbers + _WIDTH * sd)
 
 
-def law_gain(fit: Fitted, rng: np.random.Generator) -> Score:
-    """What blocks gain by the law's numbers on presses that their fit has not seen, against the foundation.
+def law_gain(fit: Fitted, folds: IntArray) -> Score:
+    """What blocks gain to first order by the law's numbers on presses that their fit has not seen.
 
     Args:
         fit: with the law free.
-        rng: deals the folds.
+        folds: (B,) part of each block.
     """
     n, law = len(fit.prior), np.arange(NB - len(LAW), NB)
     others = np.setdiff1d(np.arange(n), law)
-    h, folds = fit.blocks.h, folds_of(fit.blocks, rng)
+    h = fit.blocks.h
     # About the foundation: both models begin where the law's numbers are zero.
     b = (fit.blocks.b + h[:, :, law] @ fit.state.law)[:, :, None]
     pull = fit.pull.copy()
@@ -63,10 +63,32 @@ def law_gain(fit: Fitted, rng: np.random.Generator) -> Score:
     return Score((held_out(h, b, fit.prior, pull, folds) - without)[:, 0])
 
 
-def shows_law(fit: Fitted, rng: np.random.Generator) -> bool:
-    """Whether a session shows that its contact law is not the foundation's: as an effect must be shown."""
-    gain = law_gain(fit, rng)
+def beaten_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> Fitted | None:
+    """The same model's fit with the foundation's law, if the session shows that this is not its contact law.
+
+    It is shown as an effect must be: first to first order, then against the foundation's own fit, which may find a
+    better place than slopes say.
+
+    Args:
+        fitter: of the session.
+        fit: with the law free.
+        rng: deals the folds.
+    """
+    folds = folds_of(fit.blocks, rng)
+    if not _is_sure(law_gain(fit, folds)):
+        return None
+    foundation = foundation_fit(fitter, fit)
+    return foundation if _is_sure(Score(_score(fit, folds) - _score(foundation, folds))) else None
+
+
+def _is_sure(gain: Score) -> bool:
     return gain.total > C.least_gain and gain.sure > C.sure
+
+
+def _score(fit: Fitted, folds: IntArray) -> FloatArray:
+    """(B,) logarithm of the likelihood of each block by the fit of the others."""
+    b = fit.blocks
+    return -0.5 * b.loss + held_out(b.h, b.b[:, :, None], fit.prior, fit.pull, folds)[:, 0]
 
 
 def foundation_fit(fitter: Fitter, fit: Fitted) -> Fitted:
