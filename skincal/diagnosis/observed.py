@@ -31,7 +31,7 @@ from skincal.model.rest import rest_from_presses
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
-_CELLS, _FINEST_M, _MARGIN_M = 9000, 3.5e-4, 6e-3
+_CELLS, _FINEST_M, _MARGIN_M, _STILL_M = 9000, 3.5e-4, 6e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,8 +280,9 @@ def beforehand(
             max(rest_sigma, 1e-9),
         ]
     )
-    worth = 1e-4 if uniform else max(position.sigma_m, 1e-5)
-    slack = position.slack_m if np.isfinite(position.slack_m or np.inf) else 2e-3
+    # Under a punch larger than the patch places do not matter: held still, all presses share one table.
+    worth = _STILL_M if uniform else max(position.sigma_m, 1e-5)
+    slack = _STILL_M if uniform else position.slack_m if np.isfinite(position.slack_m or np.inf) else 2e-3
     move = 1 / np.array([worth, worth, C.force]) ** 2
     assert session.counts is not None
     return Beforehand(1 / sigma**2, start, move, slack or 2e-3, np.ones(session.counts.shape))
