@@ -92,7 +92,7 @@ class Rounds:
     def press(self, dataset: Dataset, plan: Plan, number: int) -> Dataset:
         """Make the presses of a round, unless they were made before an interruption; return all presses so far."""
         from skincal.dataset import read_dataset, write_dataset
-        from skincal.dataset.joined import joined
+        from skincal.dataset.joined import GAP_S, joined
 
         out, whole = self.folder / f"round-{number}", self.folder / f"session-{number}"
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ class Rounds:
             )
             press_plan(
                 plan, self.description, self.driver, self.options, out, seed=self.seed, source=source,
-                beyond_limits=self.beyond_limits, start_s=max(end_s, 0.0),
+                beyond_limits=self.beyond_limits, start_s=end_s + GAP_S,
             )  # fmt: skip
         both = joined(dataset, read_dataset(out))
         meta = replace(
