@@ -108,15 +108,13 @@ def _frames(a: Frames | None, b: Frames | None, number: int, later: float) -> Fr
 
 
 def _columns(a: Columns, b: Columns, first: int, second: int) -> dict[str, NDArray[Any]]:
-    def of(columns: Columns, name: str, like: NDArray[Any], count: int) -> NDArray[Any]:
+    def filled(columns: Columns, name: str, count: int) -> NDArray[Any]:
         if name in columns:
             return columns[name]
-        return np.full(count, "", dtype=object) if like.dtype == object else np.full(count, np.nan)
+        text = (a.get(name, b.get(name, np.zeros(0)))).dtype == object
+        return np.full(count, "", dtype=object) if text else np.full(count, np.nan)
 
-    names = dict.fromkeys([*a, *b])
     return {
-        name: np.concatenate(
-            [of(a, name, b.get(name, a.get(name)), first), of(b, name, a.get(name, b.get(name)), second)]
-        )  # type: ignore[arg-type]
-        for name in names
+        name: np.concatenate([filled(a, name, first), filled(b, name, second)])
+        for name in dict.fromkeys([*a, *b])
     }

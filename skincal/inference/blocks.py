@@ -19,7 +19,7 @@ import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.slopes import Slopes
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 IDLE_BLOCKS = 12
 
@@ -218,7 +218,7 @@ def blocks(
     unit = 1 / np.sqrt(np.diagonal(g, axis1=1, axis2=2))
     chol = np.linalg.cholesky(g * unit[:, :, None] * unit[:, None, :])
     z = np.linalg.solve(chol, right * unit[..., None])
-    of_columns = np.ascontiguousarray(z[..., :n])
+    of_columns = as_floats(np.ascontiguousarray(z[..., :n]))
     gone = np.swapaxes(of_columns, 1, 2) @ z[..., n:]
     squares = np.concatenate([product[:, -1:, -1], drawn_chi], axis=1)
     squares -= np.einsum("bks,bks->bs", z[..., n:], z[..., n:])

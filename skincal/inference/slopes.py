@@ -66,7 +66,7 @@ class Slopes:
             weight: (N, J).
         """
         dense = np.empty((*weight.shape, self.dense.shape[2]))
-        for k in range(dense.shape[2]):
+        for k in range(self.dense.shape[2]):
             dense[..., k] = mean(slope * self.dense[..., k]) * weight
         return Slopes(dense, mean(slope[:, self.own] * self.single) * weight[:, self.own], self.taxel)
 
@@ -77,7 +77,7 @@ class Slopes:
     def times(self, multiples: FloatArray) -> FloatArray:
         """(K, J) sum of columns, so many times each."""
         out = self.dense @ multiples[self.taxel < 0]
-        np.add.at(out, (slice(None), self.own), self.single * multiples[self.taxel >= 0])
+        np.add.at(out.T, self.own, (self.single * multiples[self.taxel >= 0]).T)
         return out
 
     def array(self) -> FloatArray:
