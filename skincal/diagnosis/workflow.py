@@ -23,7 +23,7 @@ from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
 from skincal.inference.columns import free_of
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.contact_law import beaten_foundation, foundation_fit
+from skincal.inference.contact_law import beaten_foundation
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
 from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
@@ -88,16 +88,13 @@ def diagnose(
     effects = _named(found, observed) if verdict == "effects" else ()
     heard("calibration")
     final = calibration
-    law = False
     beaten = None if verdict == "unknown" else beaten_foundation(fitter, found.fitted, dealt)
+    law = False
     if beaten is not None:
         # The presses of the end can take it back.
         by_law = gap_of(observed, beaten.state, found.fitted.state, again)
         law = by_law.after < by_law.before
-        if law and calibration.contact_law is None:
-            # What was there before has the foundation's law.
-            base = foundation_fit(fitter, found.base) if effects else None
-            gap = by_law if base is None else gap_of(observed, base.state, found.fitted.state, again)
+        gap = by_law if law and not effects and calibration.contact_law is None else gap
     if effects or law:
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))

@@ -77,7 +77,7 @@ def beaten_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> 
     folds = folds_of(fit.blocks, rng)
     if not _is_sure(law_gain(fit, folds)):
         return None
-    foundation = foundation_fit(fitter, fit)
+    foundation = _foundation_fit(fitter, fit)
     return foundation if _is_sure(Score(_score(fit, folds) - _score(foundation, folds))) else None
 
 
@@ -91,8 +91,8 @@ def _score(fit: Fitted, folds: IntArray) -> FloatArray:
     return -0.5 * b.loss + held_out(b.h, b.b[:, :, None], fit.prior, fit.pull, folds)[:, 0]
 
 
-def foundation_fit(fitter: Fitter, fit: Fitted) -> Fitted:
-    """The base model's fit with the law of the foundation: what a calibration without a contact law can do."""
+def _foundation_fit(fitter: Fitter, fit: Fitted) -> Fitted:
+    """The same model's fit with the law of the foundation."""
     held = Fitter(fitter.forward, fitter.counts, fitter.before)
     held.foundation = True
     return held.solve(replace(fit.state, law=np.zeros(len(LAW))), fit.free, steps=C.last_steps)
