@@ -77,6 +77,7 @@ class Rounds:
             fix = "Collect next-presses.toml with it, and diagnose both sessions together."
             raise InputError([Problem("--driver", "a hand", f"the stage {driver}", fix)])
         check_limits(rig.description, beyond=beyond_limits)
+        _check_hand(dataset, rig.description)
         said = _SEED.search(dataset.meta.source)
         if driver == "sim" and said and int(said[1]) != options.get("seed"):
             got, fix = f"--seed {options.get('seed')}", f"Give --seed {said[1]}."
@@ -129,6 +130,19 @@ class Rounds:
             f"{len(list(self.folder.glob('round-*')))} rounds of presses are saved in {self.folder}; give the same "
             "command again to continue."
         )
+
+
+def _check_hand(dataset: Dataset, description: HandDescription) -> None:
+    """Check, before anything moves, that presses of a hand can join a dataset."""
+    from skincal.dataset.joined import check_same_rig
+    from skincal.errors import InputError, Problem
+
+    meta = description.meta
+    raw = replace(meta, sensor=replace(meta.sensor, baseline="raw"))
+    check_same_rig(dataset.meta, raw, f"hand {description.name}")
+    if dataset.frames is None:
+        fix = "A session of hold means alone is not gone on with."
+        raise InputError([Problem("--collect", "a dataset with frames", "one without", fix)])
 
 
 def _check_same(folder: Path, key: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.dataset import Dataset
+from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses
 from skincal.errors import InputError, Problem
 
@@ -33,7 +34,10 @@ def joined(first: Dataset, second: Dataset) -> Dataset:
     Raises:
         InputError: they are of different sensors or surfaces, or only one of them has frames.
     """
-    _check(first, second)
+    place = "dataset" if second.folder is None else str(second.folder)
+    check_same_rig(first.meta, second.meta, place)
+    if (first.frames is None) != (second.frames is None):
+        raise InputError([Problem(f"{place}: frames", "frames in both sessions or in none", "frames in one")])
     number = int(first.presses.press.max(initial=-1)) + 1
     later = _later_s(first, second)
     a, b = first.presses, second.presses
@@ -63,20 +67,20 @@ def joined(first: Dataset, second: Dataset) -> Dataset:
     )
 
 
-def _check(first: Dataset, second: Dataset) -> None:
-    place = "dataset" if second.folder is None else str(second.folder)
+def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
+    """Check that two sessions are of one sensor on one surface.
+
+    Raises:
+        InputError: they are not; ``place`` says where the second one comes from.
+    """
+    pairs = ((first.sensor, second.sensor, "sensor"), (first.surface, second.surface, "surface"))
     problems = [
         Problem(
             f"{place}: [{name}]", f"that of the first session, {mine}", str(other), "Press the same sensor."
         )
-        for name, mine, other in (
-            ("sensor", first.meta.sensor, second.meta.sensor),
-            ("surface", first.meta.surface, second.meta.surface),
-        )
+        for mine, other, name in pairs
         if mine != other
     ]
-    if (first.frames is None) != (second.frames is None):
-        problems.append(Problem(f"{place}: frames", "frames in both sessions or in none", "frames in one"))
     if problems:
         raise InputError(problems)
 

@@ -83,3 +83,11 @@ def test_an_interrupted_run_of_another_command_is_not_gone_on_with(run: Dataset,
 def test_a_session_of_no_simulated_hand_is_not_compared(run: Dataset, tmp_path: Path):
     other = replace(run, meta=replace(run.meta, source="a bench"))
     assert rounds(tmp_path / "new", other, seed=3).seed == 3
+
+
+def test_a_dataset_that_presses_cannot_join_is_refused_before_anything_moves(run: Dataset, tmp_path: Path):
+    with pytest.raises(InputError, match="with frames"):
+        rounds(tmp_path / "new", replace(run, frames=None))
+    sensor = replace(run.meta.sensor, value_max=99)
+    with pytest.raises(InputError, match="sensor"):
+        rounds(tmp_path / "new", replace(run, meta=replace(run.meta, sensor=sensor)))
