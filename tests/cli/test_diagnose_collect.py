@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from calibrations import make_calibration
 
+from skincal.calibration import read_calibration, write_calibration
 from skincal.cli.diagnose_collect import SESSION, Rounds
+from skincal.cli.main import main
 from skincal.collect import Mount, Plan, PlannedPress, collect
 from skincal.dataset import Dataset, read_dataset
 from skincal.dataset.joined import GAP_S
+from skincal.diagnosis.newcal import parameters_of
+from skincal.diagnosis.observed import observe
 from skincal.errors import InputError
 from skincal.hand.sim import SimDriver
+from skincal.inference.constants import CONSTANTS
+from skincal.inference.start import base_fit
 
 SEED = 7
 SOURCE = f"skincal collect: driver sim, seed {SEED}, plan few"
@@ -91,3 +99,43 @@ def test_a_dataset_that_presses_cannot_join_is_refused_before_anything_moves(run
     sensor = replace(run.meta.sensor, value_max=99)
     with pytest.raises(InputError, match="sensor"):
         rounds(tmp_path / "new", replace(run, meta=replace(run.meta, sensor=sensor)))
+
+
+@pytest.mark.slow
+def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypatch, capsys):
+    """Where nothing is told apart all twelve presses are made, and the calibration comes with all of them."""
+    hand = SimDriver(seed=SEED).description
+    data = collect(
+        plan(16),
+        hand,
+        lambda _: SimDriver(seed=SEED, effects={"hysteresis": 1.0}),
+        tmp_path / "run",
+        source=SOURCE,
+    ).dataset
+    fitter = observe(data, None, np.random.default_rng(0), keep=False).fitter
+    meta, state = data.meta, base_fit(fitter, known=False).state
+    blank = make_calibration(
+        sensor=meta.sensor, surface=meta.surface, indenter=meta.indenter, mount=meta.mount
+    )
+    model = parameters_of(blank, state)
+    known = {name: (value, value) for name, value in model.best().items()}
+    cal = replace(blank, model=model, intervals=known, draws=None, grid=None, slack=None, findings=())
+    write_calibration(cal, tmp_path / "cal")
+    # Every candidate that is fitted in full is a rival, whatever the presses say.
+    monkeypatch.setattr("skincal.inference.search.C", replace(CONSTANTS, alike=1e9, contend=0.0))
+    new = tmp_path / "new"
+    command = ["diagnose", tmp_path / "run", tmp_path / "cal", "--out", new, "--collect", "--driver", "sim"]
+    command += ["--seed", SEED, "--effect", "hysteresis=1", "--json", "--no-report"]
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, command)])
+    printed = capsys.readouterr()
+    assert not ended.value.code, printed.err
+    told = json.loads(printed.out)
+    assert told["verdict"] == "effects" and len(told["effects"][0]["consistent_with"]) > 1
+    assert told["collected"]["presses"] == 12 and told["collected"]["rounds"] == 3
+    assert not told["collected"]["settled"]
+    assert "round 1: 4 presses, to tell" in printed.err and "round 3: with 12 more presses" in printed.err
+    session = read_dataset(new / SESSION)
+    assert len(session.presses) == 28
+    assert read_calibration(new).provenance.dataset_sha256 == session.sha256
+    assert not (tmp_path / ".new.rounds").exists()
