@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.calibration.parts import Effect, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.parts import Effect, Finding, FittedLaw, Interval, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
     IndenterSpec,
@@ -56,6 +56,7 @@ class Calibration(Shown):
         loss: quality of the fit.
         provenance: provenance of the calibration.
         effects: effects beyond the base model; empty at first.
+        contact_law: how the contact differs from the elastic foundation; None: not at all.
         findings: findings of the fit, for the user.
         mount: prior knowledge of the pose; None: not given.
         position: accuracy of the measured contact positions; None: not given.
@@ -77,6 +78,7 @@ class Calibration(Shown):
     loss: Loss
     provenance: Provenance
     effects: tuple[Effect, ...] = ()
+    contact_law: FittedLaw | None = None
     findings: tuple[Finding, ...] = ()
     mount: MountSpec | None = None
     position: PositionSpec | None = None
@@ -203,7 +205,8 @@ class Calibration(Shown):
             ValueError: the patch does not fit on its surface.
         """
         patch = Patch.build(self.surface_model(), self.layout(), self.pose(), resolution_m, margin_m)
-        return Skin(patch, self.parameters(), self.converter())
+        law = None if self.contact_law is None else self.contact_law.law
+        return Skin(patch, self.parameters(), self.converter(), contact=law)
 
     def identified(self, name: str) -> bool:
         """Return whether the data bound a parameter on both sides.

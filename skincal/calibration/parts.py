@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any, Final, Literal
 
+from skincal.model import ContactLaw
 from skincal.units import in_unit
 
 Interval = tuple[float, float]
@@ -57,6 +58,23 @@ class ModelParameters:
             "scale_per_n": self.scale_per_n,
         }
         return {name: value for name, value in values.items() if value is not None}
+
+
+LAW: Final = ("exponent", "spread_m2", "radius_scale")
+"""Numbers of a contact law that are fitted."""
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """How the contact differs from the elastic foundation, where the data show it.
+
+    Attributes:
+        law: the best values.
+        intervals: low and high of each of :data:`LAW`.
+    """
+
+    law: ContactLaw
+    intervals: Mapping[str, Interval] = field(default_factory=dict[str, Interval])
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,18 @@ from datetime import date, datetime
 from typing import Any, Final, cast
 
 from skincal.calibration.calibration import Calibration
+from skincal.calibration.contact_law_table import contact_law_from, plain_contact_law
 from skincal.calibration.effect_tables import effects_from, findings_from, plain_effect
-from skincal.calibration.parts import REST, Effect, Finding, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.parts import (
+    REST,
+    Effect,
+    Finding,
+    FittedLaw,
+    Interval,
+    Loss,
+    ModelParameters,
+    Provenance,
+)
 from skincal.calibration.values import number_list, shown, toml_value
 from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.findings import Findings
@@ -30,7 +40,17 @@ FILE: Final = "calibration.toml"
 FORMAT: Final = "skincal-calibration/1"
 
 _SHARED: Final = ("sensor", "surface", "indenter", "mount", "position")
-_TOP: Final = ("format", *_SHARED, "model", "intervals", "loss", "effects", "findings", "provenance")
+_TOP: Final = (
+    "format",
+    *_SHARED,
+    "model",
+    "intervals",
+    "loss",
+    "effects",
+    "contact_law",
+    "findings",
+    "provenance",
+)
 _MODEL: Final = (
     "y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n", "scale_per_taxel_per_n", REST,
 )  # fmt: skip
@@ -57,6 +77,7 @@ class Meta:
     intervals: Mapping[str, Interval]
     loss: Loss
     effects: tuple[Effect, ...]
+    contact_law: FittedLaw | None
     findings: tuple[Finding, ...]
     provenance: Provenance
     extra: Mapping[str, Any]
@@ -86,6 +107,7 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
         intervals=intervals,
         loss=_loss(top.inner("loss", _LOSS, open_keys=True)),
         effects=effects_from(top, findings, FILE, sensor.taxels),
+        contact_law=contact_law_from(top, findings, FILE),
         findings=findings_from(top, findings, FILE),
         provenance=_provenance(top.inner("provenance", _PROVENANCE, open_keys=True)),
         extra=top.extra,
@@ -102,6 +124,7 @@ def plain_meta(calibration: Calibration) -> dict[str, Any]:
         "intervals": {name: [float(v) for v in pair] for name, pair in calibration.intervals.items()},
         "loss": {**{key: getattr(calibration.loss, key) for key in _LOSS}, **calibration.loss.extra},
         "effects": [plain_effect(effect) for effect in calibration.effects],
+        **plain_contact_law(calibration.contact_law),
         "findings": [finding.plain() for finding in calibration.findings],
         "provenance": _plain_provenance(calibration.provenance),
     }

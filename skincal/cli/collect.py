@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,16 +90,14 @@ def collect(
     Contact points and forces come from joint angles and torques. Every finished press is saved at once: an interrupted
     session continues when the same command is given again.
     """
-    from skincal.collect import collect as run
     from skincal.collect import journal_folder
     from skincal.files import refuse_existing
-    from skincal.hand import GuardOptions
     from skincal.hand.registry import create_rig
     from skincal.hand.stage import StageDriver
     from skincal.robot import check_limits
 
     find_modules_here(driver)
-    options = _driver_options(driver, seed, effect, truth, hand, driver_option)
+    options = options_of(driver, seed, effect, truth, hand, driver_option)
     rig = create_rig(driver, **options)
     if isinstance(rig, StageDriver):
         _stage(rig, driver, options, seed, plan, protocol, plan_only, second_indenter_mm, out, truth,
@@ -116,21 +114,9 @@ def collect(
         from skincal.hand.sim import TRUTH_FORMAT
 
         refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
-    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
-    with _progress(len(chosen), description) as reporter, moving(lambda: _kept(out)), _resumable(out):
-        found = run(
-            chosen,
-            description,
-            _maker(driver, options, out, reporter.pause),
-            out,
-            key=key,
-            guard=GuardOptions(beyond_limits=beyond_limits),
-            source=_source(driver, seed, chosen, effect, description),
-            force=force,
-            inputs=inputs,
-            restart=restart,
-            watch=reporter,
-        )
+    source = _source(driver, seed, chosen, effect, description)
+    found = press_plan(chosen, description, driver, options, out, seed=seed, source=source, force=force,
+                       inputs=inputs, restart=restart, beyond_limits=beyond_limits)  # fmt: skip
     _conclude(found, out, as_json)
 
 
@@ -147,6 +133,57 @@ def _conclude(found: Collected, out: Path, as_json: bool) -> None:
             f"skincal: error: {out}: expected a dataset that can be fitted; got the problems above. Nothing is lost."
         )
         raise typer.Exit(1)
+
+
+def press_plan(
+    plan: Plan,
+    description: HandDescription,
+    driver: str,
+    options: dict[str, Any],
+    out: Path,
+    *,
+    seed: int,
+    source: str,
+    force: bool = False,
+    inputs: Sequence[Path] = (),
+    restart: bool = False,
+    beyond_limits: bool = False,
+    start_s: float = 0.0,
+) -> Collected:
+    """Make the presses of a plan on a hand, or go on with them, with progress on the terminal.
+
+    Args:
+        plan: the presses.
+        description: the hand.
+        driver: name of its driver.
+        options: of the driver.
+        out: folder of the dataset.
+        seed: as given, to recognize an interrupted session.
+        source: for ``dataset.toml``.
+        force: whether to replace an existing dataset.
+        inputs: files that must not be replaced.
+        restart: whether to discard an interrupted session.
+        beyond_limits: whether the guard's limits may be exceeded.
+        start_s: clock of a simulated hand at the beginning [s].
+    """
+    from skincal.collect import collect as run
+    from skincal.hand import GuardOptions
+
+    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
+    with _progress(len(plan), description) as reporter, moving(lambda: _kept(out)), _resumable(out):
+        return run(
+            plan,
+            description,
+            _maker(driver, options, out, reporter.pause, start_s),
+            out,
+            key=key,
+            guard=GuardOptions(beyond_limits=beyond_limits),
+            source=source,
+            force=force,
+            inputs=inputs,
+            restart=restart,
+            watch=reporter,
+        )
 
 
 def _stage(
@@ -209,7 +246,7 @@ def _stage(
     _conclude(found, out, as_json)
 
 
-def _driver_options(
+def options_of(
     driver: str,
     seed: int,
     effect: list[str] | None,
@@ -258,7 +295,7 @@ def _create(driver: str, options: dict[str, Any], later: dict[str, Any]) -> Hand
 
 
 def _maker(
-    driver: str, options: dict[str, Any], out: Path, pause: Callable[[], None]
+    driver: str, options: dict[str, Any], out: Path, pause: Callable[[], None], start_s: float
 ) -> Callable[[Need], HandDriver]:
     """Return a factory of drivers for the point that the session has reached; it asks for another cap where needed."""
     from skincal.hand.registry import driver_options
@@ -274,18 +311,18 @@ def _maker(
             )
             typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
             mounted[0] = need.indenter_radius_m
-        return _create(driver, options, _later(known - set(options), need, out))
+        return _create(driver, options, _later(known - set(options), need, out, start_s))
 
     return make
 
 
-def _later(known: set[str], need: Need, out: Path) -> dict[str, Any]:
+def _later(known: set[str], need: Need, out: Path, start_s: float) -> dict[str, Any]:
     """Return the options that tell a simulated hand about its session: the clock, the cap and the contact history."""
     from skincal.collect import journal_folder
     from skincal.collect.connection import GAP_S
 
     values: dict[str, Any] = {
-        "start_s": need.session_s + GAP_S if need.session_s > 0 else None,
+        "start_s": (need.session_s or start_s) + GAP_S if need.session_s or start_s > 0 else None,
         "indenter_radius_m": need.indenter_radius_m,
         "memory_path": journal_folder(out) / MEMORY,
     }

@@ -25,6 +25,7 @@ from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import State
 from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
+from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription
 
@@ -254,7 +255,6 @@ def report_of(
     poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
     lacking = {n: tuple(c for c in e.covariates if c not in have) for n, e in EFFECTS.items()}
     names = [n for n in EFFECTS if not lacking[n]]
-    _, slope = f.noise.written(seen.values + state.rest)
     cases: list[FloatArray] = []
     for name in names:
         case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2))
@@ -264,13 +264,12 @@ def report_of(
         cases.append(np.nan_to_num(f.with_effects(seen, {**state.effects, name: case}) - seen.values))
     w = fitter.whitened(
         seen,
-        np.concatenate([fitter.columns(seen, ()), np.stack(cases, axis=-1)], axis=2),
+        Slopes.joined([fitter.columns(seen, ()), Slopes.of(np.stack(cases, axis=-1))]),
         fitter.equations(seen)[0],
     )
     h = fitter.built(seen, (), w, 0).blocks.h.sum(axis=0)
-    del slope
     n = h.shape[0] - len(names)
-    raw = (w.columns[..., n:] ** 2).sum(axis=(0, 1))
+    raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
     law = 1 / np.array([C.law_power, C.law_blur, C.law_radius]) ** 2
     base = h[:n, :n] + np.diag(np.concatenate([fitter.before.base, law]))
     left = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])
@@ -321,14 +320,3 @@ def report_of(
         planned,
         options,
     )
-
-
-__all__ = [
-    "AuditOptions",
-    "AuditReport",
-    "GapSession",
-    "audit_dataset",
-    "audit_plan",
-    "audit_planned",
-    "report_of",
-]

@@ -15,7 +15,6 @@ from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.dataset.uniform_pressure import at_centre, uniform_pressure
 from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
-from skincal.fitting.observe import Readout
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts
 from skincal.prediction.session_samples import frame_column, last_press, pose_names, recorded_covariates
@@ -24,14 +23,6 @@ from skincal.prediction.touches import frame_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-def readout_of(dataset: Dataset) -> Readout:
-    """The converter of a dataset: without bounds where rest was taken off, for it is not known where they are then."""
-    sensor = dataset.meta.sensor
-    if sensor.baseline == "subtracted":
-        return Readout(None, None, sensor.integer, rest_subtracted=True)
-    return Readout(sensor.value_min, sensor.value_max, sensor.integer)
 
 
 def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from skincal.calibration import Calibration, Finding
+from skincal.calibration import Calibration, Finding, FittedLaw
 from skincal.collect import Plan
 from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.gap import Gap
@@ -84,7 +84,7 @@ class Diagnosis(Shown):
         observed: what was looked at.
         depends: on what the residual depends, strongest first.
         findings: glitches, dead taxels, what the data lack.
-        calibration: with the effects added; the given one where none are.
+        calibration: with effects and contact law added; the given one where there are none.
         seed: of the randomness.
         next_presses: in words, the presses that would tell what is still open.
         next_plan: these presses, where there are such.
@@ -116,6 +116,11 @@ class Diagnosis(Shown):
             else ""
         )
         return f"<Diagnosis {self.verdict}{': ' if names else ''}{names}{closed}>"
+
+    @property
+    def contact_law(self) -> FittedLaw | None:
+        """How the contact differs from the elastic foundation, where the new calibration has it."""
+        return None if self.verdict == "unknown" else self.calibration.contact_law
 
     @property
     def only_places(self) -> bool:

@@ -122,13 +122,12 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
         second = placed_presses(fitter, after, rows, [first])
         first = placed_presses(fitter, before, rows, [second])
     frames = _frames(whole, observed)
-    square = [_squares(whole, s, frames, observed)[0] for s in (first, second)]
-    noise = _squares(whole, second, frames, observed)[1]
+    (base, _), (named, noise) = (_squares(whole, s, frames) for s in (first, second))
     owner = whole.session.press
     errors = np.zeros((len(rows), 4))
     for k, p in enumerate(rows.tolist()):
         mine = owner == p
-        errors[k] = [np.nansum(x[mine]) for x in (*square, noise)] + [np.isfinite(square[0][mine]).sum()]
+        errors[k] = [np.nansum(x[mine]) for x in (base, named, noise)] + [np.isfinite(base[mine]).sum()]
     errors = errors[errors[:, 3] > 0]
     if not len(errors):
         nothing = (float("nan"), float("nan"))
@@ -172,11 +171,8 @@ def _frames(whole: Forward, observed: Observed) -> FloatArray:
     return np.where(own[:, None], s.counts, np.nan)
 
 
-def _squares(
-    whole: Forward, state: State, counts: FloatArray, observed: Observed
-) -> tuple[FloatArray, FloatArray]:
+def _squares(whole: Forward, state: State, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Squared errors (N, J), and the noise's variance."""
-    del observed
     seen = whole.see(state)
     level = seen.values + state.rest
     mean, _ = whole.noise.written(level)

@@ -9,11 +9,12 @@ import numpy as np
 
 from skincal.calibration import Calibration, Effect, Finding, Interval, ModelParameters
 from skincal.calibration.calibration import Columns
-from skincal.calibration.parts import REST, Loss
+from skincal.calibration.parts import LAW, REST, FittedLaw, Loss
 from skincal.calibration.skin import effect_from
 from skincal.dataset import Dataset, active_taxels
 from skincal.diagnosis.observed import Observed
 from skincal.inference.columns import with_values
+from skincal.inference.contact_law import law_ends, law_of
 from skincal.inference.fit import NB, Fitted, Fitter
 from skincal.inference.forward import State
 from skincal.model.arrays import FloatArray, IntArray
@@ -97,6 +98,12 @@ def effect_intervals(
     }
 
 
+def fitted_law(fit: Fitted, covariance: FloatArray) -> FittedLaw:
+    """The contact law of a fit, with intervals, 95 %."""
+    low, high = law_ends(fit.state.law, covariance)
+    return FittedLaw(law_of(fit.state.law), {k: (getattr(low, k), getattr(high, k)) for k in LAW})
+
+
 def new_calibration(
     calibration: Calibration,
     observed: Observed,
@@ -106,6 +113,7 @@ def new_calibration(
     wild: IntArray,
     *,
     unexplained: bool,
+    law: bool,
 ) -> Calibration:
     """The calibration that a joint fit comes to.
 
@@ -117,6 +125,7 @@ def new_calibration(
         rng: of the draws.
         wild: rows of presses that were left out, as their images are out of all proportion.
         unexplained: whether something is left that no effect explains.
+        law: whether the calibration gets the contact law that was fitted.
     """
     dataset, fitter = observed.dataset, observed.fitter
     drawn = base_draws(fitter, fit, covariance, rng)
@@ -150,7 +159,8 @@ def new_calibration(
     )
     return replace(
         calibration, model=model, intervals={k: v for k, v in intervals.items() if k in model.best()}, draws=drawn,
-        effects=tuple(effects), provenance=provenance, grid=None, folder=None, loss=loss, slack=slack,
+        effects=tuple(effects), contact_law=fitted_law(fit, covariance) if law else None,
+        provenance=provenance, grid=None, folder=None, loss=loss, slack=slack,
         findings=(*findings, LEFT) if unexplained else findings,
     )  # fmt: skip
 

@@ -19,7 +19,6 @@ from skincal.diagnosis.pool import imagined, pool_plan
 from skincal.diagnosis.reasons import cures, facts_of, on_a_stage
 from skincal.diagnosis.rig import Rig
 from skincal.diagnosis.where import Share
-from skincal.inference.blocks import Whitened
 from skincal.inference.fit import Beforehand, Fitted, Fitter
 from skincal.model.arrays import FloatArray
 
@@ -40,6 +39,7 @@ def next_presses(
     rng: np.random.Generator,
     *,
     unknown: bool,
+    most: int = MOST,
 ) -> tuple[tuple[str, ...], Plan | None]:
     """In words, and as a plan where there is one.
 
@@ -50,6 +50,7 @@ def next_presses(
         rivals: pairs of explanations that these data cannot tell apart, with their fits.
         rng: draws the presses to choose from.
         unknown: whether something is missing that nothing explains.
+        most: presses that are chosen to tell rivals apart.
     """
     dataset = observed.dataset
     uniform = uniform_pressure(dataset)
@@ -74,7 +75,7 @@ def next_presses(
     for _, first, _, second in rivals:
         gains.append(information(observed, pool, rig, first, second, rng))
         told += gains[-1]
-    picked = np.argsort(-told)[:MOST]
+    picked = np.argsort(-told)[:most]
     lines = []
     for (a, _, b, _), own in zip(rivals, gains, strict=True):
         off = float(np.sqrt(own[picked].sum()))
@@ -100,9 +101,7 @@ def information(
     )
     fitter = Fitter(forward, counts, before)
     w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.equations(seen)[0])
-    found = fitter.built(
-        seen, (), Whitened(w.residual, w.columns, w.press, w.signal, w.own, w.seen, w.log_sd)
-    ).blocks
+    found = fitter.built(seen, (), w, 0).blocks
     out = np.zeros(len(pool))
     for k, p in enumerate(found.press.tolist()):
         if 0 <= p < len(out):

@@ -17,20 +17,21 @@ from skincal.diagnosis.phases import check_phases
 from skincal.diagnosis.spells import Spell, without_spells
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem
-from skincal.fitting.observe import clipped_share, noise_from_rest
+from skincal.fitting.observe import Readout, clipped_share, noise_from_rest
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.contact_law import numbers_of
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
-from skincal.inference.noise import Noise, clipped_at_rest, noise_of, step_of
+from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
 from skincal.model import Surface, TaxelLayout
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import BoolArray, IntArray
 from skincal.model.patch import Rule
 from skincal.model.rest import rest_from_presses
 
 FEWEST_PRESSES = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
-_CELLS, _FINEST_M, _MARGIN_M = 9000, 3.5e-4, 6e-3
+_CELLS, _FINEST_M, _MARGIN_M, _STILL_M = 9000, 3.5e-4, 6e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ class Observed:
     def whole(self) -> Fitter:
         """The same with the presses of the end."""
         assert self.session.counts is not None
-        return _with_counts(self.fitter, self.session.counts)
+        return Fitter(self.fitter.forward, self.session.counts, self.fitter.before)
 
     def without(self, spells: tuple[Spell, ...]) -> Observed:
         """The same with spells taken off; nothing of what was found about them stays."""
@@ -110,10 +111,6 @@ class Observed:
         before = beforehand(self.dataset, old.before.start, 1.0, session, uniform=uniform)
         before = replace(before, base=old.before.base)
         return replace(self, session=session, fitter=Fitter(forward, shown, before), spells=spells)
-
-
-def _with_counts(fitter: Fitter, counts: FloatArray) -> Fitter:
-    return Fitter(fitter.forward, counts, fitter.before)
 
 
 def resolution_of(layout: TaxelLayout, surface: Surface) -> tuple[float, Rule]:
@@ -222,7 +219,7 @@ def start_state(
         return State(
             dataset.nominal_pose(),
             float(np.log(4.5e8)),
-            np.asarray(np.log(_scale(dataset, session, rest))),
+            np.asarray(np.log(_scale(session, rest))),
             rest,
             np.zeros(3),
             moves,
@@ -232,25 +229,24 @@ def start_state(
     scale = np.asarray(own.scale_per_n)
     scale = np.maximum(scale, 1e-9 * scale.max())
     effects = {n: {k: np.asarray(v) for k, v in p.items()} for n, p in effects_of(calibration, poses).items()}
+    law = None if calibration.contact_law is None else calibration.contact_law.law
     return State(
         calibration.pose(),
         float(np.log(own.elasticity_pa_per_m)),
         np.log(scale),
         rest,
-        np.zeros(3),
+        numbers_of(law),
         moves,
         effects,
     )
 
 
-def _scale(dataset: Dataset, session: GapSession, rest: float) -> float:
+def _scale(session: GapSession, rest: float) -> float:
     """S by the sum of an image over its force, for sensors whose taxels cover half of the patch."""
     assert session.counts is not None
-    force = session.samples.contacts.force_n
     held = session.press >= 0
     own = session.mean_force()[held]
     lit = np.nansum(np.maximum(session.counts[held] - rest, 0.0), axis=1)
-    del force, dataset
     ok = own > 0.5 * np.nanmax(own, initial=0.0)
     return float(np.clip(2.0 * np.median(lit[ok] / own[ok]), 1e-9, None)) if ok.any() else 60.0
 
@@ -284,8 +280,9 @@ def beforehand(
             max(rest_sigma, 1e-9),
         ]
     )
-    worth = 1e-4 if uniform else max(position.sigma_m, 1e-5)
-    slack = position.slack_m if np.isfinite(position.slack_m or np.inf) else 2e-3
+    # Under a punch larger than the patch places do not matter: held still, all presses share one table.
+    worth = _STILL_M if uniform else max(position.sigma_m, 1e-5)
+    slack = _STILL_M if uniform else position.slack_m if np.isfinite(position.slack_m or np.inf) else 2e-3
     move = 1 / np.array([worth, worth, C.force]) ** 2
     assert session.counts is not None
     return Beforehand(1 / sigma**2, start, move, slack or 2e-3, np.ones(session.counts.shape))
@@ -312,7 +309,7 @@ def _noise(
         )
         mean = idle_means(dataset)
         mean = rest_from_presses(dataset.presses.counts)[0] if mean is None else mean
-        count = max(int((hold_groups(dataset) >= 0).sum()) * sensor_taxels(dataset), 1)
+        count = max(int((hold_groups(dataset) >= 0).sum()) * taxels, 1)
         found = "frames that follow each other"
     else:
         mean, scatter = rest_from_presses(dataset.presses.counts)
@@ -381,14 +378,7 @@ def _hold_frames(session: GapSession) -> float:
     return float(np.median(count[count > 0])) if (count > 0).any() else 1.0
 
 
-def sensor_taxels(dataset: Dataset) -> int:
-    """Number of taxels."""
-    return dataset.presses.counts.shape[1]
-
-
-def _readout(low: float, high: float, integer: bool):
-    from skincal.fitting.observe import Readout
-
+def _readout(low: float, high: float, integer: bool) -> Readout:
     return Readout(low if np.isfinite(low) else None, high if np.isfinite(high) else None, integer)
 
 
@@ -406,14 +396,3 @@ def full_rate(observed: Observed) -> Forward:
         clipped=forward.rests_clipped,
         margin_m=margin_of(dataset),
     )
-
-
-__all__ = [
-    "FEWEST_PRESSES",
-    "NoiseFloor",
-    "Observed",
-    "forward_of",
-    "full_rate",
-    "observe",
-    "step_of",
-]

@@ -30,6 +30,7 @@ def taxel_name(layout: TaxelLayout, taxel: int) -> str:
 def findings_of(
     observed: Observed,
     calibration: Calibration,
+    final: Calibration,
     base: Fitted,
     fit: Fitted,
     effects: Sequence[NamedEffect],
@@ -40,6 +41,7 @@ def findings_of(
     Args:
         observed: the session.
         calibration: that was given.
+        final: that comes out.
         base: the base model's fit.
         fit: the final one.
         effects: that were named.
@@ -53,7 +55,7 @@ def findings_of(
         *_spells(observed),
         *_clocks(effects, observed),
         *_few(gap),
-        *_law(fit),
+        *_law(final),
         *_numbers(observed, calibration, fit),
     )
 
@@ -199,20 +201,15 @@ def _few(gap: Gap) -> Iterator[Finding]:
         )
 
 
-def _law(fit: Fitted) -> Iterator[Finding]:
-    sd = np.sqrt(np.diag(fit.covariance)[6:9])
-    far = np.abs(fit.state.law) > np.maximum(4 * sd, [0.05, 0.1, 0.03])
-    if far.any():
-        words = " and ".join(
-            f"{n} {v:+.2g}"
-            for n, v, on in zip(("exponent", "spreading", "radius"), fit.state.law, far, strict=True)
-            if on
-        )
+def _law(final: Calibration) -> Iterator[Finding]:
+    if final.contact_law is not None:
+        own = final.contact_law.law
         text = (
-            f"the contact law differs from the elastic foundation ({words}), as that of an "
-            f"elastic layer does; allowed for, no effect"
+            f"the contact law differs from the elastic foundation (exponent {own.exponent:.2f}, spreading "
+            f"{1e6 * own.spread_m2:+.3f} mm², balls as if {100 * (own.radius_scale - 1):+.1f} % larger), as that of an "
+            f"elastic layer does; the calibration has it"
         )
-        yield Finding("contact_law", "info", text, "E and S make up for it as far as they can.")
+        yield Finding("contact_law", "info", text, "")
 
 
 def _numbers(observed: Observed, calibration: Calibration, fit: Fitted) -> Iterator[Finding]:

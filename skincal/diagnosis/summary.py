@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
+from skincal.diagnosis.settle import Settled
 
 
 def summary(diagnosis: Diagnosis) -> dict[str, Any]:
     """Verdict, effects, what cannot be seen, the gap, and what it rests on, as plain values."""
     d, gap = diagnosis, diagnosis.gap
-    named = d.verdict == "effects"
+    named, law = d.verdict == "effects", d.contact_law
     told = named and np.isfinite(gap.closed)
     numbers: dict[str, Any] = {
         "heldout_rmse_before": gap.before,
-        "heldout_rmse_after": gap.after if named else gap.before,
+        "heldout_rmse_after": gap.after if named or law else gap.before,
         "heldout_rmse_with_taken_back": gap.after if d.taken_back else None,
         "noise_floor_rmse": gap.floor,
         "closed": gap.closed if told else None,
@@ -30,6 +32,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "verdict": d.verdict,
         "effects": [_effect(e) | {"calibrated": _calibrated(d, e)} for e in d.effects],
+        "contact_law": None if law is None else asdict(law.law) | {"intervals": dict(law.intervals)},
         "unexplained": d.unexplained,
         "refuted": bool(d.taken_back) and gap.refutes,
         "taken_back": list(d.taken_back),
@@ -47,6 +50,16 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "left": d.found.left.tolist(),
         "next_presses": list(d.next_presses),
         "seed": d.seed,
+    }
+
+
+def collected(settled: Settled) -> dict[str, Any]:
+    """What a diagnosis with further presses came to, as plain values."""
+    return {
+        "presses": settled.made,
+        "rounds": settled.rounds,
+        "settled": not settled.open and settled.diagnosis.verdict != "unknown",
+        "reason": settled.reason,
     }
 
 

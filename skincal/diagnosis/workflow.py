@@ -15,7 +15,7 @@ from skincal.diagnosis.audit import report_of
 from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
 from skincal.diagnosis.gap import gap_of, placed_presses
 from skincal.diagnosis.newcal import effect_intervals, new_calibration
-from skincal.diagnosis.next_presses import next_presses
+from skincal.diagnosis.next_presses import MOST, next_presses
 from skincal.diagnosis.observed import Observed, observe
 from skincal.diagnosis.session_findings import findings_of
 from skincal.diagnosis.spells import find_spells
@@ -23,6 +23,7 @@ from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
 from skincal.inference.columns import free_of
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.contact_law import beaten_foundation
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
 from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
@@ -43,6 +44,7 @@ def diagnose(
     seed: int = 0,
     heard: Heard = lambda _: None,
     null_sessions: int = C.null_sessions,
+    more: int = MOST,
 ) -> Diagnosis:
     """Finds what a calibrated simulation lacks against a dataset.
 
@@ -52,13 +54,14 @@ def diagnose(
         seed: of all chance.
         heard: told which stage begins.
         null_sessions: simulated sessions with nothing hidden.
+        more: presses to make next at most, where effects have rivals.
 
     Raises:
         InputError: the calibration is of another sensor.
         WorkError: too few presses.
     """
     check_same_sensor(calibration, dataset)
-    split, searched, again, drawn, pressed, audited, spelled = np.random.default_rng(seed).spawn(7)
+    split, searched, again, drawn, pressed, audited, spelled, dealt = np.random.default_rng(seed).spawn(8)
     heard("noise floor and places")
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
@@ -91,18 +94,26 @@ def diagnose(
     effects = _named(found, observed) if verdict == "effects" else ()
     heard("calibration")
     final = calibration
-    if effects:
+    beaten = None if verdict == "unknown" else beaten_foundation(fitter, found.fitted, dealt)
+    law = False
+    if beaten is not None:
+        # The presses of the end can take it back.
+        by_law = gap_of(observed, beaten.state, found.fitted.state, again)
+        law = by_law.after < by_law.before
+        gap = by_law if law and not effects and calibration.contact_law is None else gap
+    if effects or law:
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
         wild = wild_presses(whole, ready)
         last_fitter = without_presses(whole, wild)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
-        wide = last.covariance
-        final = new_calibration(calibration, observed, last, wide, drawn, wild, unexplained=unexplained)
+        final = new_calibration(
+            calibration, observed, last, last.covariance, drawn, wild, unexplained=unexplained, law=law
+        )
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
-    findings = findings_of(observed, calibration, found.base, shown, effects, gap)
+    findings = findings_of(observed, calibration, final, found.base, shown, effects, gap)
     if order is not None:
         # What else stands out is that of images in the wrong order.
         findings = (order, *(one for one in findings if one.severity == "info"))
@@ -114,7 +125,9 @@ def diagnose(
         else []
     )
     if order is None:
-        words, plan = next_presses(observed, audit, depends, rivals, pressed, unknown=verdict == "unknown")
+        words, plan = next_presses(
+            observed, audit, depends, rivals, pressed, unknown=verdict == "unknown", most=more
+        )
     else:
         words, plan = ORDER_FIRST, None
     return Diagnosis(
@@ -174,7 +187,8 @@ def refitted_effects(
         WorkError: too few presses.
     """
     check_same_sensor(known, dataset)
-    both = replace(calibration, effects=known.effects)
+    law = known.contact_law is not None
+    both = replace(calibration, effects=known.effects, contact_law=known.contact_law)
     rng, drawn = np.random.default_rng(seed).spawn(2)
     observed = observe(dataset, both, rng, keep=False)
     base = base_fit(observed.fitter, known=True)
@@ -196,5 +210,5 @@ def refitted_effects(
         # They have drawn sensor, places and effects after them: again without them.
         fitter = without_presses(fitter, wild)
         last = fitter.solve(state, tuple(free), steps=C.last_steps)
-    made = new_calibration(both, observed, last, last.covariance, drawn, wild, unexplained=False)
+    made = new_calibration(both, observed, last, last.covariance, drawn, wild, unexplained=False, law=law)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

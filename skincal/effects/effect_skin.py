@@ -25,6 +25,7 @@ from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.press.call import count_places
+from skincal.model.spreading import little_spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,17 +127,25 @@ class EffectSkin:
 
     @cached_property
     def _weights(self) -> FloatArray | None:
-        """Weight of each tactile point in each taxel (N, J); None if a taxel feels only its own area."""
+        """Weight of each tactile point in each taxel (N, J); None if a taxel feels what the skin says."""
         for a in self.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
-                return a.effect.weights(a.values, self.skin.patch)
+                found = a.effect.weights(a.values, self.skin.patch)
+                variance = 0.0 if self.skin.contact is None else self.skin.contact.spread_m2
+                if variance:
+                    # Both are small beside the contact: what the contact law adds is what it adds alone.
+                    found = (
+                        found + little_spread(self.skin.patch, variance) - little_spread(self.skin.patch, 0.0)
+                    )
+                return found
         return None
 
     @cached_property
     def _front(self) -> tuple[object, ...]:
         """Key of everything except the samples that :meth:`contact` depends on."""
         early = [a.key for a in self.effects if a.effect.stage <= Stage.CONTACT and not a.neutral]
-        return (id(self.skin.patch), self.skin.parameters.elasticity_pa_per_m, id(self.surface), *early)
+        skin = self.skin
+        return (id(skin.patch), skin.parameters.elasticity_pa_per_m, skin.contact, id(self.surface), *early)
 
     def values(self, samples: Samples) -> FloatArray:
         """Return the values of the taxels over a session (K, J) [counts].

@@ -13,14 +13,15 @@ change.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import erf, roots_genlaguerre
+from scipy.special import roots_genlaguerre
 
 from skincal.effects.effect import SpreadEffect
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.starts import Scene, Start, start
 from skincal.errors import InputError, Problem
-from skincal.model import Patch, TaxelLayout
-from skincal.model.arrays import FloatArray, IntArray, as_floats
+from skincal.model import Patch
+from skincal.model.arrays import FloatArray, as_floats
+from skincal.model.spreading import gaussian_parts
 
 _NODES = 8
 _LEAST_TAIL = 0.02
@@ -59,7 +60,7 @@ class Spread(SpreadEffect):
             raise InputError([Problem("effect spread", "a patch cut from a surface", "one without uv_m")])
         variances, shares = _mixture(values.number("tail"))
         widths = values.number("width_m") * np.sqrt(2 * variances)
-        (across, column), (along, row) = (_parts(patch.uv_m, patch.layout, widths, axis) for axis in (0, 1))
+        (across, column), (along, row) = (gaussian_parts(patch.uv_m, patch.layout, widths, k) for k in (0, 1))
         found = np.zeros((len(patch.uv_m), across.shape[-1]))
         for one, other in zip(shares[:, None, None] * across, along, strict=True):
             found += one[column] * other[row]
@@ -76,23 +77,3 @@ def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
     return as_floats(np.append(nodes * least, 1.0)), as_floats(
         np.append(part * weights / weights.sum(), 1 - part)
     )
-
-
-def _parts(uv: FloatArray, layout: TaxelLayout, widths: FloatArray, axis: int) -> tuple[FloatArray, IntArray]:
-    """Return the parts of Gaussians about points (N, 2) that lie on taxels, along one axis.
-
-    Points of a patch lie in rows and columns; error functions are computed once for each of these.
-
-    Returns:
-        The parts (m, n, J) at n places for m widths, and the place (N,) of each point.
-    """
-    places, which = np.unique(uv[:, axis], return_inverse=True)
-    half = layout.sizes_m[:, axis] / 2
-    lower, upper = (
-        np.asarray(
-            erf((layout.centres_m[:, axis] + side * half - places[:, None]) / widths[:, None, None]),
-            dtype=np.float64,
-        )
-        for side in (-1, 1)
-    )
-    return (upper - lower) / 2, np.asarray(which, dtype=np.int64)

@@ -195,6 +195,8 @@ def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
         "skin.y_m": mount.y_m,
         "skin.beta_deg": mount.beta_deg or 0.0,
         "skin.alpha_deg": mount.alpha_deg,
+        "skin.contact_law.exponent": 1.0,
+        "skin.contact_law.radius_scale": 1.0,
     }
     shapes: dict[str, int | None] = {
         "scalar": None, "joint": n, "joint_12": n // 3 * 2, "joint_3": n // 3, "xyz": 3, "taxel": taxels,

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.calibration.parts import LAW
 from skincal.dataset.model_objects import converter_of, layout_of
 from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
@@ -15,7 +16,7 @@ from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
 from skincal.envs.patches import PatchMould
 from skincal.envs.pinch import Pinch, require_cylinder
-from skincal.model import Contacts, Cylinder, SensorPose, Skin, SkinParameters
+from skincal.model import ContactLaw, Contacts, Cylinder, SensorPose, Skin, SkinParameters
 
 FloatArray = NDArray[np.float64]
 
@@ -89,7 +90,9 @@ class TactileSkin:
         """
         scale = np.maximum(number(values, "skin.scale_per_n") + array(values, "skin.scale_offset_per_n"), 0.0)
         parameters = SkinParameters(number(values, "skin.elasticity_pa_per_m"), scale)
-        self._skin = Skin(self._mould.at(pose), parameters, self._converter)
+        law = ContactLaw(**{name: number(values, f"skin.contact_law.{name}") for name in LAW})
+        neutral = law == ContactLaw()
+        self._skin = Skin(self._mould.at(pose), parameters, self._converter, contact=None if neutral else law)
         self._body = body
         self._offset = array(values, "skin.taxel_offset_counts")
         effects = effects_of(values)

@@ -10,23 +10,25 @@ with m where the nuisances are now. All that follows, fits, scores, null session
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.inference.slopes import Slopes
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 IDLE_BLOCKS = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """B blocks: presses, then stretches of rest.
+    """B blocks: presses, then stretches of rest. Their curvatures ``H_p`` are worked out as they are asked for.
 
     Attributes:
-        h: (B, n, n).
         b: (B, n).
         loss: (B,) minus twice the logarithm of the likelihood at the present state, but for a constant.
         chi: (B,) squares that are left, over the noise.
@@ -35,9 +37,9 @@ class Blocks:
         moves: for each press the steps of its three own numbers: constant (3,) and by the columns (3, n).
         drawn: (B, n, S) what ``b`` is in simulated sessions.
         drawn_chi: (B, S) and their squares.
+        products: of columns, before the own numbers of presses are taken out.
     """
 
-    h: FloatArray
     b: FloatArray
     loss: FloatArray
     chi: FloatArray
@@ -46,6 +48,50 @@ class Blocks:
     moves: tuple[FloatArray, FloatArray]
     drawn: FloatArray
     drawn_chi: FloatArray
+    products: Products
+
+    @cached_property
+    def h(self) -> FloatArray:
+        """(B, n, n) all of it; for many columns :meth:`Products.between` gives parts."""
+        every = np.arange(self.b.shape[1])
+        return self.products.between(every, every)
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Products of n columns in B blocks, image errors taken out; columns of different taxels have none.
+
+    Attributes:
+        taxel: (n,) taxel of columns of one taxel alone, -1 for others.
+        place: (n,) which of the dense ones a column is, or which of its taxel's.
+        dense: (B, d, d).
+        mixed: (B, J, d, m) of dense columns and those of each taxel.
+        single: (B, J, m, m) of those of each taxel.
+        z: (B, k, n) columns along the own numbers of presses; their product is what these take.
+    """
+
+    taxel: IntArray
+    place: IntArray
+    dense: FloatArray
+    mixed: FloatArray
+    single: FloatArray
+    z: FloatArray
+
+    def between(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(B, r, c) of ``H_p``."""
+        out = np.zeros((len(self.z), len(rows), len(columns)))
+        (d, s), (e, t) = (
+            (np.flatnonzero(self.taxel[x] < 0), np.flatnonzero(self.taxel[x] >= 0)) for x in (rows, columns)
+        )
+        place, taxel = self.place, self.taxel
+        out[:, d[:, None], e] = self.dense[:, place[rows[d]][:, None], place[columns[e]]]
+        own, other = rows[s], columns[t]
+        out[:, d[:, None], t] = self.mixed[:, taxel[other], place[rows[d]][:, None], place[other]]
+        out[:, s[:, None], e] = self.mixed[:, taxel[own][:, None], place[columns[e]], place[own][:, None]]
+        i, k = np.nonzero(taxel[own][:, None] == taxel[other])
+        out[:, s[i], t[k]] = self.single[:, taxel[own[i]], place[own[i]], place[other[k]]]
+        out -= np.swapaxes(self.z[:, :, rows], 1, 2) @ self.z[:, :, columns]
+        return out
 
 
 def block_rows(press: IntArray) -> list[IntArray]:
@@ -62,7 +108,7 @@ class Whitened:
 
     Attributes:
         residual: (N, J).
-        columns: (N, J, n).
+        columns: n of them.
         press: (N, J, 3) by the move across and along and the logarithm of the force.
         signal: (N, J) level above rest, as it shows.
         own: (N, J, k) what the equation of each effect in the model may err by, at one standard deviation.
@@ -71,7 +117,7 @@ class Whitened:
     """
 
     residual: FloatArray
-    columns: FloatArray
+    columns: Slopes
     press: FloatArray
     signal: FloatArray
     own: FloatArray
@@ -102,19 +148,21 @@ def blocks(
         draws: (N, J, S) whitened residuals of S simulated sessions; nuisances are added here.
         rng: for those.
     """
-    taxels, n = w.residual.shape[1], w.columns.shape[2]
+    taxels, n, dense = w.residual.shape[1], len(w.columns), w.columns.dense.shape[2]
     lists = [r for r in block_rows(press) if w.seen[r].any()]
     order, begin = np.concatenate(lists), np.concatenate([[0], np.cumsum([len(r) for r in lists])])
     owner, size = np.array([int(press[r[0]]) for r in lists]), np.diff(begin)
     pressed = np.repeat(owner >= 0, size)[:, None, None]
     phases = [phase == f for f in np.unique(phase[press >= 0])]
-    own = [w.own * f[:, None, None] for f in phases] if w.own.shape[2] else []
-    nuisance = np.concatenate([w.press, *own], axis=2)[order] * pressed
+    errs = [w.own * f[:, None, None] for f in phases] if w.own.shape[2] else []
+    nuisance = np.concatenate([w.press, *errs], axis=2)[order] * pressed
     lam = np.ones(nuisance.shape[2])
     lam[:3] = precision
     k = len(lam)
     # Nuisances, columns, residual side by side: all that is needed are their products, block by block.
-    side = np.concatenate([nuisance, w.columns[order], w.residual[order][..., None]], axis=2)
+    side = np.concatenate([nuisance, w.columns.dense[order], w.residual[order][..., None]], axis=2)
+    own, slot = w.columns.slots()
+    own, of_one = own[order], w.columns.taxel >= 0
     signal = w.signal[order] * pressed[..., 0]
 
     def along(x: FloatArray) -> FloatArray:
@@ -123,38 +171,56 @@ def blocks(
 
     square = np.add.reduceat(signal**2, begin[:-1], axis=0)
     freed = C.image**2 / (1 + square * C.image**2)
-    image = along(side)
+    image, own_image = along(side), along(own)
     flat = side.reshape(-1, side.shape[2])
-    parts = [slice(taxels * a, taxels * b) for a, b in pairwise(begin.tolist())]
+    spans = list(pairwise(begin.tolist()))
+    parts = [slice(taxels * a, taxels * b) for a, b in spans]
     product = np.stack([flat[p].T @ flat[p] for p in parts])
     product -= np.swapaxes(image * freed[..., None], 1, 2) @ image
+    mixed, single = _of_taxels(side, own, spans)
+    mixed -= image[..., None] * (freed[..., None] * own_image)[:, :, None]
+    single -= own_image[..., None] * (freed[..., None] * own_image)[:, :, None]
     m = np.zeros((len(lists), k))
     m[owner >= 0, :3] = at[owner[owner >= 0]]
+
+    def arranged(dense: FloatArray, single: FloatArray) -> FloatArray:
+        """(B, n, q) in the order of columns, of (B, d, q) and (B, J, m, q)."""
+        out = np.empty((len(dense), n, dense.shape[2]))
+        out[:, ~of_one], out[:, of_one] = dense, single[:, w.columns.own, slot]
+        return out
+
     sessions = 0 if draws is None else draws.shape[2]
-    look, square_of_look = np.zeros((len(lists), k + n, 0)), np.zeros((len(lists), 0))
+    drawn_own = np.zeros((len(lists), k, sessions))
+    drawn, drawn_chi = np.zeros((len(lists), n, sessions)), np.zeros((len(lists), sessions))
     if draws is not None and rng is not None:
-        own_draws = draws[order]
         errors = rng.standard_normal((len(lists), taxels, sessions)) * C.image
-        own_draws += signal[..., None] * np.repeat(errors, size, axis=0)
         moved = rng.standard_normal((len(lists), k, sessions)) / np.sqrt(lam)[:, None]
-        for b, (one, rows) in enumerate(zip(parts, pairwise(begin.tolist()), strict=True)):
-            own_draws[slice(*rows)] += (flat[one, :k] @ moved[b]).reshape(-1, taxels, sessions)
-        image_draws = along(own_draws)
-        flat_draws = own_draws.reshape(-1, sessions)
-        look = np.stack([flat[p, : k + n].T @ flat_draws[p] for p in parts])
-        look -= np.swapaxes(image[..., : k + n] * freed[..., None], 1, 2) @ image_draws
-        square_of_look = np.stack([np.einsum("rs,rs->s", flat_draws[p], flat_draws[p]) for p in parts])
-        square_of_look -= np.einsum("bjs,bj->bs", image_draws**2, freed)
-    g = product[:, :k, :k] + np.diag(lam)
-    right = np.concatenate([product[:, :k, k:], look[:, :k]], axis=2)
+        for b, (one, span) in enumerate(zip(parts, spans, strict=True)):
+            rows = slice(*span)
+            each = draws[order[rows]] + signal[rows, :, None] * errors[b]
+            each += (flat[one, :k] @ moved[b]).reshape(-1, taxels, sessions)
+            along_it = np.einsum("rj,rjs->js", signal[rows], each)
+            taken = freed[b][:, None] * along_it
+            looked = (
+                flat[one, : k + dense].T @ each.reshape(-1, sessions) - image[b, :, : k + dense].T @ taken
+            )
+            of_one_looked = own[rows].transpose(1, 2, 0) @ each.transpose(1, 0, 2)
+            of_one_looked -= own_image[b][..., None] * taken[:, None]
+            drawn_own[b], drawn[b] = looked[:k], arranged(looked[None, k:], of_one_looked[None])[0]
+            drawn_chi[b] = np.einsum("rjs,rjs->s", each, each) - (along_it * taken).sum(axis=0)
+    # Columns beside the own numbers of presses, the residual and simulated sessions behind them.
+    by_own = np.swapaxes(arranged(product[:, k : k + dense, :k], mixed[:, :, :k].swapaxes(2, 3)), 1, 2)
+    by_residual = arranged(product[:, k : k + dense, -1:], mixed[:, :, -1, :, None])
+    right = np.concatenate([by_own, product[:, :k, -1:], drawn_own], axis=2)
     right[..., n] -= lam * m
+    g = product[:, :k, :k] + np.diag(lam)
     # In units of the diagonal: metres beside parts.
     unit = 1 / np.sqrt(np.diagonal(g, axis1=1, axis2=2))
     chol = np.linalg.cholesky(g * unit[:, :, None] * unit[:, None, :])
     z = np.linalg.solve(chol, right * unit[..., None])
-    cross = np.concatenate([product[:, k : k + n, k:], look[:, k:]], axis=2)
-    cross -= np.swapaxes(z[..., :n], 1, 2) @ z
-    squares = np.concatenate([product[:, -1:, -1], square_of_look], axis=1)
+    of_columns = as_floats(np.ascontiguousarray(z[..., :n]))
+    gone = np.swapaxes(of_columns, 1, 2) @ z[..., n:]
+    squares = np.concatenate([product[:, -1:, -1], drawn_chi], axis=1)
     squares -= np.einsum("bks,bks->bs", z[..., n:], z[..., n:])
     squares[:, 0] += (m**2) @ lam
     step = np.linalg.solve(np.swapaxes(chol, 1, 2), z[..., : n + 1]) * unit[..., None]
@@ -164,8 +230,32 @@ def blocks(
     count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
     loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + np.log1p(square * C.image**2).sum(axis=1)
     loss += 2 * (np.log(np.diagonal(chol, axis1=1, axis2=2)) - np.log(unit)).sum(axis=1) - np.log(lam).sum()
-    chi = squares[:, 0]
+    chi, place = squares[:, 0], np.empty(n, dtype=np.int64)
+    place[~of_one], place[of_one] = np.arange(dense), slot
+    products = Products(
+        w.columns.taxel,
+        place,
+        product[:, k : k + dense, k : k + dense],
+        mixed[:, :, k : k + dense],
+        single,
+        of_columns,
+    )
     return Blocks(
-        cross[:, :, :n], cross[:, :, n], loss + chi, chi, count, owner, (constant, by), cross[:, :, n + 1 :],
-        squares[:, 1:],
+        by_residual[..., 0] - gone[..., 0], loss + chi, chi, count, owner, (constant, by), drawn - gone[..., 1:],
+        squares[:, 1:], products,
     )  # fmt: skip
+
+
+def _of_taxels(
+    side: FloatArray, own: FloatArray, spans: Sequence[tuple[int, int]]
+) -> tuple[FloatArray, FloatArray]:
+    """Products in each block of columns (N, J, m) with (N, J, q), (B, J, q, m), and with themselves (B, J, m, m)."""
+    (taxels, m), q = own.shape[1:], side.shape[2]
+    mixed, single = np.zeros((len(spans), taxels, q, m)), np.zeros((len(spans), taxels, m, m))
+    if m:
+        by_taxel, columns = side.transpose(1, 2, 0), own.transpose(1, 0, 2)
+        for b, (first, end) in enumerate(spans):
+            part = np.ascontiguousarray(columns[:, first:end])
+            mixed[b] = by_taxel[:, :, first:end] @ part
+            single[b] = part.swapaxes(1, 2) @ part
+    return mixed, single

@@ -1,11 +1,13 @@
 """Slopes by the parameters of effects: those that are in the model, and those that are looked for.
 
 All are differences of the effects' own equations. A parameter that each taxel has for itself changes, where nothing
-mixes taxels afterwards, its own taxel alone; so one run of the chain serves all of them.
+mixes taxels afterwards, its own taxel alone; so one run of the chain serves all of them, and only what that taxel
+reads is kept (:mod:`skincal.inference.slopes`).
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +16,7 @@ import numpy as np
 from skincal.effects import EffectParameter, Stage, effect
 from skincal.effects.starts import Scene, Start
 from skincal.inference.forward import Effects, Forward, Seen
+from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
 _LOG_STEP, _LINEAR_STEP = 0.03, 0.01
@@ -114,35 +117,33 @@ def free_of(
     return found
 
 
-def mixes(effects: Effects) -> bool:
-    """Whether any effect mixes what taxels read."""
-    return any(effect(n).stage == Stage.CROSSTALK for n in effects)
+def is_local(name: str, others: Effects) -> bool:
+    """Whether what an effect does to a taxel stays there: nothing mixes taxels behind it."""
+    stage = effect(name).stage
+    mixed = any(effect(n).stage == Stage.CROSSTALK for n in others)
+    return stage > Stage.CROSSTALK or (stage >= Stage.TRANSFER and stage != Stage.CROSSTALK and not mixed)
 
 
-def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[FloatArray]:
-    """Slopes (K, J) by numbers of effects in the model, each on its own scale."""
-    now = seen.state.effects
+def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Slopes]:
+    """Slopes over K samples by numbers of effects in the model, each on its own scale."""
+    now, taxels = seen.state.effects, seen.values.shape[1]
     at = np.array([f.get(now) for f in free])
-    out: list[FloatArray] = [np.zeros(0)] * len(free)
-    apart = not mixes(now)
+    out: list[Slopes] = [Slopes.of(np.zeros((0, 0, 0)))] * len(free)
+    local = [f.parameter.shape == "per-taxel" and is_local(f.effect, now) for f in free]
     groups: dict[object, list[int]] = {}
     for k, f in enumerate(free):
-        own = apart and f.parameter.shape == "per-taxel" and effect(f.effect).stage >= Stage.TRANSFER
-        groups.setdefault((f.effect, f.parameter.name) if own else k, []).append(k)
+        groups.setdefault((f.effect, f.parameter.name) if local[k] else k, []).append(k)
     for members in groups.values():
         steps = np.array([_step(free[k], at[k]) for k in members])
         some = [free[k] for k in members]
         changed = with_values(now, some, at[members] + steps)
         difference = forward.with_effects(seen, changed) - seen.values
         for k, step in zip(members, steps, strict=True):
-            column = difference / step
-            if len(members) > 1 or (
-                isinstance(free[k].index, int) and apart and free[k].parameter.shape == "per-taxel"
-            ):
-                only = np.zeros_like(column)
-                only[:, free[k].index or 0] = column[:, free[k].index or 0]
-                column = only
-            out[k] = column
+            j = free[k].index
+            if local[k] and j is not None:
+                out[k] = Slopes.of_taxel(difference[:, j] / step, j, taxels)
+            else:
+                out[k] = Slopes.of(difference[..., None] / step)
     return out
 
 
@@ -161,12 +162,12 @@ class Candidate:
     Attributes:
         name: of the effect.
         start: where it begins.
-        columns: (N, J, n) mean change of level of observations for each point.
+        columns: n mean changes of the level of observations, one for each point.
     """
 
     name: str
     start: Start
-    columns: FloatArray
+    columns: Slopes
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -194,47 +195,37 @@ def candidates(
     """
     skip = {n for n, alone in had if alone is None}
     wanted = [(n, s) for n in names if n not in skip for s in starts_of(n, scene) if (n, s.alone) not in had]
-    apart = not mixes(seen.state.effects)
-    lumps: dict[object, list[tuple[int, int, int]]] = {}
-    points: list[list[Mapping[str, FloatArray]]] = []
+    taxels = seen.values.shape[1]
+    have = {n: dict(own) for n, own in seen.state.effects.items()}
+    found: list[list[Slopes]] = [[] for _ in wanted]
+    runs: dict[object, list[tuple[int, int, int | None]]] = {}
+    turns: Counter[object] = Counter()
     for w, (name, s) in enumerate(wanted):
-        points.append(list(s.points))
+        local = is_local(name, have) and not effect(name).has_memory
+        found[w] = [Slopes.of(np.zeros((0, 0, 0)))] * len(s.points)
         for q, point in enumerate(s.points):
-            j = (
-                _taxel_of(name, point)
-                if apart and effect(name).stage >= Stage.TRANSFER and not effect(name).has_memory
-                else None
-            )
+            j = _taxel_of(name, point) if local else None
             key: object = (w, q)
             if j is not None:
-                scalars = tuple((k, float(v)) for k, v in point.items() if not v.ndim)
-                times = sum(
-                    1 for own in lumps.values() for ww, _, jj in own if wanted[ww][0] == name and jj == j
-                )
-                key = (name, scalars, times)
-            lumps.setdefault(key, []).append((w, q, -1 if j is None else j))
-    found = [np.zeros((len(forward.session), seen.values.shape[1], len(s.points))) for _, s in wanted]
-    have = {n: dict(own) for n, own in seen.state.effects.items()}
-    for members in lumps.values():
+                # Points of different taxels share a run of the chain.
+                own = (name, j, tuple((k, float(v)) for k, v in point.items() if not v.ndim))
+                key = (own[0], own[2], turns[own])
+                turns[own] += 1
+            runs.setdefault(key, []).append((w, q, j))
+    for members in runs.values():
         name = wanted[members[0][0]][0]
-        point = dict(points[members[0][0]][members[0][1]])
-        if len(members) > 1:
+        point = {k: v.copy() for k, v in wanted[members[0][0]][1].points[members[0][1]].items()}
+        for w, q, j in members[1:]:
             for k, v in point.items():
                 if v.ndim:
-                    point[k] = v.copy()
-                    for w, q, j in members:
-                        point[k][j] = points[w][q][k][j]
-        change = (
-            forward.with_effects(seen, {**have, name: _joined(name, have.get(name), point)}) - seen.values
-        )
-        mean = forward.mean @ (change * slope)
+                    v[j] = wanted[w][1].points[q][k][j]
+        effects = {**have, name: _joined(name, have.get(name), point)}
+        mean = forward.mean @ ((forward.with_effects(seen, effects) - seen.values) * slope)
         for w, q, j in members:
-            if j < 0:
-                found[w][..., q] = mean
-            else:
-                found[w][:, j, q] = mean[:, j]
-    for (name, s), columns in zip(wanted, found, strict=True):
-        if np.isfinite(columns).all() and (np.abs(columns).max(axis=(0, 1), initial=0.0) > 0).any():
+            found[w][q] = Slopes.of(mean[..., None]) if j is None else Slopes.of_taxel(mean[:, j], j, taxels)
+    for (name, s), parts in zip(wanted, found, strict=True):
+        columns = Slopes.joined(parts)
+        if columns.moves:
             yield Candidate(name, s, columns)
 
 

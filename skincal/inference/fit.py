@@ -15,6 +15,7 @@ from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
+from skincal.inference.slopes import Slopes
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
@@ -92,7 +93,7 @@ class Fitted:
 
 
 def _loss(each: FloatArray, h: FloatArray, b: FloatArray, pull: FloatArray, prior: FloatArray) -> float:
-    """Of blocks (B,) and of the prior, less what errors of equations take up, whose columns (B, m, m) and (B, m) are given."""
+    """Of blocks (B,) and of the prior, less what errors of equations take up, whose h (B, m, m) and b (B, m) are given."""
     m = b.shape[1]
     taken = b.sum(axis=0) @ np.linalg.solve(h.sum(axis=0) + np.eye(m), b.sum(axis=0))
     return float(each.sum() - taken + (pull**2 / np.maximum(prior, 1e-300)).sum())
@@ -115,13 +116,13 @@ class Fitter:
         self._alike = np.where(held, np.bincount(s.press[held], minlength=s.presses + 1)[s.press], 1.0)
 
     def whitened(
-        self, seen: Seen, columns: FloatArray, own: FloatArray, only: BoolArray | None = None
+        self, seen: Seen, columns: Slopes | FloatArray, own: FloatArray, only: BoolArray | None = None
     ) -> Whitened:
         """Over the noise.
 
         Args:
             seen: the state.
-            columns: (K, J, n) slopes by what is fitted.
+            columns: slopes by what is fitted, (K, J, n) if all of them are dense.
             own: (K, J, k) errors that equations of effects in the model may have.
             only: (N,) observations that count.
         """
@@ -147,7 +148,9 @@ class Fitter:
 
         residual = np.where(ok, self.counts - expected, 0.0) * weight
         signal = (f.mean @ (slope * seen.values)) * weight
-        return Whitened(residual, thin(columns), thin(moves), signal, thin(own), ok, np.log(sd))
+        slopes = columns if isinstance(columns, Slopes) else Slopes.of(columns)
+        thinned = slopes.through(f.mean.__matmul__, slope, weight)
+        return Whitened(residual, thinned, thin(moves), signal, thin(own), ok, np.log(sd))
 
     def expected(self, seen: Seen, moves: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What a state reads on average (N, J), slopes of the converter (K, J), and variance (N, J).
@@ -163,12 +166,10 @@ class Fitter:
         variance = (f.mean @ each + (noise.sigma**2 - noise.frame**2)) / self.frames[:, None]
         return f.mean @ mean, slope, variance + (f.mean @ shared) * self._alike[:, None]
 
-    def columns(self, seen: Seen, free: tuple[Free, ...]) -> FloatArray:
-        """(K, J, n) slopes of base, law and effects."""
+    def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
+        """Slopes (K, J, n) of base, law and effects."""
         f = self.forward
-        base = f.base_columns(seen)
-        rows = free_columns(f, seen, free)
-        return np.concatenate([base, *(x[..., None] for x in rows)], axis=2) if rows else base
+        return Slopes.joined([Slopes.of(f.base_columns(seen)), *free_columns(f, seen, free)])
 
     def equations(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """What the equations of effects in the model may err by, at one standard deviation.
@@ -203,7 +204,7 @@ class Fitter:
     def columns_of(self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None) -> tuple[Whitened, int]:
         """All that is fitted, whitened, and how many of the columns are errors of equations, which come last."""
         own, shared = self.equations(seen)
-        columns = np.concatenate([self.columns(seen, free), shared], axis=2)
+        columns = Slopes.joined([self.columns(seen, free), Slopes.of(shared)])
         return self.whitened(seen, columns, own, only), shared.shape[2]
 
     def built(self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int, **more: object) -> Fitted:

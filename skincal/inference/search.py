@@ -24,14 +24,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.effects.starts import Scene
-from skincal.inference.blocks import Whitened
 from skincal.inference.check import beyond, left
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
+from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
+from skincal.inference.slopes import Slopes
 from skincal.inference.start import placed
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -152,7 +153,7 @@ class Search:
             if null is None:
                 null = now
             assert null is not None
-            tried = self._tried(fit, found, null)
+            tried = self._tried(found, null)
             rounds.append(tuple(tried))
             good = [t for t in tried if t.good and t.name not in dropped]
             if not good or len(named) >= C.most:
@@ -204,10 +205,7 @@ class Search:
         w, errors = fitter.columns_of(seen, fit.free)
         sd = np.exp(w.log_sd)
         weight = np.where(w.seen, fitter.before.weights, 0.0) / sd
-        more = [c.columns * weight[..., None] for c in found]
-        wide = Whitened(
-            w.residual, np.concatenate([w.columns, *more], axis=2), w.press, w.signal, w.own, w.seen, w.log_sd
-        )
+        wide = replace(w, columns=Slopes.joined([w.columns, *(c.columns.weighted(weight) for c in found)]))
         draws, laws = None, ()
         if first:
             self.heard("null sessions")
@@ -219,55 +217,46 @@ class Search:
         null = None
         if first:
             b = linear.blocks
-            gains: dict[str, FloatArray] = {}
-            for c, (_, _, each) in zip(
-                found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True
-            ):
+            gained: dict[str, FloatArray] = {}
+            for c, each in zip(found, self._gains(linear, found, b.drawn, 0 * linear.pull), strict=True):
                 own = each.sum(axis=0)
-                gains[c.name] = np.maximum(gains[c.name], own) if c.name in gains else own
+                gained[c.name] = np.maximum(gained[c.name], own) if c.name in gained else own
             # What the base model's own fit takes up is taken up there, too.
             n = len(linear.prior)
-            h = b.h[:, :n, :n]
+            h = b.products.between(np.arange(n), np.arange(n))
             c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
             chi = (
                 b.drawn_chi
                 - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c)
                 + np.einsum("ns,pns->ps", c, h @ c)
             )
-            null = Null(laws, gains, left(chi, b.count, b.press))
+            null = Null(laws, gained, left(chi, b.count, b.press))
         return (found, linear), null
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
-    ) -> list[tuple[FloatArray, IntArray, FloatArray]]:
-        """For each candidate the step (n, S) with it, its columns (n,), and what blocks gain (B, S)."""
-        n, h = len(linear.prior), linear.blocks.h
-        none = held_out(h[:, :n, :n], b[:, :n], linear.prior, pull, self._folds)
-        out, at = [], n
-        for c in found:
-            own = np.append(np.arange(n), np.arange(at, at + c.columns.shape[2]))
-            at += c.columns.shape[2]
-            prior = np.concatenate([linear.prior, 1 / np.array(c.start.sigma) ** 2])
-            slope = np.concatenate([pull, np.zeros(len(own) - n)])
-            hh, bb = h[:, own][:, :, own], b[:, own]
-            with_it = held_out(hh, bb, prior, slope, self._folds)
-            best = np.linalg.solve(hh.sum(axis=0) + np.diag(prior), bb.sum(axis=0) - slope[:, None])
-            out.append((best, own, with_it - none))
-        return out
+    ) -> list[FloatArray]:
+        """(B, S) what blocks gain by each candidate."""
+        sigma = [np.array(c.start.sigma) for c in found]
+        return gains(linear.blocks, b, linear.prior, pull, sigma, self._folds)
 
-    def _tried(self, fit: Fitted, columns: tuple[list[Candidate], Fitted], null: Null) -> list[Tried]:
+    def _tried(self, columns: tuple[list[Candidate], Fitted], null: Null) -> list[Tried]:
         found, linear = columns
-        b = linear.blocks.b[:, :, None]
-        out: dict[str, Tried] = {}
-        del fit
-        for c, (best, own, each) in zip(found, self._gains(linear, found, b, linear.pull), strict=True):
-            s = Score(each[:, 0])
-            begin = self.fitter.moved(linear, best[:, 0], own)
-            by = best[len(linear.prior) :, 0]
-            t = Tried(c.name, s.total, s.error, s.sure, null.limit(c.name), c, by, s.shared, begin)
-            if c.name not in out or t.gain > out[c.name].gain:
-                out[c.name] = t
-        return sorted(out.values(), key=lambda t: -t.gain)
+        begin = len(linear.prior) + np.cumsum([0, *(len(c.columns) for c in found)])
+        best: dict[str, tuple[Score, int]] = {}
+        for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
+            s, name = Score(each[:, 0]), found[k].name
+            if name not in best or s.total > best[name][0].total:
+                best[name] = s, k
+        out: list[Tried] = []
+        for name, (s, k) in best.items():
+            c = found[k]
+            own = np.append(np.arange(len(linear.prior)), np.arange(begin[k], begin[k + 1]))
+            prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
+            step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
+            by, at = step[len(linear.prior) :], self.fitter.moved(linear, step, own)
+            out.append(Tried(name, s.total, s.error, s.sure, null.limit(name), c, by, s.shared, at))
+        return sorted(out, key=lambda t: -t.gain)
 
     def _best(
         self, fit: Fitted, good: Sequence[Tried], null: Null
@@ -347,7 +336,7 @@ class Search:
     ) -> dict[str, FloatArray]:
         """Parameters that do what the multiples of a start's points do to first order: few equations are lines."""
         f, c = self.fitter.forward, tried.candidate
-        wanted = c.columns @ tried.coefficients
+        wanted = c.columns.times(tried.coefficients)
         _, slope = f.noise.written(fit.seen.values + fit.state.rest)
         best: tuple[float, dict[str, FloatArray]] | None = None
         for scale in _SCALES:

@@ -4,7 +4,7 @@ from skincal.model.contact import Contacts, contact_rotations
 from skincal.model.converter import Converter
 from skincal.model.equilibrium import solve_penetration
 from skincal.model.indenters import ClosedForm, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
-from skincal.model.law import StressLaw
+from skincal.model.law import ContactLaw, StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch, patch_cells
 from skincal.model.press.status import Status
@@ -15,6 +15,7 @@ from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Sur
 
 __all__ = [
     "ClosedForm",
+    "ContactLaw",
     "Contacts",
     "Converter",
     "Cylinder",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 from skincal.model.arrays import positive
+from skincal.model.indenters import Indenter, Sphere
 
 
 @dataclass(frozen=True)
@@ -26,3 +28,44 @@ class StressLaw:
     def __post_init__(self) -> None:
         object.__setattr__(self, "exponent", positive("law exponent", self.exponent))
         object.__setattr__(self, "reference_m", positive("law reference_m", self.reference_m))
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """How the contact of a real skin differs from the elastic foundation, in three small numbers.
+
+    Stress grows as a power of the penetration, the pressure reaches taxels spread sideways (or sharper, where the
+    variance is negative), and a ball presses as one of another radius does. To first order these are the ways in which
+    images of an elastic layer differ from those of a foundation (Johnson, Contact Mechanics, 1985, 4.3 and 5.8).
+
+    Attributes:
+        exponent: n of the :class:`StressLaw`.
+        spread_m2: variance of the spreading along each axis [m²].
+        radius_scale: radius that a ball seems to have, over its own.
+        reference_m: eps_0 of the :class:`StressLaw` [m].
+    """
+
+    exponent: float = 1.0
+    spread_m2: float = 0.0
+    radius_scale: float = 1.0
+    reference_m: float = 5e-4
+
+    def __post_init__(self) -> None:
+        for name in ("exponent", "radius_scale", "reference_m"):
+            object.__setattr__(self, name, positive(f"contact law {name}", getattr(self, name)))
+        if not isfinite(self.spread_m2):
+            raise ValueError(f"contact law spread_m2: expected a finite number; got {self.spread_m2}")
+
+    def stress(self, law: StressLaw | None) -> StressLaw | None:
+        """The law of stress, which another one, of an effect, is added to."""
+        if self.exponent == 1.0:
+            return law
+        if law is None:
+            return StressLaw(self.exponent, self.reference_m)
+        return StressLaw(law.exponent + self.exponent - 1, law.reference_m)
+
+    def pressed_by(self, indenter: Indenter) -> Indenter:
+        """The indenter as it presses."""
+        if self.radius_scale == 1.0 or not isinstance(indenter, Sphere):
+            return indenter
+        return Sphere(self.radius_scale * indenter.radius_m)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,11 +11,12 @@ from skincal.model.arrays import FloatArray, floats, positive
 from skincal.model.contact import Contacts
 from skincal.model.converter import Converter
 from skincal.model.indenters import Indenter
-from skincal.model.law import StressLaw
+from skincal.model.law import ContactLaw, StressLaw
 from skincal.model.patch import Patch
 from skincal.model.press.status import Status
 from skincal.model.pressures import Pressures, pressures
 from skincal.model.response import SkinResponse, loads, respond
+from skincal.model.spreading import little_spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +48,14 @@ class Skin:
         parameters: E and S.
         converter: what happens after the scale.
         law: how stress grows with penetration; None: in proportion, which is the paper's.
+        contact: how the contact differs from the elastic foundation beside; None: not at all.
     """
 
     patch: Patch
     parameters: SkinParameters
     converter: Converter = field(default_factory=Converter)
     law: StressLaw | None = None
+    contact: ContactLaw | None = None
 
     def __post_init__(self) -> None:
         scale = np.asarray(self.parameters.scale_per_n)
@@ -71,7 +75,10 @@ class Skin:
             indenter: what presses.
             contacts: K contacts.
         """
-        return respond(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
+        found = respond(self.patch, self.parameters.elasticity_pa_per_m, *self._pressed(indenter, contacts))
+        if self.spreading is None:
+            return found
+        return replace(found, loads_n=self.pressures(indenter, contacts).loads(self.spreading))
 
     def prepare(self, indenter: Indenter) -> None:
         """Compiles what a press needs, or loads it from the cache, so that the first press of a session is not late.
@@ -90,7 +97,24 @@ class Skin:
         Raises:
             ValueError: an indenter that falls between the tactile points.
         """
-        return loads(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
+        return self._loads(indenter, contacts, (Status.FINER_THAN_POINTS,))
+
+    @cached_property
+    def spreading(self) -> FloatArray | None:
+        """Weights (N, J) of points in taxels by the contact law; None: each counts where it lies."""
+        variance = 0.0 if self.contact is None else self.contact.spread_m2
+        return little_spread(self.patch, variance) if variance else None
+
+    def _pressed(self, indenter: Indenter, contacts: Contacts) -> tuple[Indenter, Contacts, StressLaw | None]:
+        """What presses how, by the contact law."""
+        if self.contact is None:
+            return indenter, contacts, self.law
+        return self.contact.pressed_by(indenter), contacts, self.contact.stress(self.law)
+
+    def _loads(self, indenter: Indenter, contacts: Contacts, refuse: tuple[Status, ...]) -> FloatArray:
+        elasticity, pressed = self.parameters.elasticity_pa_per_m, self._pressed(indenter, contacts)
+        found = loads(self.patch, elasticity, *pressed, refuse=refuse)
+        return found if self.spreading is None else self.pressures(indenter, contacts).loads(self.spreading)
 
     def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
         """Where each contact presses how hard, tactile point by tactile point: the terms of the sums of :meth:`loads`.
@@ -99,7 +123,7 @@ class Skin:
             indenter: what presses.
             contacts: K contacts.
         """
-        return pressures(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, self.law)
+        return pressures(self.patch, self.parameters.elasticity_pa_per_m, *self._pressed(indenter, contacts))
 
     def values(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
         """Taxel values T_j (K, J) = S_j times the load [counts], neither rounded nor clipped."""
@@ -112,6 +136,4 @@ class Skin:
             ValueError: an indenter that falls between the tactile points, or a force that pushes it through the finger.
         """
         refuse = (Status.FINER_THAN_POINTS, Status.THROUGH_FINGER)
-        elasticity = self.parameters.elasticity_pa_per_m
-        found = loads(self.patch, elasticity, indenter, contacts, self.law, refuse=refuse)
-        return self.converter.apply(found * self.parameters.scale_per_n)
+        return self.converter.apply(self._loads(indenter, contacts, refuse) * self.parameters.scale_per_n)

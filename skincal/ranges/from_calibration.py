@@ -6,6 +6,7 @@ A calibration replaces these figures of the preset:
   becomes uniform over its interval. An offset of the preset (``y_offset_m``, ``x_offset_m``) states the
   uncertainty of the patch's place; a calibrated centre replaces it.
 - ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
+- The numbers of a contact law, where there is one, stand under ``skin.contact_law``.
 - Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). One that says so
   (``replaces_range``) replaces the preset's spread of the taxels.
 
@@ -24,6 +25,7 @@ from typing import Final
 import numpy as np
 
 from skincal.calibration import Calibration, Effect
+from skincal.calibration.parts import LAW
 from skincal.effects import EFFECTS
 from skincal.errors import InputError, Problem, WorkError
 from skincal.ranges import presets
@@ -85,6 +87,7 @@ def from_calibration(
     for effect in calibration.effects:
         parameters |= effect_parameters(effect, warnings)
         _take_the_place(parameters, effect, calibration.sensor.taxels)
+    parameters |= _contact_law(calibration)
     cloud = joint_draws(calibration, draws) if joint else None
     for column in cloud.columns if cloud else ():
         parameters.pop(_offset_path(column), None)
@@ -219,6 +222,24 @@ def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibratio
             most = max(most, float(calibration.draws["scale_per_n"].max()))
         offsets = tuple(scale - common if scale > 0 else -most for scale in scales)
         parameters["skin.scale_offset_per_n"] = Parameter.constant(offsets, source="calibrated")
+
+
+def _contact_law(calibration: Calibration) -> dict[str, Parameter]:
+    """Return the ranges of the contact law, where the calibration has one."""
+    fitted = calibration.contact_law
+    if fitted is None:
+        return {}
+    found: dict[str, Parameter] = {}
+    for name in LAW:
+        value = float(getattr(fitted.law, name))
+        low, high = fitted.intervals.get(name, (value, value))
+        known = isfinite(low) and isfinite(high) and low < high
+        found[f"skin.contact_law.{name}"] = (
+            Parameter.uniform(low, high, source="calibrated")
+            if known
+            else Parameter.constant(value, source="calibrated")
+        )
+    return found
 
 
 def _take_the_place(parameters: dict[str, Parameter], effect: Effect, taxels: int) -> None:

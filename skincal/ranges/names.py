@@ -103,6 +103,23 @@ _SKIN: Final = (
     Name(
         "skin.taxel_noise_counts", "counts", "taxel", "noise, added to the taxel's value on top of the offset"
     ),
+    Name(
+        "skin.contact_law.exponent",
+        "1",
+        "scalar",
+        "power of the penetration that stress grows with",
+        0.3,
+        3.0,
+    ),
+    Name("skin.contact_law.spread_m2", "m²", "scalar", "variance by which pressure spreads", -1e-6, 1e-6),
+    Name(
+        "skin.contact_law.radius_scale",
+        "1",
+        "scalar",
+        "radius that a ball seems to have, over its own",
+        0.5,
+        2.0,
+    ),
 )
 
 NAMES: Final[dict[str, Name]] = {
@@ -110,7 +127,14 @@ NAMES: Final[dict[str, Name]] = {
 }
 """Every parameter by its full name, in the order of the files; without effects."""
 
-TABLES: Final[tuple[str, ...]] = ("finger", "object.marble", "object.bolt", "skin", "skin.effects.NAME")
+TABLES: Final[tuple[str, ...]] = (
+    "finger",
+    "object.marble",
+    "object.bolt",
+    "skin",
+    "skin.contact_law",
+    "skin.effects.NAME",
+)
 
 EFFECTS_PREFIX: Final = "skin.effects."
 

@@ -83,8 +83,17 @@ def verdict_sentences(found: Diagnosis) -> list[str]:
         lines.append(
             f"These presses cannot show {_and(found.audit.cannot_see)}; the reasons are given below."
         )
-    new = "The new calibration has the named effects, refitted to all presses. The old one is not changed."
-    return [*lines, new if found.effects else "The calibration is written unchanged."]
+    return [*lines, _new_calibration(found)]
+
+
+def _new_calibration(found: Diagnosis) -> str:
+    added = ["the named effects"] if found.effects else []
+    added += ["a contact law"] if found.contact_law is not None else []
+    if not added:
+        return "The calibration is written unchanged."
+    return (
+        f"The new calibration has {' and '.join(added)}, refitted to all presses. The old one is not changed."
+    )
 
 
 def gap_sentence(found: Diagnosis) -> str:
@@ -94,6 +103,11 @@ def gap_sentence(found: Diagnosis) -> str:
         return "there are no test presses"
     where = f"on {len(gap.errors)} test presses"
     noise, unit = f"(noise {gap.floor:.3g})", found.calibration.sensor.unit_label
+    if found.verdict != "effects" and found.contact_law is not None:
+        return (
+            f"{where}, the contact law brings the error from {gap.before:.3g} to {gap.after:.3g} {unit} rms per taxel "
+            f"{noise}"
+        )
     if found.verdict != "effects":
         return (
             f"{where}, simulated and measured values differ by {gap.before:.3g} {unit} rms per taxel {noise}"

@@ -37,9 +37,8 @@ class ReferenceSkin:
         surface = surface_of(meta.surface, {})
         patch = Patch.build(surface, layout_of(meta.sensor, None), truth.pose)
         self._indenter = indenter_of(meta.indenter, {})
-        self._skin = Skin(
-            patch, SkinParameters(truth.elasticity_pa_per_m, truth.scale_per_n), converter_of(meta.sensor)
-        )
+        parameters = SkinParameters(truth.elasticity_pa_per_m, truth.scale_per_n)
+        self._skin = Skin(patch, parameters, converter_of(meta.sensor), contact=truth.contact_law)
         self._stream = SkinStream(EffectSkin.of(self._skin, surface, truth.effects))
         self._tracker = PressTracker(kinematics)
         self._truth = truth

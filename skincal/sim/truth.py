@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from skincal.calibration import Calibration, effects_of, sensor_differences
 from skincal.dataset.model_objects import layout_of
 from skincal.effects import effect
 from skincal.errors import InputError, Problem
-from skincal.model import SensorPose
+from skincal.model import ContactLaw, SensorPose
 from skincal.robot import HandDescription
 from skincal.sim.sim_options import Range, TruthOptions
 
@@ -75,6 +75,7 @@ class Truth:
         joints: errors of the joints.
         strengths: strength of each effect that was drawn, by name; 1 is a typical case.
         effects: parameters of all effects beyond the base model, by name.
+        contact_law: how the contact differs from the elastic foundation; None: not at all.
     """
 
     pose: SensorPose
@@ -87,6 +88,7 @@ class Truth:
     effects: Mapping[str, Mapping[str, FloatArray]] = field(
         default_factory=dict[str, Mapping[str, FloatArray]]
     )
+    contact_law: ContactLaw | None = None
 
     @classmethod
     def draw(
@@ -149,6 +151,7 @@ class Truth:
             elasticity_pa_per_m=parameters.elasticity_pa_per_m,
             scale_per_n=parameters.scale_per_n,
             effects={**self.effects, **own},
+            contact_law=None if calibration.contact_law is None else calibration.contact_law.law,
         )
 
     def effects_list(self) -> list[dict[str, Any]]:
@@ -166,7 +169,8 @@ class Truth:
         """Return further true values of the skin, as plain numbers and lists."""
         scale = np.asarray(self.scale_per_n)
         each = {"scale_per_taxel_per_n": scale.tolist()} if scale.ndim else {}
-        return {"noise_counts": self.noise_counts, "rest_counts": self.rest_counts, **each}
+        law = {} if self.contact_law is None else {"contact_law": asdict(self.contact_law)}
+        return {"noise_counts": self.noise_counts, "rest_counts": self.rest_counts, **each, **law}
 
     def model_dict(self, *, plane: bool) -> dict[str, float]:
         """Return the fitted parameters by the names of ``calibration.toml``; the mean of individual scales."""

@@ -113,8 +113,8 @@ def test_the_public_names():
 
     assert public.__all__ == [
         "EFFECT_NAMES", "FORMAT", "MARGIN_M", "SLACK_COLUMNS", "Calibration", "Columns", "Effect", "Finding",
-        "Interval", "Loss", "ModelParameters", "Provenance", "check_same_sensor", "effect_from", "effects_of",
-        "read_calibration", "sensor_differences", "skin_of", "stream_of", "write_calibration",
+        "FittedLaw", "Interval", "Loss", "ModelParameters", "Provenance", "check_same_sensor", "effect_from",
+        "effects_of", "read_calibration", "sensor_differences", "skin_of", "stream_of", "write_calibration",
     ]  # fmt: skip
     assert len(public.EFFECT_NAMES) == 22
     assert all(hasattr(public, name) for name in public.__all__)

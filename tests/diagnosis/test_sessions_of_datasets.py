@@ -9,7 +9,8 @@ import pytest
 from diagnosis.diagnose_data import moving, still
 
 from skincal.dataset import Dataset
-from skincal.diagnosis.dataset_session import gap_session, pose_names, readout_of, repeats, sites
+from skincal.diagnosis.dataset_session import gap_session, pose_names, repeats, sites
+from skincal.diagnosis.observed import observe
 from skincal.effects.samples import HOLD, IDLE
 
 
@@ -95,9 +96,12 @@ def test_rest_has_the_covariates_of_the_press_before():
 def test_where_rest_was_taken_off_nobody_knows_the_bounds():
     data = moving()
     sensor = replace(data.meta.sensor, baseline="subtracted")
-    readout = readout_of(replace(data, meta=replace(data.meta, sensor=sensor)))
-    assert (readout.value_min, readout.value_max, readout.rest_subtracted) == (None, None, True)
-    assert readout_of(data).value_min == 0
+    subtracted = replace(data, meta=replace(data.meta, sensor=sensor))
+    noises = [
+        observe(one, None, np.random.default_rng(0), keep=False).fitter.forward.noise
+        for one in (subtracted, data)
+    ]
+    assert [n.low for n in noises] == [-np.inf, 0.0] and noises[0].high == np.inf
 
 
 def raised(counts: float, least: int) -> Dataset:

@@ -202,3 +202,15 @@ def test_effects_of_the_rig_are_not_the_skins() -> None:
     assert set(env.ignored_ranges) == set(extra)
     assert np.array_equal(image(env.reset(seed=1)[0]), image(plain.reset(seed=1)[0]))
     env.close(), plain.close()
+
+
+def test_a_contact_law_that_is_drawn_is_felt() -> None:
+    env = make()
+    images = []
+    for exponent in (1.0, 2.0):
+        values = {"skin.contact_law.exponent": exponent, "skin.taxel_noise_counts": 0.0}
+        observation, info = env.reset(seed=3, options={"randomize": "none", "values": values})
+        assert info["randomized"]["skin.contact_law.exponent"] == exponent
+        images.append(image(observation))
+    env.close()
+    assert (images[0] != images[1]).any()

@@ -9,6 +9,9 @@ import pytest
 
 from skincal.inference.blocks import Whitened, blocks
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.gains import full_step, gains
+from skincal.inference.score import held_out
+from skincal.inference.slopes import Slopes
 
 PRESSES, ROWS, TAXELS, COLUMNS = 3, 5, 4, 2
 PRECISION = 1 / np.array([1e-3, 2e-3, 0.02]) ** 2
@@ -25,7 +28,7 @@ def case() -> tuple[Whitened, np.ndarray, np.ndarray, np.ndarray]:
         return size * rng.standard_normal((n, TAXELS, *shape))
 
     w = Whitened(
-        some(), some(COLUMNS), some(3) * [300.0, 300.0, 5.0], some(size=40.0), some(1, size=3.0),
+        some(), Slopes.of(some(COLUMNS)), some(3) * [300.0, 300.0, 5.0], some(size=40.0), some(1, size=3.0),
         np.ones((n, TAXELS), dtype=bool), some(size=0.1),
     )  # fmt: skip
     w.press[press < 0] = 0.0
@@ -54,7 +57,7 @@ def test_they_are_what_the_whole_covariance_says():
         if p < 0:
             continue
         inverse = np.linalg.inv(whole_covariance(w, rows, phase))
-        c = w.columns[rows].reshape(-1, COLUMNS)
+        c = w.columns.array()[rows].reshape(-1, COLUMNS)
         # The residual is that at the press's own numbers: at none it is what they add, too.
         e = w.residual[rows].ravel() + w.press[rows].reshape(-1, 3) @ at[p]
         assert found.h[k] == pytest.approx(c.T @ inverse @ c, rel=1e-8)
@@ -80,9 +83,60 @@ def test_taxels_that_were_not_read_have_no_say():
     seen = w.seen.copy()
     seen[2, 1] = False
     cut = replace(
-        w, seen=seen, residual=w.residual * seen, columns=w.columns * seen[..., None],
+        w, seen=seen, residual=w.residual * seen, columns=w.columns.weighted(1.0 * seen),
         press=w.press * seen[..., None], signal=w.signal * seen, own=w.own * seen[..., None],
     )  # fmt: skip
     changed = replace(cut, log_sd=np.where(seen, w.log_sd, 7.0))
     a, b = (blocks(x, press, phase, at, PRECISION) for x in (cut, changed))
     assert a.loss == pytest.approx(b.loss) and a.count.sum() == b.count.sum() == seen.sum()
+
+
+def some_single() -> tuple[Whitened, Whitened]:
+    """The case with columns of one taxel between those of all taxels, compact and as full arrays."""
+    w, *_ = case()
+    rng = np.random.default_rng(8)
+    one = [Slopes.of_taxel(rng.standard_normal(len(w.seen)), j, TAXELS) for j in (2, 0, 2, 3, 2)]
+    dense = w.columns.dense
+    parts = [Slopes.of(dense[..., :1]), *one[:3], Slopes.of(dense[..., 1:]), *one[3:]]
+    compact = Slopes.joined(parts)
+    assert compact.single.shape[1] == len(one)
+    return replace(w, columns=compact), replace(w, columns=Slopes.of(compact.array()))
+
+
+def test_columns_of_one_taxel_are_columns_like_others():
+    (compact, full), (_, press, phase, at) = some_single(), case()
+    draws = np.random.default_rng(1).standard_normal((*full.residual.shape, 6))
+    a, b = (blocks(w, press, phase, at, PRECISION, draws, np.random.default_rng(2)) for w in (compact, full))
+    for name in ("h", "b", "loss", "chi", "drawn", "drawn_chi"):
+        assert getattr(a, name) == pytest.approx(getattr(b, name), rel=1e-9, abs=1e-9), name
+    assert a.moves[1] == pytest.approx(b.moves[1], rel=1e-9, abs=1e-12)
+    some, others = np.array([4, 1, 3]), np.array([0, 3, 1, 6])
+    assert a.products.between(some, others) == pytest.approx(a.h[:, some][:, :, others])
+
+
+def test_multiples_of_columns_are_those_of_the_whole():
+    compact, full = (w.columns for w in some_single())
+    c = np.arange(1.0, 8.0)
+    assert compact.times(c) == pytest.approx(full.times(c))
+
+
+def test_gains_are_those_of_fits_with_and_without():
+    (compact, _), (_, press, phase, at) = some_single(), case()
+    draws = np.random.default_rng(1).standard_normal((*compact.residual.shape, 3))
+    found = blocks(compact, press, phase, at, PRECISION, draws, np.random.default_rng(2))
+    prior, pull = np.array([0.5, 2.0]), np.array([0.3, -0.2])
+    sigma = [np.array([1.0, 0.5]), np.array([2.0]), np.array([0.1, 3.0])]
+    folds = np.arange(len(found.press)) % C.folds
+    h = found.h
+    without = held_out(h[:, :2, :2], found.drawn[:, :2], prior, pull, folds)
+    for s, own, each in zip(
+        sigma, ([2, 3], [4], [5, 6]), gains(found, found.drawn, prior, pull, sigma, folds), strict=True
+    ):
+        k = np.array([0, 1, *own])
+        all_prior, all_pull = np.append(prior, 1 / s**2), np.append(pull, 0 * s)
+        with_it = held_out(h[:, k][:, :, k], found.drawn[:, k], all_prior, all_pull, folds)
+        assert each == pytest.approx(with_it - without, rel=1e-6, abs=1e-9)
+        step = np.linalg.solve(
+            h[:, k][:, :, k].sum(axis=0) + np.diag(all_prior), found.b[:, k].sum(axis=0) - all_pull
+        )
+        assert full_step(found, k, all_prior, all_pull) == pytest.approx(step)

@@ -4,6 +4,7 @@ import skincal.model
 
 NAMES = {
     "ClosedForm",
+    "ContactLaw",
     "Contacts",
     "Converter",
     "Cylinder",

@@ -10,11 +10,11 @@ from calibrations import make_calibration, on_a_plane
 from sessions import exact
 from skins import KINEMATICS, contact, images, ramp, skin
 
-from skincal.calibration import Effect, stream_of
+from skincal.calibration import Effect, FittedLaw, stream_of
 from skincal.effects import EFFECTS, Samples
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.errors import InputError
-from skincal.model import Sphere
+from skincal.model import ContactLaw, Sphere
 from skincal.robot import bundled_hand
 from skincal.sim import ReferenceSkin, Truth
 from skincal.sim.presses import PressTracker
@@ -47,6 +47,20 @@ def test_it_may_be_the_skin_of_a_calibration_effects_included() -> None:
         )
         expected = np.clip(np.rint(stream.step(sample)), 0, 255)[0]
         np.testing.assert_array_equal(reference.image(c), expected)
+
+
+def test_it_has_the_contact_law_of_a_calibration() -> None:
+    law = ContactLaw(1.4, 1e-8, 1.1)
+    truth = exact(Truth.draw(np.random.default_rng(3), bundled_hand()))
+    own = truth.with_skin(make_calibration(contact_law=FittedLaw(law)), bundled_hand())
+    assert own.contact_law == law and own.skin_dict()["contact_law"]["exponent"] == 1.4
+    plain = truth.with_skin(make_calibration(), bundled_hand())
+    assert plain.contact_law is None and "contact_law" not in plain.skin_dict()
+    seen = [
+        np.stack([ReferenceSkin(KINEMATICS, t, np.random.default_rng(1)).base_values(c) for c in ramp()])
+        for t in (own, plain)
+    ]
+    assert np.abs(seen[0] - seen[1]).max() > 0.5
 
 
 def test_foreign_calibrations_and_doubled_effects_are_refused() -> None:

@@ -52,7 +52,7 @@ class DeviceSkin:
         block: threads of a press, a power of two.
 
     Raises:
-        InputError: the extra is not installed, there is no GPU, or the indenter is a mesh.
+        InputError: the extra is not installed, there is no GPU, the indenter is a mesh, or the skin has a contact law.
     """
 
     def __init__(
@@ -62,6 +62,12 @@ class DeviceSkin:
         if not isinstance(indenter, ClosedForm):
             expected, fix = "an indenter in closed form", "Press meshes on the processor, with Skin.image."
             raise InputError([Problem("DeviceSkin", expected, str(indenter), fix)])
+        if skin.contact is not None:
+            expected, fix = (
+                "a skin without a contact law of its own",
+                "Press it on the processor, with Skin.image.",
+            )
+            raise InputError([Problem("DeviceSkin", expected, str(skin.contact), fix)])
         from skincal.model.gpu import kernel
         from skincal.model.gpu.target import Target
 

@@ -1,0 +1,161 @@
+"""``skincal diagnose --collect``: the hand that makes the presses, and what is kept of them until the end."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skincal.cli.collect import options_of, press_plan
+from skincal.cli.hand import find_modules_here
+
+if TYPE_CHECKING:
+    from skincal.collect import Plan
+    from skincal.dataset import Dataset
+    from skincal.robot import HandDescription
+
+SESSION = "session"
+"""Folder in the new calibration: the dataset with all presses."""
+_KEY = "key.json"
+_SEED = re.compile(r"driver sim, seed (\d+)")
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """Presses that one run of ``skincal diagnose --collect`` makes.
+
+    Attributes:
+        folder: where rounds are kept until the run is over.
+        key: what must be the same to go on with an interrupted run.
+        driver: name of the hand's driver.
+        options: of it.
+        description: the hand.
+        seed: as given.
+        beyond_limits: whether the guard's limits may be exceeded.
+    """
+
+    folder: Path
+    key: dict[str, Any]
+    driver: str
+    options: dict[str, Any]
+    description: HandDescription
+    seed: int
+    beyond_limits: bool
+
+    @classmethod
+    def of(
+        cls,
+        out: Path,
+        dataset: Dataset,
+        driver: str,
+        seed: int,
+        effect: list[str] | None,
+        hand: str | None,
+        given: list[str] | None,
+        *,
+        beyond_limits: bool,
+    ) -> Rounds:
+        """Take the command line, and find what an interrupted run has left.
+
+        Raises:
+            InputError: the driver is no hand, a simulated hand is not the one of the dataset, or another run was
+                interrupted.
+        """
+        from skincal.errors import InputError, Problem
+        from skincal.hand.registry import create_rig
+        from skincal.hand.stage import StageDriver
+        from skincal.robot import check_limits
+
+        find_modules_here(driver)
+        options = options_of(driver, seed, effect, None, hand, given)
+        rig = create_rig(driver, **options)
+        if isinstance(rig, StageDriver):
+            fix = "Collect next-presses.toml with it, and diagnose both sessions together."
+            raise InputError([Problem("--driver", "a hand", f"the stage {driver}", fix)])
+        check_limits(rig.description, beyond=beyond_limits)
+        _check_hand(dataset, rig.description)
+        said = _SEED.search(dataset.meta.source)
+        if driver == "sim" and said and int(said[1]) != options.get("seed"):
+            got, fix = f"--seed {options.get('seed')}", f"Give --seed {said[1]}."
+            raise InputError([Problem("--driver sim", f"the hand of the dataset, seed {said[1]}", got, fix)])
+        folder = out.with_name(f".{out.name}.rounds")
+        key = {
+            "dataset": dataset.sha256, "driver": driver, "seed": seed,
+            "options": {k: str(v) for k, v in sorted(options.items())},
+        }  # fmt: skip
+        _check_same(folder, key)
+        return cls(folder, key, driver, options, rig.description, seed, beyond_limits)
+
+    def press(self, dataset: Dataset, plan: Plan, number: int) -> Dataset:
+        """Make the presses of a round, unless they were made before an interruption; return all presses so far."""
+        from skincal.dataset import read_dataset, write_dataset
+        from skincal.dataset.joined import GAP_S, joined
+
+        out, whole = self.folder / f"round-{number}", self.folder / f"session-{number}"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / _KEY).write_text(json.dumps(self.key), encoding="utf-8")
+        if not out.exists():
+            end_s = 0.0 if dataset.frames is None else float(dataset.frames.time_s[-1])
+            source = (
+                f"skincal diagnose --collect: driver {self.driver}, round {number}, {self.description.name}"
+            )
+            press_plan(
+                plan, self.description, self.driver, self.options, out, seed=self.seed, source=source,
+                beyond_limits=self.beyond_limits, start_s=end_s + GAP_S,
+            )  # fmt: skip
+        both = joined(dataset, read_dataset(out))
+        meta = replace(
+            both.meta, source=f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
+        )
+        write_dataset(replace(both, meta=meta), whole, force=True)
+        return read_dataset(whole)
+
+    def keep_in(self, folder: Path, made: int, rounds: int) -> None:
+        """Copy the session with all presses into the folder of the new calibration."""
+        if made:
+            shutil.copytree(self.folder / f"session-{rounds}", folder / SESSION)
+
+    def done(self) -> None:
+        """Remove what was kept for an interruption."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    @property
+    def kept(self) -> Callable[[], str]:
+        """What is saved, in words."""
+        return lambda: (
+            f"{len(list(self.folder.glob('round-*')))} rounds of presses are saved in {self.folder}; give the same "
+            "command again to continue."
+        )
+
+
+def _check_hand(dataset: Dataset, description: HandDescription) -> None:
+    """Check, before anything moves, that presses of a hand can join a dataset."""
+    from skincal.dataset.joined import check_same_rig
+    from skincal.errors import InputError, Problem
+
+    meta = description.meta
+    raw = replace(meta, sensor=replace(meta.sensor, baseline="raw"))
+    check_same_rig(dataset.meta, raw, f"hand {description.name}")
+    if dataset.frames is None:
+        fix = "A session of hold means alone is not gone on with."
+        raise InputError([Problem("--collect", "a dataset with frames", "one without", fix)])
+
+
+def _check_same(folder: Path, key: dict[str, Any]) -> None:
+    """Check that an interrupted run, if there is one, is the same one."""
+    from skincal.errors import InputError, Problem
+
+    file = folder / _KEY
+    if not file.is_file():
+        return
+    try:
+        before = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:
+        before = None
+    if before != json.loads(json.dumps(key)):
+        fix = f"Give the command that was interrupted, or delete {folder} to start over."
+        raise InputError([Problem(str(folder), "rounds of this command", "those of another one", fix)])

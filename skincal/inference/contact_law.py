@@ -1,0 +1,98 @@
+"""The contact law of a calibration, the three numbers of a state, and whether a session shows that they are not zero.
+
+A state's numbers are the power of the stress less 1, a spreading whose variance is so many times half the square of a
+quarter of a millimetre, and the relative radius (:mod:`skincal.inference.forward`). Every fit has them, with the width
+by which elastic layers differ from the foundation as their prior. A calibration gets them where they predict presses
+that the fit has not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.fit import NB, Fitted, Fitter
+from skincal.inference.forward import LAW
+from skincal.inference.press_table import STEP_M
+from skincal.inference.score import Score, folds_of, held_out
+from skincal.model import ContactLaw
+from skincal.model.arrays import FloatArray, IntArray
+
+_WIDTH = 1.96
+_BLUR_M2 = STEP_M**2 / 2
+"""Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
+
+
+def law_of(numbers: FloatArray) -> ContactLaw:
+    """The contact law of a state's three numbers."""
+    power, blur, radius = (float(x) for x in numbers)
+    return ContactLaw(1 + power, blur * _BLUR_M2, 1 + radius)
+
+
+def numbers_of(law: ContactLaw | None) -> FloatArray:
+    """A state's three numbers for a contact law; None for the foundation."""
+    if law is None:
+        return np.zeros(len(LAW))
+    return np.array([law.exponent - 1, law.spread_m2 / _BLUR_M2, law.radius_scale - 1])
+
+
+def law_ends(numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
+    """Ends of 95 % intervals, of a state's numbers and the covariance (n, n) of its fit."""
+    sd = np.sqrt(np.diag(covariance)[NB - len(LAW) : NB])
+    return law_of(numbers - _WIDTH * sd), law_of(numbers + _WIDTH * sd)
+
+
+def law_gain(fit: Fitted, folds: IntArray) -> Score:
+    """What blocks gain to first order by the law's numbers on presses that their fit has not seen.
+
+    Args:
+        fit: with the law free.
+        folds: (B,) part of each block.
+    """
+    n, law = len(fit.prior), np.arange(NB - len(LAW), NB)
+    others = np.setdiff1d(np.arange(n), law)
+    h = fit.blocks.h
+    # About the foundation: both models begin where the law's numbers are zero.
+    b = (fit.blocks.b + h[:, :, law] @ fit.state.law)[:, :, None]
+    pull = fit.pull.copy()
+    pull[law] = 0.0
+    some = np.ix_(others, others)
+    without = held_out(h[:, *some], b[:, others], fit.prior[others], pull[others], folds)
+    return Score((held_out(h, b, fit.prior, pull, folds) - without)[:, 0])
+
+
+def beaten_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> Fitted | None:
+    """The same model's fit with the foundation's law, if the session shows that this is not its contact law.
+
+    It is shown as an effect must be: first to first order, then against the foundation's own fit, which may find a
+    better place than slopes say.
+
+    Args:
+        fitter: of the session.
+        fit: with the law free.
+        rng: deals the folds.
+    """
+    folds = folds_of(fit.blocks, rng)
+    if not _is_sure(law_gain(fit, folds)):
+        return None
+    foundation = _foundation_fit(fitter, fit)
+    return foundation if _is_sure(Score(_score(fit, folds) - _score(foundation, folds))) else None
+
+
+def _is_sure(gain: Score) -> bool:
+    return gain.total > C.least_gain and gain.sure > C.sure
+
+
+def _score(fit: Fitted, folds: IntArray) -> FloatArray:
+    """(B,) logarithm of the likelihood of each block by the fit of the others."""
+    b = fit.blocks
+    return -0.5 * b.loss + held_out(b.h, b.b[:, :, None], fit.prior, fit.pull, folds)[:, 0]
+
+
+def _foundation_fit(fitter: Fitter, fit: Fitted) -> Fitted:
+    """The same model's fit with the law of the foundation."""
+    held = Fitter(fitter.forward, fitter.counts, fitter.before)
+    held.foundation = True
+    return held.solve(replace(fit.state, law=np.zeros(len(LAW))), fit.free, steps=C.last_steps)

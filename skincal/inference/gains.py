@@ -1,0 +1,106 @@
+"""Gains of many candidates at once: what blocks gain by a model with some more columns, beyond the model as it is.
+
+The same numbers as :func:`skincal.inference.score.held_out` with and without a candidate's columns. The model's own
+columns are eliminated once for all candidates, fold by fold: with ``W = H_mm^-1 H_mc`` and the model's own step ``c_m``
+a candidate's step is ``(H_cc - H_cm W)^-1 (b_c - H_cm c_m)``, and the model follows it by ``-W`` times as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skincal.inference.blocks import Blocks
+from skincal.inference.constants import CONSTANTS as C
+from skincal.model.arrays import FloatArray, IntArray
+
+_CHUNK = 384
+"""So many columns at once, or those of one candidate: a bound of the memory."""
+
+
+def gains(
+    blocks: Blocks,
+    b: FloatArray,
+    prior: FloatArray,
+    pull: FloatArray,
+    sigma: Sequence[FloatArray],
+    folds: IntArray,
+) -> list[FloatArray]:
+    """What blocks gain (B, S) by each candidate on folds that its step has not seen [nats].
+
+    Args:
+        blocks: of the model's columns, then those of the candidates one after the other.
+        b: (B, n, S) of S sessions.
+        prior: (m,) precisions of the model's columns.
+        pull: (m,) slope of their prior.
+        sigma: for each candidate the standard deviations of its columns beforehand.
+        folds: (B,) part of each block.
+    """
+    m = len(prior)
+    own, product = np.arange(m), blocks.products
+    model = product.between(own, own)
+    total, total_b = model.sum(axis=0) + np.diag(prior), b.sum(axis=0)
+    total_b[:m] -= pull[:, None]
+    tests = [np.flatnonzero(folds == f) for f in range(C.folds)]
+    inverse = [_inverse(total - model[t].sum(axis=0)) for t in tests]
+    steps = [i @ (total_b[:m] - b[t, :m].sum(axis=0)) for i, t in zip(inverse, tests, strict=True)]
+    out = [np.zeros((len(b), b.shape[2])) for _ in sigma]
+    for which, columns in _chunks(sigma, m):
+        size = columns.shape[1]
+        flat = columns.ravel()
+        cross = product.between(own, flat)
+        each = np.stack([product.between(c, c) for c in columns], axis=1)
+        precision = np.stack([np.diag(1 / sigma[w] ** 2) for w in which])
+        for test, inv, step in zip(tests, inverse, steps, strict=True):
+            seen = cross.sum(axis=0) - cross[test].sum(axis=0)
+            follow = inv @ seen
+            reduced = each.sum(axis=0) - each[test].sum(axis=0) + precision
+            reduced -= _by_candidate(seen, size) @ _by_candidate(follow, size).swapaxes(1, 2)
+            right = (total_b[flat] - b[test][:, flat].sum(axis=0) - seen.T @ step).reshape(
+                len(which), size, -1
+            )
+            unit = 1 / np.sqrt(np.diagonal(reduced, axis1=1, axis2=2))
+            c = np.linalg.solve(reduced * unit[:, :, None] * unit[:, None, :], right * unit[..., None])
+            c *= unit[..., None]
+            for p in test.tolist():
+                left = cross[p] - model[p] @ follow
+                slope = b[p, flat] - follow.T @ b[p, :m] - left.T @ step
+                curve = each[p] - _by_candidate(follow, size) @ _by_candidate(cross[p], size).swapaxes(1, 2)
+                curve -= _by_candidate(left, size) @ _by_candidate(follow, size).swapaxes(1, 2)
+                gain = (slope.reshape(c.shape) * c).sum(axis=1) - 0.5 * (c * (curve @ c)).sum(axis=1)
+                for w, g in zip(which, gain, strict=True):
+                    out[w][p] = g
+    return out
+
+
+def full_step(blocks: Blocks, columns: IntArray, prior: FloatArray, pull: FloatArray) -> FloatArray:
+    """The step (n,) of some columns by all blocks; ``prior`` and ``pull`` (n,) are theirs."""
+    h = blocks.products.between(columns, columns).sum(axis=0) + np.diag(prior)
+    return _inverse(h) @ (blocks.b[:, columns].sum(axis=0) - pull)
+
+
+def _inverse(h: FloatArray) -> FloatArray:
+    """Inverse of a curvature, in units of its diagonal: metres beside parts."""
+    size = 1 / np.sqrt(np.diag(h))
+    return np.linalg.inv(h * np.outer(size, size)) * np.outer(size, size)
+
+
+def _by_candidate(x: FloatArray, size: int) -> FloatArray:
+    """(candidates, size, m) of (m, candidates * size)."""
+    return x.T.reshape(-1, size, len(x))
+
+
+def _chunks(sigma: Sequence[FloatArray], first: int) -> list[tuple[list[int], IntArray]]:
+    """Candidates with as many columns each, and their columns (candidates, size)."""
+    begin = first + np.cumsum([0, *(len(s) for s in sigma)])
+    by_size: dict[int, list[int]] = {}
+    for w, s in enumerate(sigma):
+        by_size.setdefault(len(s), []).append(w)
+    out: list[tuple[list[int], IntArray]] = []
+    for size, all_of_size in by_size.items():
+        many = max(1, _CHUNK // size)
+        for k in range(0, len(all_of_size), many):
+            some = all_of_size[k : k + many]
+            out.append((some, begin[some][:, None] + np.arange(size)))
+    return out

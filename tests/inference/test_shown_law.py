@@ -1,0 +1,109 @@
+"""The contact law: shown where it is there, not where it is not; the same in the fit and in the skin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from diagnosis.diagnose_data import moving
+from inference.made import made
+from report.diagnosis_cases import calibration
+
+from skincal.calibration import FittedLaw
+from skincal.dataset import HOLD, Dataset, Presses
+from skincal.diagnosis.diagnosis import Diagnosis
+from skincal.diagnosis.observed import observe
+from skincal.diagnosis.summary import summary
+from skincal.diagnosis.workflow import diagnose
+from skincal.inference.contact_law import law_of, numbers_of
+from skincal.model import ContactLaw
+from skincal.prediction import predict_dataset
+
+LAW = ContactLaw(exponent=1.2, radius_scale=1.03)
+
+
+def with_law(presses: int = 24) -> Dataset:
+    """A session of a skin with a contact law of its own; nothing clips, so that small values show."""
+    given = moving(presses)
+    said = predict_dataset(replace(calibration(), contact_law=FittedLaw(LAW)), given).dataset
+    assert said.frames is not None
+    rng = np.random.default_rng(3)
+    counts = np.rint(
+        40 + 2 * np.nan_to_num(said.frames.counts) + rng.standard_normal(said.frames.counts.shape)
+    )
+    frames = replace(said.frames, counts=counts)
+    held = [counts[(frames.press == p) & (frames.phase == HOLD)].mean(axis=0) for p in given.presses.press]
+    table = Presses(
+        given.presses.press, given.presses.position_m, given.presses.force_n, np.array(held),
+        columns=given.presses.columns,
+    )  # fmt: skip
+    meta = replace(given.meta, sensor=replace(given.meta.sensor, value_max=1023))
+    return replace(given, meta=meta, presses=table, frames=frames)
+
+
+@cache
+def found() -> Diagnosis:
+    """The diagnosis of such a session, from a calibration that does not know of the law."""
+    data, cal = with_law(), calibration()
+    cal = replace(
+        cal, sensor=data.meta.sensor, model=replace(cal.model, scale_per_n=2 * cal.model.scale_per_n)
+    )
+    return diagnose(data, cal, seed=1)
+
+
+def test_numbers_of_a_state_and_a_law_are_the_same():
+    numbers = np.array([0.12, -0.3, 0.04])
+    assert numbers_of(law_of(numbers)) == pytest.approx(numbers)
+    assert numbers_of(None).tolist() == [0, 0, 0]
+    assert law_of(np.zeros(3)) == ContactLaw()
+
+
+@pytest.mark.parametrize("law", [(0.1, 0, 0), (0, 0.3, 0), (0, -0.3, 0), (0, 0, 0.04), (0.1, -0.2, 0.03)])
+def test_a_skin_has_the_law_that_is_fitted(law: tuple[float, float, float]):
+    data = made(presses=6)
+    fitter = observe(
+        data, replace(calibration(), sensor=data.meta.sensor), np.random.default_rng(0), keep=False
+    ).fitter
+    forward, state = fitter.forward, fitter.before.start
+    fitted = forward.see(replace(state, law=np.array(law, dtype=float))).values - forward.see(state).values
+    skin = forward.skin(state)
+    other = replace(skin, skin=replace(skin.skin, contact=law_of(np.array(law))))
+    change = other.values(forward.samples) - skin.values(forward.samples)
+    assert np.sqrt(np.mean((change - fitted) ** 2)) < 0.15 * np.sqrt(np.mean(fitted**2))
+
+
+def test_it_is_added_where_the_data_show_it():
+    d = found()
+    assert d.verdict == "none" and not d.effects
+    law = d.calibration.contact_law
+    assert law is not None
+    low, high = law.intervals["exponent"]
+    assert 1.0 < low < law.law.exponent < high
+    assert low < LAW.exponent < high
+    said = summary(d)["contact_law"]
+    assert said["exponent"] == law.law.exponent and said["intervals"]["exponent"] == (low, high)
+    assert "contact_law" in {f.code for f in d.findings}
+    assert d.gap.after < d.gap.before
+
+
+def test_predictions_have_it():
+    d, data = found(), with_law()
+    assert data.frames is not None
+
+    def error(cal: object) -> float:
+        said = predict_dataset(cal, data).dataset  # type: ignore[arg-type]
+        assert said.frames is not None and data.frames is not None
+        on = data.frames.force_n > 0.2
+        return float(np.sqrt(np.mean((said.frames.counts + 40 - data.frames.counts)[on] ** 2)))
+
+    assert error(d.calibration) < error(replace(d.calibration, contact_law=None))
+
+
+def test_nothing_is_added_to_a_foundation():
+    data = made(presses=24)
+    cal = replace(calibration(), sensor=data.meta.sensor)
+    d = diagnose(data, cal, seed=1)
+    assert d.calibration.contact_law is None and d.calibration is cal
+    assert summary(d)["contact_law"] is None

@@ -1,0 +1,78 @@
+"""A contact law beside the elastic foundation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effects.effect_sessions import BASE, FINGER, contacts_at
+
+from skincal.effects import EffectSkin
+from skincal.model import ContactLaw, FlatPunch, Patch, SensorPose, Skin, Sphere, StressLaw
+from skincal.model.spreading import little_spread
+
+SKIN = BASE.skin
+BALL = Sphere(0.006)
+POSE = SensorPose(0.0235, 0.2, 0.05)
+CONTACTS = contacts_at(np.array([0.0, 1e-3, -3e-3]), np.array([0.0, 2e-3, -1e-3]), np.array([1.0, 3.0, 2.0]))
+
+
+def loads(law: ContactLaw | None) -> np.ndarray:
+    return replace(SKIN, contact=law).loads(BALL, CONTACTS)
+
+
+def test_a_neutral_law_is_the_foundation():
+    assert (loads(ContactLaw()) == loads(None)).all()
+
+
+def test_it_is_the_stress_law_and_the_radius_that_it_says():
+    assert loads(ContactLaw(exponent=1.3)) == pytest.approx(
+        replace(SKIN, law=StressLaw(1.3, 5e-4)).loads(BALL, CONTACTS)
+    )
+    assert loads(ContactLaw(radius_scale=1.1)) == pytest.approx(SKIN.loads(Sphere(0.0066), CONTACTS))
+    assert ContactLaw(radius_scale=1.1).pressed_by(FlatPunch(0.004)).radius_m == 0.004
+    both = ContactLaw(exponent=1.25).stress(StressLaw(1.5, 1e-4))
+    assert both == StressLaw(1.75, 1e-4)
+
+
+def test_spreading_and_sharpening_are_opposite():
+    wide, sharp, own = (loads(ContactLaw(spread_m2=v)) for v in (2e-8, -2e-8, 0.0))
+    assert np.abs(wide - own).max() > 1e-4
+    assert wide + sharp == pytest.approx(2 * own)
+    peak = np.unravel_index(np.argmax(own), own.shape)
+    assert wide[peak] < own[peak] < sharp[peak]
+
+
+def test_spreading_is_that_of_a_gaussian():
+    """Loads over the place of the press are smoothed by the variance, to first order."""
+    h, v = 2.5e-4, 2e-8
+    fine = Skin(Patch.build(FINGER, SKIN.patch.layout, POSE, 2e-4, 8e-3, "gauss"), SKIN.parameters)
+    u, y = np.random.default_rng(0).uniform(-4e-3, 4e-3, (2, 12))
+
+    def at(across: float, along: float) -> np.ndarray:
+        return fine.loads(BALL, contacts_at(u + across, y + along, np.full(12, 3.0)))
+
+    laplace = (at(h, 0) + at(-h, 0) + at(0, h) + at(0, -h) - 4 * at(0, 0)) / h**2
+    spread = replace(fine, contact=ContactLaw(spread_m2=v)).loads(
+        BALL, contacts_at(u, y, np.full(12, 3.0))
+    ) - at(0, 0)
+    assert np.sqrt(np.mean((spread - v / 2 * laplace) ** 2)) < 0.2 * np.sqrt(np.mean(spread**2))
+
+
+def test_an_image_and_a_response_have_it():
+    law = ContactLaw(1.2, 2e-8, 1.05)
+    skin = replace(SKIN, contact=law)
+    assert skin.respond(BALL, CONTACTS).loads_n == pytest.approx(loads(law))
+    assert skin.values(BALL, CONTACTS) == pytest.approx(loads(law) * SKIN.parameters.scale_per_n)
+
+
+def test_it_stands_beside_a_cover_that_spreads():
+    law = ContactLaw(spread_m2=2e-8)
+    effects = {"spread": {"width_m": 1e-3}}
+    plain, other = (EffectSkin.of(replace(SKIN, contact=c), FINGER, effects) for c in (None, law))
+    weights = other._weights
+    assert weights is not None and plain._weights is not None
+    assert weights - plain._weights == pytest.approx(
+        little_spread(SKIN.patch, 2e-8) - little_spread(SKIN.patch, 0.0)
+    )
