@@ -35,7 +35,9 @@ class Constants:
     part: float = 0.02  # P  of what is explained already, half of the square of `equation`: less is theirs
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most
-    smooth: float = 0.6  # T  noise over the converter's step from which on rounding leaves no more than 0.03 % of a step
+    smooth: float = (
+        0.6  # T  noise over the converter's step from which on rounding leaves no more than 0.03 % of a step
+    )
     least_slope: float = 1e-3  # T  of the converter, where it clips
     least_variance: float = 0.05  # T  of the usual one, where it clips
     least_noise: float = 1e-4  # T  of the largest signal, where there is no noise

@@ -149,7 +149,9 @@ class Fitter:
         signal = (f.mean @ (slope * seen.values)) * weight
         return Whitened(residual, thin(columns), thin(moves), signal, thin(own), ok, np.log(sd))
 
-    def expected(self, seen: Seen, moves: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def expected(
+        self, seen: Seen, moves: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What a state reads on average (N, J), slopes of the converter (K, J), and variance (N, J).
 
         Where rounding leaves a staircase, levels are known within what a press's own numbers do to them (K, J, 3).
@@ -170,8 +172,8 @@ class Fitter:
         rows = free_columns(f, seen, free)
         return np.concatenate([base, *(x[..., None] for x in rows)], axis=2) if rows else base
 
-    def equations(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
-        """What the equations of effects in the model may err by, at one standard deviation.
+    def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
+        """What the equations of effects in the model may err by, at one standard deviation; at their word in no way alike.
 
         Returns:
             (K, J, k) of each effect, in each phase of a press for itself; (K, J, m) of all presses alike: in each phase,
@@ -186,6 +188,8 @@ class Fitter:
             none = np.zeros((*seen.values.shape, 0))
             return none, none
         own = np.stack(parts, axis=-1)
+        if word:
+            return own, own[..., :0]
         force = np.nan_to_num(samples.contacts.force_n) * samples.touching
         factors = [_about_none(force)[:, None], _about_none(seen.values)]
         factors.append(np.linspace(-1.0, 1.0, len(own))[:, None])
@@ -194,15 +198,23 @@ class Fitter:
         return own, np.concatenate([own * x[..., None] for x in factors], axis=2)
 
     def linear(
-        self, state: State, free: tuple[Free, ...], only: BoolArray | None = None, seen: Seen | None = None
+        self,
+        state: State,
+        free: tuple[Free, ...],
+        only: BoolArray | None = None,
+        seen: Seen | None = None,
+        *,
+        word: bool = False,
     ) -> Fitted:
         """A state with its linearisation."""
         seen = self.forward.see(state) if seen is None else seen
-        return self.built(seen, free, *self.columns_of(seen, free, only))
+        return self.built(seen, free, *self.columns_of(seen, free, only, word=word))
 
-    def columns_of(self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None) -> tuple[Whitened, int]:
+    def columns_of(
+        self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None, *, word: bool = False
+    ) -> tuple[Whitened, int]:
         """All that is fitted, whitened, and how many of the columns are errors of equations, which come last."""
-        own, shared = self.equations(seen)
+        own, shared = self.equations(seen, word=word)
         columns = np.concatenate([self.columns(seen, free), shared], axis=2)
         return self.whitened(seen, columns, own, only), shared.shape[2]
 
@@ -291,7 +303,9 @@ class Fitter:
             s.law + own[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
         )
         effects = (
-            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers])
+            with_values(
+                s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]
+            )
             if at.free
             else s.effects
         )
@@ -311,31 +325,52 @@ class Fitter:
         )
 
     def solve(
-        self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
+        self,
+        state: State,
+        free: tuple[Free, ...] = (),
+        steps: int = 4,
+        only: BoolArray | None = None,
+        errors: int = 0,
     ) -> Fitted:
-        """Fits, from a state; a step that makes it worse is halved."""
-        at = self.linear(state, free, only)
+        """Fits, from a state.
+
+        Args:
+            state: where to begin.
+            free: numbers of effects.
+            steps: at most, with equations taken at their word: what may err leads a fit astray while it is far off.
+            only: (N,) observations that count.
+            errors: steps after that in which equations may err.
+        """
+        word = bool(state.effects)
+        at = self._solved(self.linear(state, free, only, word=word), steps, only, word=word)
+        at = self.linear(at.state, free, only, at.seen) if word else at
+        return self._solved(at, errors, only, word=False) if word and errors else at
+
+    def _solved(self, at: Fitted, steps: int, only: BoolArray | None, *, word: bool) -> Fitted:
+        """Steps; one that makes it worse is halved."""
         for _ in range(steps):
-            new, seen, total = self._careful(at, self.step(at), only)
+            new, seen, total = self._careful(at, self.step(at), only, word)
             for part in (0.3, 0.1):
                 if total > at.loss() + 0.1:
-                    new, seen, total = self._careful(at, between(at.state, new, part), only)
+                    new, seen, total = self._careful(at, between(at.state, new, part), only, word)
             if total > at.loss() + 0.1:
                 break
             gained = at.loss() - total
-            at = self.linear(new, free, only, seen)
+            at = self.linear(new, at.free, only, seen, word=word)
             if gained < C.settled:
                 break
         return at
 
-    def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
+    def _careful(
+        self, at: Fitted, state: State, only: BoolArray | None, word: bool
+    ) -> tuple[State, Seen, float]:
         """A state whose presses have gone the part of their way that is best for them, and its loss."""
         before = np.full(len(state.move), np.inf)
         own = at.blocks.press >= 0
         before[at.blocks.press[own]] = at.blocks.loss[own]
         best, move, way = np.full(len(before), np.inf), state.move.copy(), state.move - at.state.move
         for part in (1.0, 0.3, 0.1):
-            seen, found = self._left(state, only)
+            seen, found = self._left(state, only, word)
             loss = np.full(len(before), -np.inf)
             own = found.press >= 0
             loss[found.press[own]] = found.loss[own]
@@ -347,19 +382,19 @@ class Fitter:
             state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
         if (move != state.move).any():
             state = replace(state, move=move)
-            seen, found = self._left(state, only)
+            seen, found = self._left(state, only, word)
         prior, pull = self.prior(state, at.free)
         return state, seen, _loss(found.loss, found.h, found.b, pull, prior)
 
     def loss_at(self, state: State) -> float:
         """Minus twice the logarithm of the likelihood of a state, but for a constant."""
-        found = self._left(state, None)[1]
+        found = self._left(state, None, True)[1]
         return _loss(found.loss, found.h, found.b, np.zeros(1), np.ones(1))
 
-    def _left(self, state: State, only: BoolArray | None) -> tuple[Seen, Blocks]:
+    def _left(self, state: State, only: BoolArray | None, word: bool) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
-        own, shared = self.equations(seen)
+        own, shared = self.equations(seen, word=word)
         w = self.whitened(seen, shared, own, only)
         return seen, blocks(w, self.press, self.phase, state.move, self.before.move)
 

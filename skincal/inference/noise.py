@@ -67,7 +67,9 @@ class Noise:
         if self.coarse:
             # Above, the error of an image alone makes it smooth.
             last = self.rest + C.smooth * self.step / C.image
-            parts.append((max(self.low, self.rest) - _NEAR * self.step, min(last, self.high) + _NEAR * self.step))
+            parts.append(
+                (max(self.low, self.rest) - _NEAR * self.step, min(last, self.high) + _NEAR * self.step)
+            )
         return parts
 
     @cached_property
@@ -92,7 +94,10 @@ class Noise:
         # Many values within the noise, or none, are as good as some hundred.
         step = self.step if self.step > wide / 200 else wide / 200
         first = self.low if np.isfinite(self.low) else self.high if np.isfinite(self.high) else 0.0
-        begin, end = np.floor((level.min() - wide - first) / step), np.ceil((level.max() + wide - first) / step)
+        begin, end = (
+            np.floor((level.min() - wide - first) / step),
+            np.ceil((level.max() + wide - first) / step),
+        )
         k = first + step * np.arange(begin, end + 1)
         below = ndtr((k[None, :-1] + step / 2 - level[:, None]) / sd[:, None])
         share = np.diff(below, axis=1, prepend=0.0, append=1.0)
@@ -123,7 +128,9 @@ class Noise:
                 for z, w in zip(_NODES, _WEIGHTS, strict=True):
                     own = at + z * wide
                     one, steep, var = (np.interp(own, x, y) for y in (m, g, v))
-                    parts = [p + w * q for p, q in zip(parts, (one, steep, var, (one - at) ** 2), strict=True)]
+                    parts = [
+                        p + w * q for p, q in zip(parts, (one, steep, var, (one - at) ** 2), strict=True)
+                    ]
                 mean[near], slope[near], each[near] = parts[:3]
                 # What a line takes up belongs to what gave the level its spread.
                 more = parts[3] - (mean[near] - at) ** 2 - (slope[near] * wide) ** 2

@@ -45,6 +45,10 @@ class Null:
         """The gain that an effect must have to be named [nats]."""
         return max(C.least_gain, C.slack * self.quantile(name))
 
+    def p_value(self, name: str, gain: float) -> float:
+        """Part of null sessions in which an effect gains as much."""
+        return (1 + float((self.gains.get(name, np.zeros(0)) >= gain).sum())) / (1 + len(self.laws))
+
 
 def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
     """(N, J) whitened residual that each contact law leaves after the base model's fit; zero for the fitted one."""

@@ -23,13 +23,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from skincal.effects import effect
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
 from skincal.inference.check import beyond, left
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.forward import State
+from skincal.inference.forward import Effects, State
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.inference.start import placed
@@ -48,6 +49,7 @@ class Tried:
         error: its standard error.
         sure: standard errors by which it is there.
         limit: of the null.
+        p_value: part of null sessions that gain as much.
         candidate: the best start.
         coefficients: multiples of its points.
         shared: gain of which no press has more than a bounded part [nats].
@@ -59,6 +61,7 @@ class Tried:
     error: float
     sure: float
     limit: float
+    p_value: float
     candidate: Candidate
     coefficients: FloatArray
     shared: float
@@ -100,7 +103,7 @@ class Found:
         fitted: with what was named.
         named: in the order in which they were taken.
         rounds: what was tried in each round, best first.
-        null: of the base.
+        null: about the base model.
         left: (3,) what the final model leaves, as :func:`skincal.inference.check.left`.
         beyond: (3,) whether that is more than chance.
         begun_with: (3,) the same of the base model.
@@ -139,103 +142,109 @@ class Search:
     heard: Callable[[str], None] = lambda _: None
     null_sessions: int = C.null_sessions
     _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    _known: Effects = field(default_factory=dict)
+    _null: Null = field(init=False)
 
     def run(self) -> Found:
         """From the base model to what is missing."""
         self._folds = folds_of(self.base.blocks, self.rng)
-        known = dict(self.base.state.effects)
+        self._known, self._null = dict(self.base.state.effects), self._drawn()
         fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
         dropped: set[str] = set()
-        null: Null | None = None
         while True:
-            found, now = self._columns(fit, null is None)
-            if null is None:
-                null = now
-            assert null is not None
-            tried = self._tried(fit, found, null)
+            tried = self._round(fit, named)
             rounds.append(tuple(tried))
             good = [t for t in tried if t.good and t.name not in dropped]
-            if not good or len(named) >= C.most:
-                break
-            best = self._best(fit, good, null)
+            best = self._best(fit, good) if good and len(named) < C.most else None
             if best is None:
                 break
-            one, new, alike, rivals = best
-            gain = Score(self.score(new) - self.score(fit))
-
+            own, new = best
+            again = next((n for n in named if n.name == own.name), None)
+            if again is None:
+                named.append(own)
+            else:
+                named[named.index(again)] = replace(again, gain=again.gain + own.gain)
             fit = new
-            if one.name not in [n.name for n in named]:
-                p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (
-                    1 + len(null.laws)
-                )
-                named.append(Named(one.name, alike, gain.total, null.limit(one.name), p, rivals))
             # What the new one has made needless goes.
-            for old in list(named[:-1]):
-                less = self._without(fit, old.name, known)
-                more = Score(self.score(fit) - self.score(less)).total
-                if more < null.limit(old.name):
+            for old in named[:-1]:
+                less = self._without(fit, old.name)
+                if Score(self.score(fit) - self.score(less)).total < old.limit:
                     fit, named = less, [n for n in named if n is not old]
                     dropped.add(old.name)
+        if len(named) > 1:
+            fit, named = self._swapped(fit, named)
         fit = self._from_start(fit) if named else fit
         b = fit.blocks
         own = left(fit.chi()[:, None], b.count, b.press)[0]
-        first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
-        return Found(self.base, fit, tuple(named), tuple(rounds), null, own, beyond(own, null.left), first)
+        first = left(self.base.chi()[:, None], self.base.blocks.count, self.base.blocks.press)[0]
+        return Found(
+            self.base, fit, tuple(named), tuple(rounds), self._null, own, beyond(own, self._null.left), first
+        )
+
+    def _swapped(self, fit: Fitted, named: list[Named]) -> tuple[Fitted, list[Named]]:
+        """Each effect against all others beside those that were found after it."""
+        for old in named[:-1]:
+            less = self._without(fit, old.name)
+            others = [n for n in named if n is not old]
+            tried = self._round(less, others)
+            best = self._best(less, [t for t in tried if t.good and t.name not in [n.name for n in others]])
+            if best is not None and Score(self.score(best[1]) - self.score(fit)).total > -C.settled:
+                fit, named = best[1], [best[0] if n is old else n for n in named]
+        return fit, named
 
     # ------------------------------------------------------------------ a round
 
-    def _columns(self, fit: Fitted, first: bool) -> tuple[tuple[list[Candidate], Fitted], Null | None]:
-        """Candidates, the linearisation with their columns behind the model's, and null sessions of it if asked for."""
-        fitter, seen = self.fitter, fit.seen
-        f = fitter.forward
-        _, slope = f.noise.written(seen.values + seen.state.rest)
-        had: set[tuple[str, int | None]] = {
-            (n, None)
-            for n in seen.state.effects
-            if not any(x.index is not None and x.effect == n for x in fit.free)
-        }
+    def _round(self, fit: Fitted, named: Sequence[Named]) -> list[Tried]:
+        """What every effect that is not in the model would gain, best first."""
+        found, w, errors = self._linear(fit)
+        linear = self.fitter.built(fit.seen, fit.free, w, errors)
+        # An equation's error has no known shape: it may look like anything that is no larger.
+        owed = sum(0.5 * effect(one.name).equation_error ** 2 * one.gain for one in named)
+        out: dict[str, Tried] = {}
+        own_gains = self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)
+        for c, (best, own, each) in zip(found, own_gains, strict=True):
+            s = Score(each[:, 0])
+            begin = self.fitter.moved(linear, best[:, 0], own)
+            by = best[len(linear.prior) :, 0]
+            limit, p = max(self._null.limit(c.name), owed), self._null.p_value(c.name, s.total)
+            t = Tried(c.name, s.total, s.error, s.sure, limit, p, c, by, s.shared, begin)
+            if c.name not in out or t.gain > out[c.name].gain:
+                out[c.name] = t
+        return sorted(out.values(), key=lambda t: -t.gain)
+
+    def _linear(self, fit: Fitted) -> tuple[list[Candidate], Whitened, int]:
+        """Candidates, the linearisation with their columns behind the model's, and how many of these are errors."""
+        seen, f = fit.seen, self.fitter.forward
+        slope = f.noise.written(seen.values + seen.state.rest)[1]
+        alone = {x.effect for x in fit.free if x.index is not None}
+        alone &= {n for n in seen.state.effects if any(s.alone is not None for s in starts_of(n, self.scene))}
+        had: set[tuple[str, int | None]] = {(n, None) for n in seen.state.effects if n not in alone}
         had |= {(x.effect, x.index) for x in fit.free if x.index is not None}
-        had |= {
-            (n, None)
-            for n in seen.state.effects
-            if not any(s.alone is not None for s in starts_of(n, self.scene))
-        }
         found = list(candidates(f, seen, self.scene, slope, self.names, had))
-        w, errors = fitter.columns_of(seen, fit.free)
-        sd = np.exp(w.log_sd)
-        weight = np.where(w.seen, fitter.before.weights, 0.0) / sd
-        more = [c.columns * weight[..., None] for c in found]
-        wide = Whitened(
-            w.residual, np.concatenate([w.columns, *more], axis=2), w.press, w.signal, w.own, w.seen, w.log_sd
+        w, errors = self.fitter.columns_of(seen, fit.free)
+        weight = np.where(w.seen, self.fitter.before.weights, 0.0) / np.exp(w.log_sd)
+        columns = [w.columns, *(c.columns * weight[..., None] for c in found)]
+        return found, replace(w, columns=np.concatenate(columns, axis=2)), errors
+
+    def _drawn(self) -> Null:
+        """Null sessions about the base model."""
+        self.heard("null sessions")
+        base, fitter = self.base, self.fitter
+        found, w, errors = self._linear(base)
+        laws, draws = drawn_residuals(
+            law_residuals(fitter, base), fitter.before.weights, w.seen, self.rng, self.null_sessions
         )
-        draws, laws = None, ()
-        if first:
-            self.heard("null sessions")
-            residuals = law_residuals(fitter, fit)
-            laws, draws = drawn_residuals(
-                residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions
-            )
-        linear = fitter.built(seen, fit.free, wide, errors, draws=draws, rng=self.rng)
-        null = None
-        if first:
-            b = linear.blocks
-            gains: dict[str, FloatArray] = {}
-            for c, (_, _, each) in zip(
-                found, self._gains(linear, found, b.drawn, np.zeros(len(linear.pull))), strict=True
-            ):
-                own = each.sum(axis=0)
-                gains[c.name] = np.maximum(gains[c.name], own) if c.name in gains else own
-            # What the base model's own fit takes up is taken up there, too.
-            n = len(linear.prior)
-            h = b.h[:, :n, :n]
-            c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
-            chi = (
-                b.drawn_chi
-                - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c)
-                + np.einsum("ns,pns->ps", c, h @ c)
-            )
-            null = Null(laws, gains, left(chi, b.count, b.press))
-        return (found, linear), null
+        linear = fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
+        b, n = linear.blocks, len(linear.prior)
+        gains: dict[str, FloatArray] = {}
+        for c, (_, _, each) in zip(found, self._gains(linear, found, b.drawn, np.zeros(n)), strict=True):
+            own = each.sum(axis=0)
+            gains[c.name] = np.maximum(gains[c.name], own) if c.name in gains else own
+        # What the base model's own fit takes up is taken up there, too.
+        h = b.h[:, :n, :n]
+        c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
+        chi = b.drawn_chi - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
+        return Null(laws, gains, left(chi, b.count, b.press))
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
@@ -255,23 +264,7 @@ class Search:
             out.append((best, own, with_it - none))
         return out
 
-    def _tried(self, fit: Fitted, columns: tuple[list[Candidate], Fitted], null: Null) -> list[Tried]:
-        found, linear = columns
-        b = linear.blocks.b[:, :, None]
-        out: dict[str, Tried] = {}
-        del fit
-        for c, (best, own, each) in zip(found, self._gains(linear, found, b, linear.pull), strict=True):
-            s = Score(each[:, 0])
-            begin = self.fitter.moved(linear, best[:, 0], own)
-            by = best[len(linear.prior) :, 0]
-            t = Tried(c.name, s.total, s.error, s.sure, null.limit(c.name), c, by, s.shared, begin)
-            if c.name not in out or t.gain > out[c.name].gain:
-                out[c.name] = t
-        return sorted(out.values(), key=lambda t: -t.gain)
-
-    def _best(
-        self, fit: Fitted, good: Sequence[Tried], null: Null
-    ) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
+    def _best(self, fit: Fitted, good: Sequence[Tried]) -> tuple[Named, Fitted] | None:
         """Of the best few the one whose joint fit surely predicts better, and best, and those that predict as well.
 
         What is near the best after a few steps is fitted until it is settled before it is compared: the base has gone
@@ -279,19 +272,21 @@ class Search:
         """
         order = sorted(good, key=lambda t: -t.shared)
         few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
-        fits = [(t, self.with_one(fit, t)) for t in few]
-        gains = [Score(self.score(x) - self.score(fit)) for _, x in fits]
-        fits = [
-            own
-            for own, gain in zip(fits, gains, strict=True)
-            if gain.total > null.limit(own[0].name) and max(own[0].sure, gain.sure) > C.sure
-        ]
+        fits: list[tuple[Tried, Fitted]] = []
+        for t in few:
+            new = self.with_one(fit, t)
+            gain = Score(self.score(new) - self.score(fit))
+            if gain.total > t.limit and max(t.sure, gain.sure) > C.sure:
+                fits.append((t, new))
         if not fits:
             return None
-        near = self._alike(fits)
-        fits = [(t, self._settled(x.state, x.free)) for t, x in near]
-        first, *alike = self._alike(fits)
-        return (*first, (first[0].name, *(t.name for t, _ in alike)), tuple((t.name, x) for t, x in alike))
+        fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fits)]
+        (first, new), *alike = self._alike(fits)
+        gain = Score(self.score(new) - self.score(fit)).total
+        rivals = tuple((t.name, x) for t, x in alike)
+        return Named(
+            first.name, (first.name, *(n for n, _ in rivals)), gain, first.limit, first.p_value, rivals
+        ), new
 
     def _alike(self, fits: Sequence[tuple[Tried, Fitted]]) -> list[tuple[Tried, Fitted]]:
         """The one that predicts best, and those whose difference from it is not sure."""
@@ -362,8 +357,8 @@ class Search:
         assert best is not None
         return best[1]
 
-    def _without(self, fit: Fitted, name: str, known: dict) -> Fitted:  # type: ignore[type-arg]
-        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in known}
+    def _without(self, fit: Fitted, name: str) -> Fitted:
+        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
         free = tuple(f for f in fit.free if f.effect != name)
         return self._settled(replace(fit.state, effects=effects), free)
 
