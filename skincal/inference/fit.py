@@ -79,9 +79,9 @@ class Fitted:
         n = self.numbers
         return np.linalg.inv(self.blocks.h.sum(axis=0) + np.diag(self.prior))[:n, :n]
 
-    def loss(self) -> float:
-        """Minus twice the logarithm of the posterior, but for a constant."""
-        b, n = self.blocks, self.numbers
+    def loss(self, *, errors: bool = False) -> float:
+        """Minus twice the logarithm of the posterior, but for a constant; with equations at their word, or in error."""
+        b, n = self.blocks, self.numbers if errors else len(self.prior)
         return _loss(b.loss, b.h[:, n:, n:], b.b[:, n:], self.pull, self.prior)
 
     def chi(self) -> FloatArray:
@@ -92,7 +92,7 @@ class Fitted:
 
 
 def _loss(each: FloatArray, h: FloatArray, b: FloatArray, pull: FloatArray, prior: FloatArray) -> float:
-    """Of blocks (B,) and of the prior, less what errors of equations take up, whose columns (B, m, m) and (B, m) are given."""
+    """Of blocks (B,) and of the prior, less what errors of equations take up, of whose columns h and b are."""
     m = b.shape[1]
     taken = b.sum(axis=0) @ np.linalg.solve(h.sum(axis=0) + np.eye(m), b.sum(axis=0))
     return float(each.sum() - taken + (pull**2 / np.maximum(prior, 1e-300)).sum())
@@ -173,11 +173,12 @@ class Fitter:
         return np.concatenate([base, *(x[..., None] for x in rows)], axis=2) if rows else base
 
     def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
-        """What the equations of effects in the model may err by, at one standard deviation; at their word in no way alike.
+        """What the equations of effects in the model may err by, at one standard deviation.
 
         Returns:
-            (K, J, k) of each effect, in each phase of a press for itself; (K, J, m) of all presses alike: in each phase,
-            and in another proportion to the force, to what a taxel reads, and over the session.
+            (K, J, k) of each effect, in each phase of a press for itself; (K, J, m) of all presses alike: in each
+            phase, and in another proportion to the force, to what a taxel reads, and over the session; at their word
+            none.
         """
         samples, parts = self.forward.samples, []
         for name in seen.state.effects:
@@ -351,11 +352,11 @@ class Fitter:
         for _ in range(steps):
             new, seen, total = self._careful(at, self.step(at), only, word)
             for part in (0.3, 0.1):
-                if total > at.loss() + 0.1:
+                if total > at.loss(errors=True) + 0.1:
                     new, seen, total = self._careful(at, between(at.state, new, part), only, word)
-            if total > at.loss() + 0.1:
+            if total > at.loss(errors=True) + 0.1:
                 break
-            gained = at.loss() - total
+            gained = at.loss(errors=True) - total
             at = self.linear(new, at.free, only, seen, word=word)
             if gained < C.settled:
                 break

@@ -1,9 +1,9 @@
 """Noise of a session, and what the converter makes of a level: its mean, its slope and its scatter.
 
-A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance of it as functions of the level
-are worked out once, as a table. Where the noise is small against a step they are a staircase. A level at rest stands on
-one place of it; that of a pressed taxel is known only within the spread that the press's own numbers give it, and what
-is expected is the mean over that spread, beside a variance that all frames of the level share.
+A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance of it as functions of the
+level are worked out once, as a table. Where the noise is small against a step they are a staircase. A level at rest
+stands on one place of it; that of a pressed taxel is known only within the spread that the press's own numbers give
+it, and what is expected is the mean over that spread, beside a variance that all frames of the level share.
 """
 
 from __future__ import annotations

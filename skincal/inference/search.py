@@ -26,7 +26,7 @@ import numpy as np
 from skincal.effects import effect
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
-from skincal.inference.check import beyond, left
+from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
@@ -124,6 +124,11 @@ class Found:
         return bool(self.beyond.any())
 
     @property
+    def excess(self) -> float:
+        """What the final model leaves, over what it may leave, where that is most."""
+        return float(((self.left - 1) / (limits(self.null.left) - 1)).max())
+
+    @property
     def doubtful(self) -> bool:
         """Whether what is named leaves more than chance, and more of what there was than an equation may err by."""
         before, after = np.maximum(self.begun_with - 1, C.noise), self.left - 1
@@ -178,7 +183,7 @@ class Search:
         own = left(fit.chi()[:, None], b.count, b.press)[0]
         first = left(self.base.chi()[:, None], self.base.blocks.count, self.base.blocks.press)[0]
         return Found(
-            self.base, fit, tuple(named), tuple(rounds), self._null, own, beyond(own, self._null.left), first
+            self.base, fit, tuple(named), tuple(rounds), self._null, own, own > limits(self._null.left), first
         )
 
     def _swapped(self, fit: Fitted, named: list[Named]) -> tuple[Fitted, list[Named]]:
@@ -271,7 +276,7 @@ class Search:
         along with what was missing, and may have far to come back.
         """
         order = sorted(good, key=lambda t: -t.shared)
-        few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
+        few = [t for t in order if t.shared > C.contend * order[0].shared][: C.contenders]
         fits: list[tuple[Tried, Fitted]] = []
         for t in few:
             new = self.with_one(fit, t)
