@@ -75,27 +75,28 @@ class Fitted:
 
     @property
     def covariance(self) -> FloatArray:
-        """(n, n) of base, law and effects, everything else integrated out."""
-        n = self.numbers
-        return np.linalg.inv(self.blocks.h.sum(axis=0) + np.diag(self.prior))[:n, :n]
+        """(n, n) mean squares of base, law and effects about the state, everything else integrated out.
 
-    def loss(self, *, errors: bool = False) -> float:
-        """Minus twice the logarithm of the posterior, but for a constant; with equations at their word, or in error."""
-        b, n = self.blocks, self.numbers if errors else len(self.prior)
-        return _loss(b.loss, b.h[:, n:, n:], b.b[:, n:], self.pull, self.prior)
+        The state is that with equations at their word. Where they may err the posterior is wider, and lies elsewhere.
+        """
+        h, g, n = (
+            self.blocks.h.sum(axis=0) + np.diag(self.prior),
+            self.blocks.b.sum(axis=0) - self.pull,
+            self.numbers,
+        )
+        wide = np.linalg.inv(h)[:n]
+        aside = wide @ g - np.linalg.solve(h[:n, :n], g[:n])
+        return wide[:, :n] + np.outer(aside, aside)
+
+    def loss(self) -> float:
+        """Minus twice the logarithm of the posterior, but for a constant."""
+        return float(self.blocks.loss.sum() + (self.pull**2 / np.maximum(self.prior, 1e-300)).sum())
 
     def chi(self) -> FloatArray:
         """(B,) squares that are left where equations err as is best."""
         b, n = self.blocks, self.numbers
         c = np.linalg.solve(b.h[:, n:, n:].sum(axis=0) + np.diag(self.prior[n:]), b.b[:, n:].sum(axis=0))
         return b.chi - 2 * b.b[:, n:] @ c + np.einsum("n,pnm,m->p", c, b.h[:, n:, n:], c)
-
-
-def _loss(each: FloatArray, h: FloatArray, b: FloatArray, pull: FloatArray, prior: FloatArray) -> float:
-    """Of blocks (B,) and of the prior, less what errors of equations take up, of whose columns h and b are."""
-    m = b.shape[1]
-    taken = b.sum(axis=0) @ np.linalg.solve(h.sum(axis=0) + np.eye(m), b.sum(axis=0))
-    return float(each.sum() - taken + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
 
 class Fitter:
@@ -326,52 +327,31 @@ class Fitter:
         )
 
     def solve(
-        self,
-        state: State,
-        free: tuple[Free, ...] = (),
-        steps: int = 4,
-        only: BoolArray | None = None,
-        errors: int = 0,
+        self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
     ) -> Fitted:
-        """Fits, from a state.
-
-        Args:
-            state: where to begin.
-            free: numbers of effects.
-            steps: at most, with equations taken at their word: what may err leads a fit astray while it is far off.
-            only: (N,) observations that count.
-            errors: steps after that in which equations may err.
-        """
-        word = bool(state.effects)
-        at = self._solved(self.linear(state, free, only, word=word), steps, only, word=word)
-        at = self.linear(at.state, free, only, at.seen) if word else at
-        return self._solved(at, errors, only, word=False) if word and errors else at
-
-    def _solved(self, at: Fitted, steps: int, only: BoolArray | None, *, word: bool) -> Fitted:
-        """Steps; one that makes it worse is halved."""
+        """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
+        at = self.linear(state, free, only, word=True)
         for _ in range(steps):
-            new, seen, total = self._careful(at, self.step(at), only, word)
+            new, seen, total = self._careful(at, self.step(at), only)
             for part in (0.3, 0.1):
-                if total > at.loss(errors=True) + 0.1:
-                    new, seen, total = self._careful(at, between(at.state, new, part), only, word)
-            if total > at.loss(errors=True) + 0.1:
+                if total > at.loss() + 0.1:
+                    new, seen, total = self._careful(at, between(at.state, new, part), only)
+            if total > at.loss() + 0.1:
                 break
-            gained = at.loss(errors=True) - total
-            at = self.linear(new, at.free, only, seen, word=word)
+            gained = at.loss() - total
+            at = self.linear(new, free, only, seen, word=True)
             if gained < C.settled:
                 break
-        return at
+        return self.linear(at.state, free, only, at.seen) if at.state.effects else at
 
-    def _careful(
-        self, at: Fitted, state: State, only: BoolArray | None, word: bool
-    ) -> tuple[State, Seen, float]:
+    def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
         """A state whose presses have gone the part of their way that is best for them, and its loss."""
         before = np.full(len(state.move), np.inf)
         own = at.blocks.press >= 0
         before[at.blocks.press[own]] = at.blocks.loss[own]
         best, move, way = np.full(len(before), np.inf), state.move.copy(), state.move - at.state.move
         for part in (1.0, 0.3, 0.1):
-            seen, found = self._left(state, only, word)
+            seen, found = self._left(state, only)
             loss = np.full(len(before), -np.inf)
             own = found.press >= 0
             loss[found.press[own]] = found.loss[own]
@@ -383,20 +363,19 @@ class Fitter:
             state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
         if (move != state.move).any():
             state = replace(state, move=move)
-            seen, found = self._left(state, only, word)
+            seen, found = self._left(state, only)
         prior, pull = self.prior(state, at.free)
-        return state, seen, _loss(found.loss, found.h, found.b, pull, prior)
+        return state, seen, float(found.loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
     def loss_at(self, state: State) -> float:
         """Minus twice the logarithm of the likelihood of a state, but for a constant."""
-        found = self._left(state, None, True)[1]
-        return _loss(found.loss, found.h, found.b, np.zeros(1), np.ones(1))
+        return float(self._left(state, None)[1].loss.sum())
 
-    def _left(self, state: State, only: BoolArray | None, word: bool) -> tuple[Seen, Blocks]:
+    def _left(self, state: State, only: BoolArray | None) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
-        own, shared = self.equations(seen, word=word)
-        w = self.whitened(seen, shared, own, only)
+        own, none = self.equations(seen, word=True)
+        w = self.whitened(seen, none, own, only)
         return seen, blocks(w, self.press, self.phase, state.move, self.before.move)
 
 
