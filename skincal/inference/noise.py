@@ -18,8 +18,9 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
-_NODES = np.linspace(-3.0, 3.0, 17)
+_NODES = np.linspace(-3.0, 3.0, 13)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
+_NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,34 +59,24 @@ class Noise:
         return np.hypot(self.frame, self.grows * np.maximum(level - self.rest, 0.0))
 
     @cached_property
-    def _parts(self) -> list[tuple[float, float]]:
-        """Where a table is needed: near the bounds, and all of a staircase."""
-        parts: list[tuple[float, float]] = []
-        for end in (e for e in (self.low, self.high) if np.isfinite(e)):
-            around = _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
-            parts.append((end - around, end + around))
-        if self.coarse:
-            # Above, the error of an image alone makes it smooth.
-            last = self.rest + C.smooth * self.step / C.image
-            parts.append(
-                (max(self.low, self.rest) - _NEAR * self.step, min(last, self.high) + _NEAR * self.step)
-            )
-        return parts
-
-    @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Levels, and mean, slope and variance of a frame there."""
-        levels: list[FloatArray] = []
-        for begin, end in self._parts:
-            fine = self.frame / _FINE if self.coarse else (end - begin) / _KNOTS
-            levels.append(np.arange(begin, end + fine, fine))
-        x = np.unique(np.concatenate(levels)) if levels else np.zeros(0)
+        """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
+        x = np.zeros(0)
+        if self.coarse:
+            around = _NEAR * self.step
+            # Above, the error of an image alone makes it smooth.
+            last = min(self.rest + C.smooth * self.step / C.image, self.high)
+            x = np.arange(max(self.low, self.rest) - around, last + around, self.frame / _FINE)
+        else:
+            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
+                around = _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
+                x = np.append(x, np.linspace(end - around, end + around, _KNOTS))
+            x = np.unique(x)
         mean, variance = np.zeros_like(x), np.zeros_like(x)
         for rows in np.array_split(np.arange(len(x)), len(x) // 500 + 1):
             if len(rows):
                 mean[rows], variance[rows] = self._rounded(x[rows])
-        slope = np.gradient(mean, x) if len(x) else x
-        return x, mean, slope, variance
+        return x, mean, np.gradient(mean, x) if len(x) else x, variance
 
     def _rounded(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and variance of a frame of levels (n,) that lie near each other."""
@@ -114,32 +105,36 @@ class Noise:
             level: of any shape.
             spread: within which each is known; None: the error of an image. Only a staircase asks.
         """
-        x, m, g, v = self._table
-        plain = self._sd(level) ** 2 + self.step**2 / 12
-        mean, slope, each, shared = level.copy(), np.ones_like(level), plain, np.zeros_like(level)
-        if len(x):
-            near = np.logical_or.reduce([(level > begin) & (level < end) for begin, end in self._parts])
-            at = level[near]
-            if self.coarse:
-                if spread is None:
-                    spread = C.image * np.abs(level - self.rest)
-                wide = np.minimum(spread[near], C.smooth * self.step)
-                parts = [0.0] * 4
-                for z, w in zip(_NODES, _WEIGHTS, strict=True):
-                    own = at + z * wide
-                    one, steep, var = (np.interp(own, x, y) for y in (m, g, v))
-                    parts = [
-                        p + w * q for p, q in zip(parts, (one, steep, var, (one - at) ** 2), strict=True)
-                    ]
-                mean[near], slope[near], each[near] = parts[:3]
-                # What a line takes up belongs to what gave the level its spread.
-                more = parts[3] - (mean[near] - at) ** 2 - (slope[near] * wide) ** 2
-                shared[near] = np.maximum(more, 0.0)
-            else:
-                mean[near], slope[near], each[near] = (np.interp(at, x, y) for y in (m, g, v))
-        out = (level < self.low) | (level > self.high)
-        mean, slope = np.clip(mean, self.low, self.high), np.where(out & (mean == level), 0.0, slope)
+        x, *rows = self._table
+        kept = shared_rounding(self.frame, self.step) if self.coarse else 0.0
+        plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
+        mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
+        slope, each = (mean == level).astype(np.float64), plain.copy()
+        if self.coarse:
+            spread = C.image * np.abs(level - self.rest) if spread is None else spread
+            near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
+            mean[near], slope[near], each[near] = self._stairs(level[near])
+            shared[near] = 0.0
+            near &= spread > self.frame / _FINE
+            at, wide, total = level[near], spread[near], np.zeros((4, int(near.sum())))
+            for z, w in zip(_NODES, _WEIGHTS, strict=True):
+                one, steep, var = self._stairs(at + z * wide)
+                total += w * np.stack([one, steep, var, (one - at) ** 2])
+            mean[near], slope[near], each[near] = total[:3]
+            # What a line takes up belongs to what gave the level its spread.
+            shared[near] = np.maximum(total[3] - (total[0] - at) ** 2 - (total[1] * wide) ** 2, 0.0)
+        else:
+            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
+                near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
+                mean[near], slope[near], each[near] = (np.interp(level[near], x, y) for y in rows)
         return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
+
+    def _stairs(self, level: FloatArray) -> FloatArray:
+        """(3, n) mean, slope and variance on a staircase."""
+        x, *rows = self._table
+        place = np.clip((level - x[0]) / (x[1] - x[0]), 0.0, len(x) - 1.001)
+        k = place.astype(np.int64)
+        return np.stack([y[k] + (place - k) * (y[k + 1] - y[k]) for y in rows])
 
     def written(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean of what is written, and its slope, for levels of any shape [counts]."""
@@ -240,11 +235,11 @@ def noise_of(
     inside = (at > low + away) & (at < high - away) & np.isfinite(d)
     above = np.maximum(at - level, 0.0)
     usual = _robust(d[inside], step) if inside.any() else 0.0
-    quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
-    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step:
+    lifted = inside & (above > 2 * step)
+    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step and lifted.sum() > 300:
         # Levels at rest all stand on one place of the staircase; those of pressed taxels lie anywhere.
-        lifted = inside & (above > 2 * step) & (above < 20 * step)
-        quiet = lifted if lifted.sum() > 300 else quiet
+        inside, usual = lifted, max(_robust(d[lifted], step), 0.2 * step)
+    quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
     loud = inside & (above > 20 * max(usual, 1e-12))
     variance = _robust(d[quiet], step) ** 2 if quiet.sum() > 50 else usual**2
     grows = 0.0
