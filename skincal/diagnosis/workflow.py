@@ -68,12 +68,12 @@ def diagnose(
         if spells:
             other = observed.without(spells)
             base = base_fit(other.fitter, known=True)
-            again = Search(
+            anew = Search(
                 other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions
             ).run()
             # What was taken off must have been what was left.
-            if again.excess < found.excess:
-                observed, fitter, found = other, other.fitter, again
+            if anew.excess < found.excess:
+                observed, fitter, found = other, other.fitter, anew
     heard("gap on presses nobody has fitted")
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)

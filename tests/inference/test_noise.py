@@ -68,7 +68,9 @@ def test_a_level_known_within_a_spread_reads_what_a_staircase_makes_of_it(level:
 def test_the_noise_is_that_of_levels_which_lie_anywhere_on_a_staircase(rest: float):
     # At the edge of a step frames at rest change all the time, in its middle never.
     counts, hold = frames(1.0, 8.0, rest, 0.0)
-    found = noise_of(counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0 + rest, integer=True)
+    found = noise_of(
+        counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0 + rest, integer=True
+    )
     assert found.frame == pytest.approx(1.0, abs=0.35)
 
 
