@@ -72,7 +72,7 @@ def diagnose(
                 other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions
             ).run()
             # What was taken off must have been what was left.
-            if anew.excess < found.excess:
+            if anew.excess.max() < found.excess.max():
                 observed, fitter, found = other, other.fitter, anew
     heard("gap on presses nobody has fitted")
     gap = gap_of(observed, found.base.state, found.fitted.state, again)

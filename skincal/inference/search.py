@@ -34,7 +34,7 @@ from skincal.inference.forward import Effects, State
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.inference.start import placed
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray
 
 _SCALES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
 
@@ -104,9 +104,6 @@ class Found:
         named: in the order in which they were taken.
         rounds: what was tried in each round, best first.
         null: about the base model.
-        left: (3,) what the final model leaves, as :func:`skincal.inference.check.left`.
-        beyond: (3,) whether that is more than chance.
-        begun_with: (3,) the same of the base model.
     """
 
     base: Fitted
@@ -114,25 +111,27 @@ class Found:
     named: tuple[Named, ...]
     rounds: tuple[tuple[Tried, ...], ...]
     null: Null
-    left: FloatArray
-    beyond: BoolArray
-    begun_with: FloatArray
+
+    @property
+    def left(self) -> FloatArray:
+        """(3,) what the final model leaves (:func:`skincal.inference.check.left`)."""
+        return left_by(self.fitted)
+
+    @property
+    def excess(self) -> FloatArray:
+        """(3,) the same over what it may leave."""
+        return (self.left - 1) / (limits(self.null.left) - 1)
 
     @property
     def open(self) -> bool:
         """Whether the final model leaves more than chance."""
-        return bool(self.beyond.any())
-
-    @property
-    def excess(self) -> float:
-        """What the final model leaves, over what it may leave, where that is most."""
-        return float(((self.left - 1) / (limits(self.null.left) - 1)).max())
+        return bool((self.excess > 1).any())
 
     @property
     def doubtful(self) -> bool:
         """Whether what is named leaves more than chance, and more of what there was than an equation may err by."""
-        before, after = np.maximum(self.begun_with - 1, C.noise), self.left - 1
-        return self.open and bool((after > C.equation * before)[self.beyond].any())
+        before, after = np.maximum(left_by(self.base) - 1, C.noise), self.left - 1
+        return bool(((after > C.equation * before) & (self.excess > 1)).any())
 
 
 @dataclass(eq=False)
@@ -179,12 +178,7 @@ class Search:
         if len(named) > 1:
             fit, named = self._swapped(fit, named)
         fit = self._from_start(fit) if named else fit
-        b = fit.blocks
-        own = left(fit.chi()[:, None], b.count, b.press)[0]
-        first = left(self.base.chi()[:, None], self.base.blocks.count, self.base.blocks.press)[0]
-        return Found(
-            self.base, fit, tuple(named), tuple(rounds), self._null, own, own > limits(self._null.left), first
-        )
+        return Found(self.base, fit, tuple(named), tuple(rounds), self._null)
 
     def _swapped(self, fit: Fitted, named: list[Named]) -> tuple[Fitted, list[Named]]:
         """Each effect against all others beside those that were found after it."""
@@ -371,6 +365,11 @@ class Search:
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def left_by(fit: Fitted) -> FloatArray:
+    """(3,) what a fit leaves where equations err as is best."""
+    return left(fit.chi()[:, None], fit.blocks.count, fit.blocks.press)[0]
 
 
 def scene_of(fitter: Fitter, base: Fitted) -> Scene:
