@@ -35,6 +35,7 @@ class Noise:
         high: the same above.
         force_n: noise of the measured force of a frame [N].
         rest: level at rest that all taxels share [counts].
+        origin: a value that is written; all others are whole steps from it [counts].
     """
 
     sigma: FloatArray
@@ -44,6 +45,7 @@ class Noise:
     high: float
     force_n: float = 0.0
     rest: float = 0.0
+    origin: float = 0.0
 
     @cached_property
     def frame(self) -> float:
@@ -84,12 +86,9 @@ class Noise:
         wide = _NEAR * float(sd.max())
         # Many values within the noise, or none, are as good as some hundred.
         step = self.step if self.step > wide / 200 else wide / 200
-        first = self.low if np.isfinite(self.low) else self.high if np.isfinite(self.high) else 0.0
-        begin, end = (
-            np.floor((level.min() - wide - first) / step),
-            np.ceil((level.max() + wide - first) / step),
-        )
-        k = first + step * np.arange(begin, end + 1)
+        begin = np.floor((level.min() - wide - self.origin) / step)
+        end = np.ceil((level.max() + wide - self.origin) / step)
+        k = self.origin + step * np.arange(begin, end + 1)
         below = ndtr((k[None, :-1] + step / 2 - level[:, None]) / sd[:, None])
         share = np.diff(below, axis=1, prepend=0.0, append=1.0)
         written = np.clip(k, self.low, self.high)
@@ -215,7 +214,9 @@ def noise_of(
         high: the same above.
         integer: whether values are whole numbers.
     """
-    step = step_of(counts) if integer else 0.0
+    # A bound need not be a whole number of steps from what is written between them.
+    between = counts[(counts > low) & (counts < high)] if integer else counts[:0]
+    step, origin = step_of(between), float(np.quantile(between, 0.5, method="lower")) if between.size else 0.0
     away = 4 * max(step, 1.0) if integer else 0.0
     level = np.nanmedian(counts[rest >= 0], axis=0) if (rest >= 0).any() else np.nanmin(counts, axis=0)
 
@@ -257,7 +258,7 @@ def noise_of(
         mine = quiet[:, j] if quiet[:, j].sum() > 50 else inside[:, j]
         if mine.sum() > 50 and (found := _robust(d[mine, j], step)) > 1.5 * np.sqrt(variance):
             own[j] = max(sigma_before_rounding(found**2, step), sigma)
-    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0)
+    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0, origin=origin)
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:

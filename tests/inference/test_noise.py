@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,16 @@ def test_a_level_known_within_a_spread_reads_what_a_staircase_makes_of_it(level:
     assert slope == pytest.approx(along, abs=0.1 + 0.05 / spread)
     left = of_levels.var() - counts.var(axis=1, ddof=1).mean() / 12 - along**2 * levels.var()
     assert shared == pytest.approx(left, abs=0.6)
+
+
+def test_steps_need_not_begin_at_zero():
+    counts, hold = frames(1.0, 4.0, 0.0, 0.0, low=-np.inf)
+    found = noise_of(
+        counts + 25.0, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 280.0, integer=True
+    )
+    assert found.step == 4.0 and found.origin % 4.0 == 1.0
+    mean, _ = replace(found, rest=25.0).written(np.array([25.0, 26.0]))
+    assert mean[0] == pytest.approx(25.0, abs=1e-3) and mean[1] < 25.8
 
 
 @pytest.mark.parametrize("rest", [20.0, 23.0])
