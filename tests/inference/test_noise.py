@@ -66,6 +66,19 @@ def test_a_level_known_within_a_spread_reads_what_a_staircase_makes_of_it(level:
     assert shared == pytest.approx(left, abs=0.6)
 
 
+@pytest.mark.parametrize("sigma", [0.8, 1.2])
+def test_the_noise_at_rest_is_that_which_makes_frames_fall_where_they_do(sigma: float):
+    counts, hold = frames(sigma, 4.0, 0.0, 0.0, low=-np.inf)
+    idle = 4 * np.rint(sigma * np.random.default_rng(6).standard_normal((1500, 16)) / 4)
+    both = np.concatenate([counts, idle]) + 25.0
+    rest = np.append(np.full(len(hold), -1), np.zeros(len(idle), dtype=int))
+    found = noise_of(
+        both, np.append(hold, np.full(len(idle), -1)), rest, np.zeros(len(both)), 0.0, 280.0, integer=True
+    )
+    # The variance of a frame at rest follows the noise several times as fast as the noise itself.
+    assert found.frame == pytest.approx(sigma, rel=0.02)
+
+
 def test_steps_need_not_begin_at_zero():
     counts, hold = frames(1.0, 4.0, 0.0, 0.0, low=-np.inf)
     found = noise_of(
