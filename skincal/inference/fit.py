@@ -155,16 +155,19 @@ class Fitter:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What a state reads on average (N, J), slopes of the converter (K, J), and variance (N, J).
 
-        Where rounding leaves a staircase, levels are known within what a press's own numbers do to them (K, J, 3).
+        ``moves`` (K, J, 3) is what a press's own numbers do to levels, if it is there already.
         """
         f, noise = self.forward, self.forward.noise
         level, spread = seen.values + seen.state.rest, None
         if noise.coarse:
-            moves = f.press_columns(seen) if moves is None else moves
-            spread = np.sqrt((moves**2) @ (1 / self.before.move) + (C.image * seen.values) ** 2)
+            spread = self.spread(seen, f.press_columns(seen) if moves is None else moves)
         mean, slope, each, shared = noise.moments(level, spread)
         variance = (f.mean @ each + (noise.sigma**2 - noise.frame**2)) / self.frames[:, None]
         return f.mean @ mean, slope, variance + (f.mean @ shared) * self._alike[:, None]
+
+    def spread(self, seen: Seen, moves: FloatArray) -> FloatArray:
+        """(K, J) within what levels are known beforehand, by what a press's own numbers do to them (K, J, 3)."""
+        return np.sqrt((moves**2) @ (1 / self.before.move) + (C.image * seen.values) ** 2)
 
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> FloatArray:
         """(K, J, n) slopes of base, law and effects."""

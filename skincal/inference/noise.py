@@ -135,6 +135,12 @@ class Noise:
         k = place.astype(np.int64)
         return np.stack([y[k] + (place - k) * (y[k + 1] - y[k]) for y in rows])
 
+    def rounded(self, value: FloatArray) -> FloatArray:
+        """What is written of values of any shape [counts]."""
+        return np.clip(
+            self.origin + self.step * np.rint((value - self.origin) / self.step), self.low, self.high
+        )
+
     def written(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean of what is written, and its slope, for levels of any shape [counts]."""
         return self.moments(level)[:2]  # type: ignore[return-value]

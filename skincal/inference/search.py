@@ -230,9 +230,7 @@ class Search:
         self.heard("null sessions")
         base, fitter = self.base, self.fitter
         found, w, errors = self._linear(base)
-        laws, draws = drawn_residuals(
-            law_residuals(fitter, base), fitter.before.weights, w.seen, self.rng, self.null_sessions
-        )
+        laws, draws = drawn_residuals(law_residuals(fitter, base), fitter, base, self.rng, self.null_sessions)
         linear = fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
         b, n = linear.blocks, len(linear.prior)
         gains: dict[str, FloatArray] = {}
