@@ -1,10 +1,9 @@
 """The one null: what every candidate gains in sessions with nothing hidden.
 
-A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, the own
-numbers of presses by their priors, and what a contact law other than the model's leaves after the base model has been
-fitted to it (twins). With the columns of this session the gain of a candidate is then the same linear algebra
-as for the
-data, so that a null session costs milliseconds.
+A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, or counts on
+a staircase; the own numbers of presses by their priors; and what a contact law other than the model's leaves after the
+base model has been fitted to it (twins). With the columns of this session the gain of a candidate is then the same
+linear algebra as for the data, so that a null session costs milliseconds.
 """
 
 from __future__ import annotations
