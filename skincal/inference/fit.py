@@ -15,6 +15,7 @@ from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
+from skincal.model import Plane
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
@@ -244,31 +245,20 @@ class Fitter:
         a, b = state.pose, self.before.start.pose
         turn = (a.beta_rad - b.beta_rad) * self.turning_radius(state) + a.x_m - b.x_m
         s = np.mean(state.log_s) - np.mean(self.before.start.log_s)
-        return np.array(
-            [
-                a.y_m - b.y_m,
-                turn,
-                a.alpha_rad - b.alpha_rad,
-                state.log_e - self.before.start.log_e,
-                s,
-                state.rest - self.before.start.rest,
-            ]
-        )
+        e, rest = state.log_e - self.before.start.log_e, state.rest - self.before.start.rest
+        return np.array([a.y_m - b.y_m, turn, a.alpha_rad - b.alpha_rad, e, s, rest])
 
     def turning_radius(self, state: State) -> float:
         """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
-        from skincal.model import Plane
-
         if isinstance(self.forward.surface, Plane):
             return 0.0
         here = self.forward.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
         return float(np.hypot(here[0], here[2]))
 
-    def step(self, at: Fitted, *, most: float = 1.0) -> State:
-        """Where a Gauss-Newton step leads, presses with it."""
+    def step(self, at: Fitted) -> State:
+        """Where a Gauss-Newton step leads from a linearisation with equations at their word, presses with it."""
         b, s = at.blocks, at.state
-        n = len(at.prior)
-        h, g = b.h.sum(axis=0)[:n, :n] + np.diag(at.prior), b.b.sum(axis=0)[:n] - at.pull
+        h, g = b.h.sum(axis=0) + np.diag(at.prior), b.b.sum(axis=0) - at.pull
         size = 1 / np.sqrt(np.diag(h))
         d = np.linalg.solve(h * np.outer(size, size), g * size) * size
         if at.free:
@@ -278,29 +268,23 @@ class Fitter:
                 [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
             )
             ends = np.array([f.bounds() for f in at.free])
-            k = np.arange(NB, at.numbers)
-            own = np.clip(np.clip(d[k], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
-            if np.any(own != d[k]):
-                o = np.setdiff1d(np.arange(n), k)
-                rest = h[np.ix_(o, o)] * np.outer(size[o], size[o])
-                d[o] = np.linalg.solve(rest, (g[o] - h[np.ix_(o, k)] @ own) * size[o]) * size[o]
-                d[k] = own
-        return self.moved(at, d, most=most)
+            own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
+            if np.any(own != d[NB:]):
+                rest, free = h[:NB, :NB] * np.outer(size[:NB], size[:NB]), g[:NB] - h[:NB, NB:] @ own
+                d = np.append(np.linalg.solve(rest, free * size[:NB]) * size[:NB], own)
+        return self.moved(at, d)
 
-    def moved(
-        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, most: float = 1.0
-    ) -> State:
+    def moved(self, at: Fitted, d: FloatArray, columns: IntArray | None = None) -> State:
         """A state by so much of its columns, no farther than a step may lead, presses with it.
 
         Args:
             at: the linearisation.
             d: steps of base, law and free numbers; with columns, of these.
             columns: of the blocks that the steps belong to, those of the model first; None: the first ones.
-            most: part of the longest step.
         """
         b, s = at.blocks, at.state
         own, rest = d[: len(at.prior)].copy(), (np.arange(len(d)) if columns is None else columns)
-        limit = most * _MOST.copy()
+        limit = _MOST.copy()
         limit[5] *= self.forward.noise.frame
         own[:6] = np.clip(own[:6], -limit, limit)
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
