@@ -291,7 +291,7 @@ def beforehand(
 def _noise(
     dataset: Dataset, session: GapSession, calibration: Calibration | None
 ) -> tuple[Noise, NoiseFloor, float, bool, GapSession]:
-    """Noise, the same in words, how well the level at rest is known, whether it is clipped, and the session's weights."""
+    """Noise, the same in words, how well the level at rest is known, whether it clips, and the session."""
     sensor = dataset.meta.sensor
     raw = sensor.baseline != "subtracted"
     low = sensor.value_min if raw and sensor.value_min is not None else -np.inf

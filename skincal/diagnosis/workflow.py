@@ -75,12 +75,14 @@ def diagnose(
         assert observed.session.counts is not None
         spells = find_spells(fitter, found.fitted.state, observed.session.counts)
         if spells:
-            observed = observed.without(spells)
-            fitter = observed.fitter
-            base = base_fit(fitter, known=True)
-            found = Search(
-                fitter, base, observed.names, observed.covariates, spelled, heard, null_sessions
+            other = observed.without(spells)
+            base = base_fit(other.fitter, known=True)
+            anew = Search(
+                other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions
             ).run()
+            # What was taken off must have been what was left.
+            if anew.excess.max() < found.excess.max():
+                observed, fitter, found = other, other.fitter, anew
     heard("gap on presses nobody has fitted")
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)

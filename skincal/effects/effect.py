@@ -62,8 +62,8 @@ class Effect(ABC):
         has_memory: whether it depends on earlier samples.
         of_rig: whether it is an error of the measurement, not a property of the skin; where the true place and force
             are known, as in an environment, it does not apply.
-        equation_error: relative error that its equation may have against a real skin, one standard deviation; 0 where the
-            effect is what its equation says.
+        equation_error: relative error that its equation may have against a real skin, one standard deviation; 0 where
+            the effect is what its equation says.
         shows: presses that show it best in a picture, by their names in :mod:`skincal.report.signatures`; empty: over
             force, or over time if it has memory.
         replaces_range: the range of a preset that holds what is assumed where this effect is not known.

@@ -76,27 +76,28 @@ class Fitted:
 
     @property
     def covariance(self) -> FloatArray:
-        """(n, n) of base, law and effects, everything else integrated out."""
-        n = self.numbers
-        return np.linalg.inv(self.blocks.h.sum(axis=0) + np.diag(self.prior))[:n, :n]
+        """(n, n) mean squares of base, law and effects about the state, everything else integrated out.
+
+        The state is that with equations at their word. Where they may err the posterior is wider, and lies elsewhere.
+        """
+        h, g, n = (
+            self.blocks.h.sum(axis=0) + np.diag(self.prior),
+            self.blocks.b.sum(axis=0) - self.pull,
+            self.numbers,
+        )
+        wide = np.linalg.inv(h)[:n]
+        aside = wide @ g - np.linalg.solve(h[:n, :n], g[:n])
+        return wide[:, :n] + np.outer(aside, aside)
 
     def loss(self) -> float:
         """Minus twice the logarithm of the posterior, but for a constant."""
-        b, n = self.blocks, self.numbers
-        return _loss(b.loss, b.h[:, n:, n:], b.b[:, n:], self.pull, self.prior)
+        return float(self.blocks.loss.sum() + (self.pull**2 / np.maximum(self.prior, 1e-300)).sum())
 
     def chi(self) -> FloatArray:
         """(B,) squares that are left where equations err as is best."""
         b, n = self.blocks, self.numbers
         c = np.linalg.solve(b.h[:, n:, n:].sum(axis=0) + np.diag(self.prior[n:]), b.b[:, n:].sum(axis=0))
         return b.chi - 2 * b.b[:, n:] @ c + np.einsum("n,pnm,m->p", c, b.h[:, n:, n:], c)
-
-
-def _loss(each: FloatArray, h: FloatArray, b: FloatArray, pull: FloatArray, prior: FloatArray) -> float:
-    """Of blocks (B,) and of the prior, less what errors of equations take up, whose h (B, m, m) and b (B, m) are given."""
-    m = b.shape[1]
-    taken = b.sum(axis=0) @ np.linalg.solve(h.sum(axis=0) + np.eye(m), b.sum(axis=0))
-    return float(each.sum() - taken + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
 
 class Fitter:
@@ -152,31 +153,37 @@ class Fitter:
         thinned = slopes.through(f.mean.__matmul__, slope, weight)
         return Whitened(residual, thinned, thin(moves), signal, thin(own), ok, np.log(sd))
 
-    def expected(self, seen: Seen, moves: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def expected(
+        self, seen: Seen, moves: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What a state reads on average (N, J), slopes of the converter (K, J), and variance (N, J).
 
-        Where rounding leaves a staircase, levels are known within what a press's own numbers do to them (K, J, 3).
+        ``moves`` (K, J, 3) is what a press's own numbers do to levels, if it is there already.
         """
         f, noise = self.forward, self.forward.noise
         level, spread = seen.values + seen.state.rest, None
         if noise.coarse:
-            moves = f.press_columns(seen) if moves is None else moves
-            spread = np.sqrt((moves**2) @ (1 / self.before.move) + (C.image * seen.values) ** 2)
+            spread = self.spread(seen, f.press_columns(seen) if moves is None else moves)
         mean, slope, each, shared = noise.moments(level, spread)
         variance = (f.mean @ each + (noise.sigma**2 - noise.frame**2)) / self.frames[:, None]
         return f.mean @ mean, slope, variance + (f.mean @ shared) * self._alike[:, None]
+
+    def spread(self, seen: Seen, moves: FloatArray) -> FloatArray:
+        """(K, J) within what levels are known beforehand, by what a press's own numbers do to them (K, J, 3)."""
+        return np.sqrt((moves**2) @ (1 / self.before.move) + (C.image * seen.values) ** 2)
 
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
         """Slopes (K, J, n) of base, law and effects."""
         f = self.forward
         return Slopes.joined([Slopes.of(f.base_columns(seen)), *free_columns(f, seen, free)])
 
-    def equations(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
         """What the equations of effects in the model may err by, at one standard deviation.
 
         Returns:
-            (K, J, k) of each effect, in each phase of a press for itself; (K, J, m) of all presses alike: in each phase,
-            and in another proportion to the force, to what a taxel reads, and over the session.
+            (K, J, k) of each effect, in each phase of a press for itself; (K, J, m) of all presses alike: in each
+            phase, and in another proportion to the force, to what a taxel reads, and over the session; at their word
+            none.
         """
         samples, parts = self.forward.samples, []
         for name in seen.state.effects:
@@ -187,6 +194,8 @@ class Fitter:
             none = np.zeros((*seen.values.shape, 0))
             return none, none
         own = np.stack(parts, axis=-1)
+        if word:
+            return own, own[..., :0]
         force = np.nan_to_num(samples.contacts.force_n) * samples.touching
         factors = [_about_none(force)[:, None], _about_none(seen.values)]
         factors.append(np.linspace(-1.0, 1.0, len(own))[:, None])
@@ -195,19 +204,29 @@ class Fitter:
         return own, np.concatenate([own * x[..., None] for x in factors], axis=2)
 
     def linear(
-        self, state: State, free: tuple[Free, ...], only: BoolArray | None = None, seen: Seen | None = None
+        self,
+        state: State,
+        free: tuple[Free, ...],
+        only: BoolArray | None = None,
+        seen: Seen | None = None,
+        *,
+        word: bool = False,
     ) -> Fitted:
         """A state with its linearisation."""
         seen = self.forward.see(state) if seen is None else seen
-        return self.built(seen, free, *self.columns_of(seen, free, only))
+        return self.built(seen, free, *self.columns_of(seen, free, only, word=word))
 
-    def columns_of(self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None) -> tuple[Whitened, int]:
+    def columns_of(
+        self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None, *, word: bool = False
+    ) -> tuple[Whitened, int]:
         """All that is fitted, whitened, and how many of the columns are errors of equations, which come last."""
-        own, shared = self.equations(seen)
+        own, shared = self.equations(seen, word=word)
         columns = Slopes.joined([self.columns(seen, free), Slopes.of(shared)])
         return self.whitened(seen, columns, own, only), shared.shape[2]
 
-    def built(self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int, **more: object) -> Fitted:
+    def built(
+        self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int = 0, **more: object
+    ) -> Fitted:
         """A linearisation of whitened columns; columns beyond those of the model have no prior."""
         state = seen.state
         found = blocks(w, self.press, self.phase, state.move, self.before.move, **more)  # type: ignore[arg-type]
@@ -226,26 +245,18 @@ class Fitter:
         a, b = state.pose, self.before.start.pose
         turn = (a.beta_rad - b.beta_rad) * self.turning_radius(state) + a.x_m - b.x_m
         s = np.mean(state.log_s) - np.mean(self.before.start.log_s)
-        return np.array(
-            [
-                a.y_m - b.y_m,
-                turn,
-                a.alpha_rad - b.alpha_rad,
-                state.log_e - self.before.start.log_e,
-                s,
-                state.rest - self.before.start.rest,
-            ]
-        )
+        e, rest = state.log_e - self.before.start.log_e, state.rest - self.before.start.rest
+        return np.array([a.y_m - b.y_m, turn, a.alpha_rad - b.alpha_rad, e, s, rest])
 
     def turning_radius(self, state: State) -> float:
         """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
         return self.forward.surface.arc_radius_at(state.pose) or 0.0
 
-    def step(self, at: Fitted, *, most: float = 1.0) -> State:
-        """Where a Gauss-Newton step leads, presses with it."""
+
+    def step(self, at: Fitted) -> State:
+        """Where a Gauss-Newton step leads from a linearisation with equations at their word, presses with it."""
         b, s = at.blocks, at.state
-        n = len(at.prior)
-        h, g = b.h.sum(axis=0)[:n, :n] + np.diag(at.prior), b.b.sum(axis=0)[:n] - at.pull
+        h, g = b.h.sum(axis=0) + np.diag(at.prior), b.b.sum(axis=0) - at.pull
         size = 1 / np.sqrt(np.diag(h))
         d = np.linalg.solve(h * np.outer(size, size), g * size) * size
         if at.free:
@@ -255,29 +266,23 @@ class Fitter:
                 [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
             )
             ends = np.array([f.bounds() for f in at.free])
-            k = np.arange(NB, at.numbers)
-            own = np.clip(np.clip(d[k], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
-            if np.any(own != d[k]):
-                o = np.setdiff1d(np.arange(n), k)
-                rest = h[np.ix_(o, o)] * np.outer(size[o], size[o])
-                d[o] = np.linalg.solve(rest, (g[o] - h[np.ix_(o, k)] @ own) * size[o]) * size[o]
-                d[k] = own
-        return self.moved(at, d, most=most)
+            own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
+            if np.any(own != d[NB:]):
+                rest, free = h[:NB, :NB] * np.outer(size[:NB], size[:NB]), g[:NB] - h[:NB, NB:] @ own
+                d = np.append(np.linalg.solve(rest, free * size[:NB]) * size[:NB], own)
+        return self.moved(at, d)
 
-    def moved(
-        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, most: float = 1.0
-    ) -> State:
+    def moved(self, at: Fitted, d: FloatArray, columns: IntArray | None = None) -> State:
         """A state by so much of its columns, no farther than a step may lead, presses with it.
 
         Args:
             at: the linearisation.
             d: steps of base, law and free numbers; with columns, of these.
             columns: of the blocks that the steps belong to, those of the model first; None: the first ones.
-            most: part of the longest step.
         """
         b, s = at.blocks, at.state
         own, rest = d[: len(at.prior)].copy(), (np.arange(len(d)) if columns is None else columns)
-        limit = most * _MOST.copy()
+        limit = _MOST.copy()
         limit[5] *= self.forward.noise.frame
         own[:6] = np.clip(own[:6], -limit, limit)
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
@@ -287,7 +292,9 @@ class Fitter:
             s.law + own[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
         )
         effects = (
-            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers])
+            with_values(
+                s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]
+            )
             if at.free
             else s.effects
         )
@@ -309,8 +316,8 @@ class Fitter:
     def solve(
         self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
     ) -> Fitted:
-        """Fits, from a state; a step that makes it worse is halved."""
-        at = self.linear(state, free, only)
+        """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
+        at = self.linear(state, free, only, word=True)
         for _ in range(steps):
             new, seen, total = self._careful(at, self.step(at), only)
             for part in (0.3, 0.1):
@@ -319,10 +326,10 @@ class Fitter:
             if total > at.loss() + 0.1:
                 break
             gained = at.loss() - total
-            at = self.linear(new, free, only, seen)
+            at = self.linear(new, free, only, seen, word=True)
             if gained < C.settled:
                 break
-        return at
+        return self.linear(at.state, free, only, at.seen) if at.state.effects else at
 
     def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
         """A state whose presses have gone the part of their way that is best for them, and its loss."""
@@ -345,18 +352,17 @@ class Fitter:
             state = replace(state, move=move)
             seen, found = self._left(state, only)
         prior, pull = self.prior(state, at.free)
-        return state, seen, _loss(found.loss, found.h, found.b, pull, prior)
+        return state, seen, float(found.loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
     def loss_at(self, state: State) -> float:
         """Minus twice the logarithm of the likelihood of a state, but for a constant."""
-        found = self._left(state, None)[1]
-        return _loss(found.loss, found.h, found.b, np.zeros(1), np.ones(1))
+        return float(self._left(state, None)[1].loss.sum())
 
     def _left(self, state: State, only: BoolArray | None) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
-        own, shared = self.equations(seen)
-        w = self.whitened(seen, shared, own, only)
+        own, none = self.equations(seen, word=True)
+        w = self.whitened(seen, none, own, only)
         return seen, blocks(w, self.press, self.phase, state.move, self.before.move)
 
 

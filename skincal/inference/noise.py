@@ -1,9 +1,9 @@
 """Noise of a session, and what the converter makes of a level: its mean, its slope and its scatter.
 
-A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance of it as functions of the level
-are worked out once, as a table. Where the noise is small against a step they are a staircase. A level at rest stands on
-one place of it; that of a pressed taxel is known only within the spread that the press's own numbers give it, and what
-is expected is the mean over that spread, beside a variance that all frames of the level share.
+A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance of it as functions of the
+level are worked out once, as a table. Where the noise is small against a step they are a staircase. A level at rest
+stands on one place of it; that of a pressed taxel is known only within the spread that the press's own numbers give
+it, and what is expected is the mean over that spread, beside a variance that all frames of the level share.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
-_NODES = np.linspace(-3.0, 3.0, 17)
+_NODES = np.linspace(-3.0, 3.0, 13)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
+_NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class Noise:
         high: the same above.
         force_n: noise of the measured force of a frame [N].
         rest: level at rest that all taxels share [counts].
+        origin: a value that is written; all others are whole steps from it [counts].
     """
 
     sigma: FloatArray
@@ -43,6 +45,7 @@ class Noise:
     high: float
     force_n: float = 0.0
     rest: float = 0.0
+    origin: float = 0.0
 
     @cached_property
     def frame(self) -> float:
@@ -58,32 +61,24 @@ class Noise:
         return np.hypot(self.frame, self.grows * np.maximum(level - self.rest, 0.0))
 
     @cached_property
-    def _parts(self) -> list[tuple[float, float]]:
-        """Where a table is needed: near the bounds, and all of a staircase."""
-        parts: list[tuple[float, float]] = []
-        for end in (e for e in (self.low, self.high) if np.isfinite(e)):
-            around = _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
-            parts.append((end - around, end + around))
-        if self.coarse:
-            # Above, the error of an image alone makes it smooth.
-            last = self.rest + C.smooth * self.step / C.image
-            parts.append((max(self.low, self.rest) - _NEAR * self.step, min(last, self.high) + _NEAR * self.step))
-        return parts
-
-    @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Levels, and mean, slope and variance of a frame there."""
-        levels: list[FloatArray] = []
-        for begin, end in self._parts:
-            fine = self.frame / _FINE if self.coarse else (end - begin) / _KNOTS
-            levels.append(np.arange(begin, end + fine, fine))
-        x = np.unique(np.concatenate(levels)) if levels else np.zeros(0)
+        """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
+        x = np.zeros(0)
+        if self.coarse:
+            around = _NEAR * self.step
+            # Above, the error of an image alone makes it smooth.
+            last = min(self.rest + C.smooth * self.step / C.image, self.high)
+            x = np.arange(max(self.low, self.rest) - around, last + around, self.frame / _FINE)
+        else:
+            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
+                around = _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
+                x = np.append(x, np.linspace(end - around, end + around, _KNOTS))
+            x = np.unique(x)
         mean, variance = np.zeros_like(x), np.zeros_like(x)
         for rows in np.array_split(np.arange(len(x)), len(x) // 500 + 1):
             if len(rows):
                 mean[rows], variance[rows] = self._rounded(x[rows])
-        slope = np.gradient(mean, x) if len(x) else x
-        return x, mean, slope, variance
+        return x, mean, np.gradient(mean, x) if len(x) else x, variance
 
     def _rounded(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and variance of a frame of levels (n,) that lie near each other."""
@@ -91,9 +86,9 @@ class Noise:
         wide = _NEAR * float(sd.max())
         # Many values within the noise, or none, are as good as some hundred.
         step = self.step if self.step > wide / 200 else wide / 200
-        first = self.low if np.isfinite(self.low) else self.high if np.isfinite(self.high) else 0.0
-        begin, end = np.floor((level.min() - wide - first) / step), np.ceil((level.max() + wide - first) / step)
-        k = first + step * np.arange(begin, end + 1)
+        begin = np.floor((level.min() - wide - self.origin) / step)
+        end = np.ceil((level.max() + wide - self.origin) / step)
+        k = self.origin + step * np.arange(begin, end + 1)
         below = ndtr((k[None, :-1] + step / 2 - level[:, None]) / sd[:, None])
         share = np.diff(below, axis=1, prepend=0.0, append=1.0)
         written = np.clip(k, self.low, self.high)
@@ -109,30 +104,42 @@ class Noise:
             level: of any shape.
             spread: within which each is known; None: the error of an image. Only a staircase asks.
         """
-        x, m, g, v = self._table
-        plain = self._sd(level) ** 2 + self.step**2 / 12
-        mean, slope, each, shared = level.copy(), np.ones_like(level), plain, np.zeros_like(level)
-        if len(x):
-            near = np.logical_or.reduce([(level > begin) & (level < end) for begin, end in self._parts])
-            at = level[near]
-            if self.coarse:
-                if spread is None:
-                    spread = C.image * np.abs(level - self.rest)
-                wide = np.minimum(spread[near], C.smooth * self.step)
-                parts = [0.0] * 4
-                for z, w in zip(_NODES, _WEIGHTS, strict=True):
-                    own = at + z * wide
-                    one, steep, var = (np.interp(own, x, y) for y in (m, g, v))
-                    parts = [p + w * q for p, q in zip(parts, (one, steep, var, (one - at) ** 2), strict=True)]
-                mean[near], slope[near], each[near] = parts[:3]
-                # What a line takes up belongs to what gave the level its spread.
-                more = parts[3] - (mean[near] - at) ** 2 - (slope[near] * wide) ** 2
-                shared[near] = np.maximum(more, 0.0)
-            else:
-                mean[near], slope[near], each[near] = (np.interp(at, x, y) for y in (m, g, v))
-        out = (level < self.low) | (level > self.high)
-        mean, slope = np.clip(mean, self.low, self.high), np.where(out & (mean == level), 0.0, slope)
+        x, *rows = self._table
+        kept = shared_rounding(self.frame, self.step) if self.coarse else 0.0
+        plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
+        mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
+        slope, each = (mean == level).astype(np.float64), plain.copy()
+        if self.coarse:
+            spread = C.image * np.abs(level - self.rest) if spread is None else spread
+            near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
+            mean[near], slope[near], each[near] = self._stairs(level[near])
+            shared[near] = 0.0
+            near &= spread > self.frame / _FINE
+            at, wide, total = level[near], spread[near], np.zeros((4, int(near.sum())))
+            for z, w in zip(_NODES, _WEIGHTS, strict=True):
+                one, steep, var = self._stairs(at + z * wide)
+                total += w * np.stack([one, steep, var, (one - at) ** 2])
+            mean[near], slope[near], each[near] = total[:3]
+            # What a line takes up belongs to what gave the level its spread.
+            shared[near] = np.maximum(total[3] - (total[0] - at) ** 2 - (total[1] * wide) ** 2, 0.0)
+        else:
+            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
+                near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
+                mean[near], slope[near], each[near] = (np.interp(level[near], x, y) for y in rows)
         return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
+
+    def _stairs(self, level: FloatArray) -> FloatArray:
+        """(3, n) mean, slope and variance on a staircase."""
+        x, *rows = self._table
+        place = np.clip((level - x[0]) / (x[1] - x[0]), 0.0, len(x) - 1.001)
+        k = place.astype(np.int64)
+        return np.stack([y[k] + (place - k) * (y[k + 1] - y[k]) for y in rows])
+
+    def rounded(self, value: FloatArray) -> FloatArray:
+        """What is written of values of any shape [counts]."""
+        return np.clip(
+            self.origin + self.step * np.rint((value - self.origin) / self.step), self.low, self.high
+        )
 
     def written(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean of what is written, and its slope, for levels of any shape [counts]."""
@@ -213,7 +220,9 @@ def noise_of(
         high: the same above.
         integer: whether values are whole numbers.
     """
-    step = step_of(counts) if integer else 0.0
+    # A bound need not be a whole number of steps from what is written between them.
+    between = counts[(counts > low) & (counts < high)] if integer else counts[:0]
+    step, origin = step_of(between), float(np.quantile(between, 0.5, method="lower")) if between.size else 0.0
     away = 4 * max(step, 1.0) if integer else 0.0
     level = np.nanmedian(counts[rest >= 0], axis=0) if (rest >= 0).any() else np.nanmin(counts, axis=0)
 
@@ -233,11 +242,11 @@ def noise_of(
     inside = (at > low + away) & (at < high - away) & np.isfinite(d)
     above = np.maximum(at - level, 0.0)
     usual = _robust(d[inside], step) if inside.any() else 0.0
-    quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
-    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step:
+    lifted, idle_too = inside & (above > 2 * step), False
+    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step and lifted.sum() > 300:
         # Levels at rest all stand on one place of the staircase; those of pressed taxels lie anywhere.
-        lifted = inside & (above > 2 * step) & (above < 20 * step)
-        quiet = lifted if lifted.sum() > 300 else quiet
+        inside, usual, idle_too = lifted, max(_robust(d[lifted], step), 0.2 * step), (rest >= 0).any()
+    quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
     loud = inside & (above > 20 * max(usual, 1e-12))
     variance = _robust(d[quiet], step) ** 2 if quiet.sum() > 50 else usual**2
     grows = 0.0
@@ -249,13 +258,34 @@ def noise_of(
         if more > max(4 * variance * np.sqrt(2 / len(own) + 2 / (quiet.sum() + 1.0)), 0.1 * variance):
             grows = float(np.sqrt(more / np.mean(high_up**2)))
     before = sigma_before_rounding(variance, step)
+    if idle_too:
+        before = _on_stairs(counts[rest >= 0], step, before, variance, float(quiet.sum()))
     sigma = max(before, C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step)
     own = np.full(counts.shape[1], sigma)
     for j in range(counts.shape[1]):
         mine = quiet[:, j] if quiet[:, j].sum() > 50 else inside[:, j]
         if mine.sum() > 50 and (found := _robust(d[mine, j], step)) > 1.5 * np.sqrt(variance):
             own[j] = max(sigma_before_rounding(found**2, step), sigma)
-    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0)
+    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0, origin=origin)
+
+
+def _on_stairs(idle: FloatArray, step: float, first: float, variance: float, count: float) -> float:
+    """The likeliest noise by the values that idle frames (M, J) fall on, and the variance of as many others.
+
+    Every taxel has a level of its own.
+    """
+    sigma = max(first, 0.1 * step) * np.geomspace(0.5, 2.0, 61)
+    seen = sigma**2 + step**2 / 12 - np.array([shared_rounding(s, step) for s in sigma])
+    # Second differences that overlap say less than as many that do not.
+    total = -count / 6 * (np.log(seen) + variance / seen)
+    level = step * np.linspace(-0.5, 0.5, 33)
+    for own in idle.T:
+        k = np.rint((own[np.isfinite(own)] - np.nanmedian(own)) / step)
+        at, many = np.unique(np.clip(k, -3, 3), return_counts=True)
+        edges = step * (at + np.array([[-0.5], [0.5]]))[..., None, None] - level[:, None]
+        share = np.diff(ndtr(edges / sigma), axis=0)[0]
+        total += np.tensordot(many, np.log(np.maximum(share, 1e-4)), axes=1).max(axis=0)
+    return float(sigma[int(np.argmax(total))])
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:
