@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from skincal.train.bundled import bundled_policies, policy_path
 from skincal.train.policy_file import Description, Policy, read_policy
-from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Settings, Task, Work
+from skincal.train.settings import (
+    PUBLISHED_STEPS,
+    BackendName,
+    PolicyKind,
+    PpoSettings,
+    Settings,
+    Task,
+    Work,
+)
 
 if TYPE_CHECKING:
     from skincal.train.curve import read_curve
@@ -41,6 +49,7 @@ __all__ = [
     "Network",
     "Policy",
     "PolicyKind",
+    "PpoSettings",
     "Round",
     "Settings",
     "Task",

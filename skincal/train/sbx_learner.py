@@ -21,7 +21,7 @@ from sbx.sac.policies import SACPolicy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from skincal.bounded import MOST_ARRAY_BYTES, read_bytes
-from skincal.train.learner import ACTOR_KEY, Learner, published
+from skincal.train.learner import ACTOR_KEY, OffPolicyLearner, published
 from skincal.train.settings import Settings
 
 
@@ -40,7 +40,7 @@ class PartActor(SquashedGaussianActor):
         )(x)
 
 
-class SbxLearner(Learner):
+class SbxLearner(OffPolicyLearner):
     """The learner in jax."""
 
     weights_file: ClassVar[str] = "weights.msgpack"
