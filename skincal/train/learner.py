@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
@@ -170,7 +169,6 @@ class OffPolicyLearner(Learner):
     """Soft actor-critic: what it gathers it remembers."""
 
     settings: Settings
-    model: OffPolicyAlgorithm
 
     def go_on_from(self, network: Network | None, steps: int) -> None:
         """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing.
