@@ -39,14 +39,13 @@ def estimated_places(record: Record, estimator: Estimator, pinch: Pinch, width_m
         pinch: the hand; the sensor is taken to be where it is by the description.
         width_m: of the object [m].
     """
-    every_s = np.array([state.time_s for state in record.states])
-    images = _mean(record.images_counts, every_s, IMAGE_S)
-    felt = np.maximum(images, 0.0).sum(axis=1) >= _LEAST_COUNTS
-    places = np.full((len(images), 2), np.nan)
+    felt = record.centroids_m.sum(axis=1) >= _LEAST_COUNTS
+    places = np.full((len(felt), 2), np.nan)
     if not felt.any():
         return places
-    time_s = every_s[felt]
-    seen, rolled = estimator(images[felt]), _rolled(record, pinch, width_m)[felt]
+    time_s = np.array([state.time_s for state in record.states])[felt]
+    images = _mean(record.images_counts[felt], time_s, IMAGE_S)
+    seen, rolled = estimator(images), _rolled(record, pinch, width_m)[felt]
     # How much of what was commanded happened, by this run's own images.
     x, y = (way - _mean(way, time_s, 2 * SMOOTH_S) for way in (rolled, _mean(seen, time_s, SMOOTH_S / 4)))
     weight = len(x) * _PRIOR_M**2 * np.eye(2)
