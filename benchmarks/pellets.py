@@ -34,7 +34,7 @@ def runs(file: str, episodes: int, seed: int, engine: str) -> list[dict[str, Any
         observation, info = env.reset(
             seed=int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
         )
-        right, over, steps, begun = 0, False, 0, info["pellets_held"]
+        right, over, lost, steps, begun = 0, False, False, 0, info["pellets_held"]
         while not over:
             action = np.zeros(env.action_space.shape) if policy is None else policy(observation["policy"])
             observation, _, lost, late, info = env.step(action)

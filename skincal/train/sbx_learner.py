@@ -82,7 +82,7 @@ class SbxLearner(OffPolicyLearner):
         own = dict(state.params["params"]["SquashedGaussianActor_0"])
         for i, (weight, bias) in enumerate(layers):
             own[f"Dense_{i}"] = {"kernel": jnp.asarray(weight), "bias": jnp.asarray(bias)}
-        deviation = own[f"Dense_{len(layers)}"]
+        deviation: Any = own[f"Dense_{len(layers)}"]
         own[f"Dense_{len(layers)}"] = {
             "kernel": jnp.zeros_like(deviation["kernel"]),
             "bias": jnp.full_like(deviation["bias"], log_deviation),
