@@ -19,13 +19,14 @@ import numpy as np
 import skincal.envs
 from skincal.envs.scene import ENGINES
 from skincal.train import Task, bundled_policies, read_policy
-from skincal.train.evaluate import Trial, environment_for, evaluate
-from skincal.train.fare import settled_m
+from skincal.train.evaluate import Trial, environment_for, episode
 
 assert skincal.envs  # registers the tasks
 RESULTS = Path(__file__).parent / "results" / "engines.json"
 REST, MOVE = 10, 20
 """Steps at rest, and of commands, at 10 Hz."""
+SETTLED = 20
+"""Steps of a run before its error counts."""
 
 
 def press(engine: str, seed: int) -> dict[str, Any]:
@@ -70,22 +71,43 @@ def compare(pairs: list[tuple[dict[str, Any], dict[str, Any]]], name: str) -> st
     return f"{name}: {len(both)} of {len(pairs)} held in both; {figures}; largest taxel {largest:.0f} counts"
 
 
-def trial(name: str, engine: str, episodes: int) -> dict[str, Any]:
-    policy = read_policy(bundled_policies()[name])
-    asked = Trial(Task(str(policy.description.task)), episodes=episodes, seed=1)
-    environment = environment_for(policy, asked, engine=engine)
-    begin = time.process_time()
-    runs = evaluate(policy, environment, asked)
-    environment.close()
-    late = runs.error_m[:, 20:]
-    return {
-        "episodes": episodes,
-        "drops": int(runs.dropped.sum()),
-        "error_m": float(np.nanmean(late)) if np.isfinite(late).any() else None,
-        "by_run_m": [None if not np.isfinite(v) else float(v) for v in settled_m(runs)],
-        "held_s": float(np.isfinite(runs.error_m).sum(axis=1).mean() / 10),
-        "processor_s": (time.process_time() - begin) / episodes,
-    }
+class Trials:
+    """Runs of a policy in an engine, one by one."""
+
+    def __init__(self, name: str, engine: str) -> None:
+        self._policy = read_policy(bundled_policies()[name])
+        self._trial = Trial(Task(str(self._policy.description.task)), seed=1)
+        self._engine, self._made = engine, None
+
+    def run(self, number: int) -> dict[str, Any]:
+        """One run of the published evaluation."""
+        self._made = self._made or environment_for(self._policy, self._trial, engine=self._engine)
+        begin, errors, drop = time.process_time(), [], False
+        for step in episode(self._policy, self._made, self._trial, number):
+            drop = bool(step.info["drop"])
+            if not drop:
+                errors.append(float(step.info["error_m"]))
+        late = errors[SETTLED:]
+        return {
+            "dropped": drop,
+            "error_m": float(np.mean(late)) if late else None,
+            "held_s": len(errors) / 10,
+            "processor_s": time.process_time() - begin,
+        }
+
+
+def tell(name: str, engine: str, runs: list[dict[str, Any]]) -> str:
+    """A row of the table."""
+    errors = 1e3 * np.array([one["error_m"] for one in runs if one["error_m"] is not None])
+    means = np.random.default_rng(0).choice(errors, (2000, len(errors))).mean(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    drops = sum(one["dropped"] for one in runs)
+    # The first run compiles.
+    cost = np.median([one["processor_s"] for one in runs])
+    return (
+        f"| `{name}` | {engine} | {drops} of {len(runs)} | {errors.mean():.2f} mm ({low:.2f} to {high:.2f}) | "
+        f"{cost:.2f} s |"
+    )
 
 
 def main() -> None:
@@ -111,15 +133,11 @@ def main() -> None:
     for name in bundled_policies():
         if "tactile" not in name:
             continue
-        episodes = asked.bolt if name.startswith("bolt") else asked.marble
+        count = asked.bolt if name.startswith("bolt") else asked.marble
         for engine in ENGINES:
-            one = once(f"{name} {engine} {episodes}", trial, name, engine, episodes)
-            error = float("nan") if one["error_m"] is None else 1e3 * one["error_m"]
-            print(
-                f"{name} {engine}: {one['drops']} drops of {episodes}, error {error:.2f} mm, "
-                f"held {one['held_s']:.1f} s, {one['processor_s']:.2f} s a run",
-                flush=True,
-            )
+            trials = Trials(name, engine)
+            runs = [once(f"{name} {engine} run {k}", trials.run, k) for k in range(count)]
+            print(tell(name, engine, runs), flush=True)
 
 
 if __name__ == "__main__":

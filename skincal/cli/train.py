@@ -21,6 +21,7 @@ class Task(StrEnum):
 
     marble = "marble"
     bolt = "bolt"
+    pellets = "pellets"
 
 
 class Learned(StrEnum):
@@ -28,6 +29,7 @@ class Learned(StrEnum):
 
     marble = "marble"
     bolt = "bolt"
+    pellets = "pellets"
     estimator = "estimator"
 
 
@@ -37,6 +39,7 @@ class Kind(StrEnum):
     tactile = "tactile"
     joint_angles = "joint-angles"
     desired = "desired"
+    ideal = "ideal"
 
 
 class Engine(StrEnum):
@@ -63,7 +66,7 @@ EPILOG = example(
 LATE_ENTROPY = 4e-4
 """Entropy coefficient of a run that goes on from a policy: with about this the published runs end."""
 
-STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
+STEPS = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
 
 
 def train(
@@ -71,7 +74,8 @@ def train(
         Learned,
         typer.Argument(
             metavar="TASK",
-            help="`marble` or `bolt`: a policy that rolls it; `estimator`: where the marble is, from images.",
+            help="`marble`, `bolt`: a policy that rolls it; `pellets`: one that lets go of them one by one; "
+            "`estimator`: where the marble is, from images.",
             show_default=False,
         ),
     ],
@@ -100,7 +104,7 @@ def train(
             "--steps",
             min=1,
             help="Total steps of all environments, rounded up to whole rounds.",
-            show_default="as planned, or 800000 for marble, 600000 for bolt",
+            show_default="as planned, or 800000 for marble, 600000 for bolt, 8000000 for pellets",
         ),
     ] = None,
     backend: Annotated[
@@ -108,7 +112,8 @@ def train(
         typer.Option("--backend", help="Stable-Baselines3 (torch), or SBX (jax).", show_default="sb3"),
     ] = None,
     envs: Annotated[
-        int | None, typer.Option("--envs", min=1, help="Number of parallel environments.", show_default="8")
+        int | None,
+        typer.Option("--envs", min=1, help="Number of parallel environments.", show_default="8; pellets 160"),
     ] = None,
     processes: Annotated[
         bool,
@@ -135,7 +140,7 @@ def train(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Learn a policy with the published soft actor-critic.
+    """Learn a policy with the published soft actor-critic; for pellets with proximal policy optimisation.
 
     The run's folder holds what it is (`run.toml`, `ranges.toml`), the learning curve (`curve.csv`, in the end
     `curve.png`), the last checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation
@@ -160,7 +165,7 @@ def train(
     stated = {f"--{name}": value for name, value in given.items() if value is not None}
     from dataclasses import replace
 
-    from skincal.train import Settings, begin, policy_path, read_policy, read_run
+    from skincal.train import PpoSettings, Settings, begin, policy_path, read_policy, read_run
     from skincal.train.training_run import CHECKPOINT
 
     if resume:
@@ -172,8 +177,10 @@ def train(
             say(f"{out}: an older run without the environment's numbers; it continues with today's")
     else:
         first = None if start is None else read_policy(policy_path(start))
-        settings = Settings(environments=envs or Settings.environments)
-        if first is not None:
+        settings = PpoSettings() if task is Task.pellets else Settings()
+        if envs is not None:
+            settings = replace(settings, environments=envs)
+        if first is not None and isinstance(settings, Settings):
             settings = replace(settings, entropy_coefficient=LATE_ENTROPY)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
         if engine is not None:
@@ -194,10 +201,12 @@ def train(
 def _work(
     task: Task, policy: Kind | None, seed: int | None, steps: int, backend: Backend | None, settings: Any
 ) -> Work:
+    from dataclasses import replace
+
     from skincal.train import BackendName, PolicyKind, Work
     from skincal.train import Task as TrainTask
 
-    return Work(
+    work = Work(
         TrainTask(task.value),
         PolicyKind((policy or Kind.tactile).value),
         seed or 0,
@@ -205,12 +214,16 @@ def _work(
         BackendName((backend or Backend.sb3).value),
         settings,
     )
+    # A round of proximal policy optimisation is as long as many of the others.
+    return replace(work, rounds_per_checkpoint=1) if task is Task.pellets else work
 
 
 def _ranges(task: Task, file: Path | None) -> Ranges:
     """Return the ranges of a file, or the task's own; errors name the file."""
     from skincal.envs.needed import ranges_for
 
+    if task is Task.pellets:
+        return ranges_for("marble", file or "icra26")
     return ranges_for(task.value, file)
 
 

@@ -18,8 +18,10 @@ from skincal.units import rad
 
 FloatArray = NDArray[np.float64]
 
+IMAGE_S = 0.3
+"""Images are averaged over so much time before places are told from them: noise bends what is told of one image [s]."""
 SMOOTH_S = 1.5
-"""Images are averaged over so much time, half before and half after: a run is drawn when it is over [s]."""
+"""Places are averaged over so much time, half before and half after: a run is drawn when it is over [s]."""
 _LEAST_COUNTS = 10.0
 """Images with less than this in all tell no place [counts]."""
 _FOLLOWED = 0.87
@@ -37,13 +39,13 @@ def estimated_places(record: Record, estimator: Estimator, pinch: Pinch, width_m
         pinch: the hand; the sensor is taken to be where it is by the description.
         width_m: of the object [m].
     """
-    images = record.centroids_m
-    felt = images.sum(axis=1) >= _LEAST_COUNTS
-    places = np.full((len(images), 2), np.nan)
+    felt = record.centroids_m.sum(axis=1) >= _LEAST_COUNTS
+    places = np.full((len(felt), 2), np.nan)
     if not felt.any():
         return places
     time_s = np.array([state.time_s for state in record.states])[felt]
-    seen, rolled = estimator(images[felt]), _rolled(record, pinch, width_m)[felt]
+    images = _mean(record.images_counts[felt], time_s, IMAGE_S)
+    seen, rolled = estimator(images), _rolled(record, pinch, width_m)[felt]
     # How much of what was commanded happened, by this run's own images.
     x, y = (way - _mean(way, time_s, 2 * SMOOTH_S) for way in (rolled, _mean(seen, time_s, SMOOTH_S / 4)))
     weight = len(x) * _PRIOR_M**2 * np.eye(2)
@@ -77,10 +79,10 @@ def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
 
 
 def _mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
-    """Mean of values (T, 2) over a window about each time (T,)."""
+    """Mean of values (T, n) over a window about each time (T,)."""
     low = np.searchsorted(time_s, time_s - width_s / 2)
     high = np.searchsorted(time_s, time_s + width_s / 2, side="right")
-    total = np.concatenate([np.zeros((1, 2)), np.cumsum(values, axis=0)])
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     return (total[high] - total[low]) / (high - low)[:, None]
 
 

@@ -55,10 +55,14 @@ class Record:
         return cls(tuple(motion.states), phases, places, acting, rest, np.maximum(normal, 0.0))
 
     @property
+    def images_counts(self) -> FloatArray:
+        """(T, J) images above rest; a taxel that does not answer is at rest."""
+        return np.nan_to_num(np.array([state.taxels for state in self.states]) - self.rest_counts)
+
+    @property
     def centroids_m(self) -> FloatArray:
         """(T, J) images above rest, for centroids; negative values are nothing."""
-        images = np.array([state.taxels for state in self.states]) - self.rest_counts
-        return np.maximum(np.nan_to_num(images), 0.0)
+        return np.maximum(self.images_counts, 0.0)
 
 
 def write_record(

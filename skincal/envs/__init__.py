@@ -1,7 +1,7 @@
-"""Gymnasium tasks: a marble and a bolt that are rolled between two fingertips and felt by the calibrated skin.
+"""Gymnasium tasks: a marble and a bolt that are rolled between two fingertips, and pellets that are let go one by one.
 
-Importing this package registers ``skincal/MarbleRoll-v0`` and ``skincal/BoltRoll-v0``; the classes are loaded when they
-are asked for.
+Importing this package registers ``skincal/MarbleRoll-v0``, ``skincal/BoltRoll-v0`` and ``skincal/PelletSeparate-v0``;
+the classes are loaded when they are asked for.
 """
 
 from importlib import import_module
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from skincal.envs.episode_options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
+    from skincal.envs.pellets import PelletSeparateEnv
     from skincal.envs.registration import ENVIRONMENTS, register_environments
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv
@@ -31,6 +32,7 @@ _HOMES = {
     "JOINT_OFFSETS": "episode_options",
     "MarbleRollEnv": "marble",
     "ORIENTATIONS_DEG": "episode_options",
+    "PelletSeparateEnv": "pellets",
     "RewardScales": "rewards",
     "RollEnv": "roll",
     "TaskOptions": "task",
@@ -52,6 +54,7 @@ __all__ = [
     "EpisodeOptions",
     "GraspOptions",
     "MarbleRollEnv",
+    "PelletSeparateEnv",
     "RewardScales",
     "RollEnv",
     "TaskOptions",

@@ -27,15 +27,17 @@ def constant_parts(nominal: Values) -> list[Part]:
     return [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _told(nominal)]
 
 
-def state_parts(joints: int, target: int, ahead: int) -> list[Part]:
+def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: int = 0) -> list[Part]:
     """The true state, part by part.
 
     Args:
         joints: number of joints n.
         target: number of coordinates of the target.
         ahead: how many targets ahead are seen.
+        limit: beyond this a target is cut off.
+        own: how many numbers a task alone has.
     """
-    return [
+    parts = [
         Part("angles", joints, -10.0, 10.0),
         Part("speeds", joints, -100.0, 100.0),
         Part("motor", joints, -10.0, 10.0),
@@ -48,9 +50,9 @@ def state_parts(joints: int, target: int, ahead: int) -> list[Part]:
         Part("position", 2, -0.1, 0.1),
         Part("to_target", 2, -0.2, 0.2),
         Part("distance", 1, 0.0, 1.0),
-        Part("target", target, -0.05, 0.05),
-        Part("movement", target, -0.05, 0.05),
-        Part("ahead", ahead * target, -0.1, 0.1),
+        Part("target", target, -limit, limit),
+        Part("movement", target, -limit, limit),
+        Part("ahead", ahead * target, -2 * limit, 2 * limit),
         Part("orientation", 4, -np.pi, np.pi),
         Part("skin_force", 1, 0.0, 1e3),
         Part("skin_normal", 3, -1.0, 1.0),
@@ -60,6 +62,7 @@ def state_parts(joints: int, target: int, ahead: int) -> list[Part]:
         Part("thumb_normal", 3, -1.0, 1.0),
         Part("held", 1, 0.0, 1.0),
     ]
+    return [*parts, Part("own", own, -1e3, 1e3)] if own else parts
 
 
 def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:

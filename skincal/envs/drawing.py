@@ -14,8 +14,7 @@ from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem
 from skincal.ranges import NAMES, PRESETS, Ranges
-from skincal.ranges.names import EFFECTS_PREFIX as _EFFECTS
-from skincal.ranges.names import find
+from skincal.ranges.names import EFFECTS_PREFIX, find
 from skincal.ranges.sampling import Sample
 
 FloatArray = NDArray[np.float64]
@@ -66,7 +65,9 @@ class Drawer:
     @property
     def ignored(self) -> tuple[str, ...]:
         """Parameters of the ranges that the task does not use: effects of a rig, not of the skin."""
-        return tuple(path for path in self.ranges if path.startswith(_EFFECTS) and not self._concerns(path))
+        return tuple(
+            path for path in self.ranges if path.startswith(EFFECTS_PREFIX) and not self._concerns(path)
+        )
 
     @property
     def nominal(self) -> Values:
@@ -156,7 +157,7 @@ class Drawer:
         )
 
     def _concerns(self, path: str) -> bool:
-        if path.startswith(_EFFECTS):
+        if path.startswith(EFFECTS_PREFIX):
             return path.split(".")[2] not in RIG_EFFECTS
         return path in self._defaults
 
@@ -176,7 +177,7 @@ def effects_of(values: Values) -> dict[str, dict[str, Value]]:
     """Parameters of effects by effect."""
     found: dict[str, dict[str, Value]] = {}
     for path, value in values.items():
-        if path.startswith(_EFFECTS):
+        if path.startswith(EFFECTS_PREFIX):
             _, _, effect, parameter = path.split(".")
             found.setdefault(effect, {})[parameter] = value
     return found

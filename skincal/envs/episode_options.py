@@ -34,6 +34,7 @@ class EpisodeOptions:
         values: values by full name that take the place of draws.
         orientation_deg: of the bolt [°]; None: drawn from the four.
         frequency_hz: of the bolt's sine [Hz]; None: drawn.
+        pellets: how many there are; None: drawn.
     """
 
     trajectory: str | FloatArray = "random"
@@ -42,6 +43,7 @@ class EpisodeOptions:
     values: Mapping[str, ArrayLike] = field(default_factory=dict[str, ArrayLike])
     orientation_deg: float | None = None
     frequency_hz: float | None = None
+    pellets: float | None = None
 
 
 def read_options(options: Mapping[str, Any] | None) -> EpisodeOptions:
@@ -64,6 +66,7 @@ def read_options(options: Mapping[str, Any] | None) -> EpisodeOptions:
         "values": _values(given.get("values", {}), found),
         "duration_s": _number("duration_s", given.get("duration_s"), 0.1, 3600.0, found),
         "orientation_deg": _number("orientation_deg", given.get("orientation_deg"), -360.0, 360.0, found),
+        "pellets": _number("pellets", given.get("pellets"), 2, 3, found),
         "frequency_hz": _number("frequency_hz", given.get("frequency_hz"), 0.0, 10 * BOLT_HZ[1], found),
     }
     if found:

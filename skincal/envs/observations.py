@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Observation = dict[str, NDArray[np.float32]]
-PolicyKind = Literal["tactile", "joint-angles", "desired"]
+PolicyKind = Literal["tactile", "joint-angles", "desired", "ideal"]
 
 STACKED: Final = 5
 """Observations that a policy sees: the present one and four before it (the paper's)."""
@@ -22,8 +22,9 @@ KINDS: Final[dict[str, tuple[str, ...]]] = {
     "tactile": ("image", "desired"),
     "joint-angles": ("desired", "measured", "error"),
     "desired": ("desired",),
+    "ideal": ("truth", "desired"),
 }
-"""What each policy sees five times (the paper's table of observation spaces)."""
+"""What each policy sees five times, as published; ``ideal`` is what a perfect skin would tell."""
 TASK: Final = ("target", "movement")
 """What every policy sees once: the target and its change."""
 
@@ -89,6 +90,8 @@ class Seen:
         taxels: number of taxels J.
         counts: smallest and largest count of a taxel.
         target: number of coordinates of the target.
+        limit: beyond this a target is cut off.
+        objects: most objects that there can be.
         critic: what the critic sees besides.
         constant: what of it stays the same over an episode; it comes last.
     """
@@ -100,6 +103,8 @@ class Seen:
         taxels: int,
         counts: tuple[float, float],
         target: int,
+        limit: float,
+        objects: int,
         critic: Sequence[Part],
         constant: Sequence[Part],
     ) -> None:
@@ -108,9 +113,10 @@ class Seen:
             "desired": Part("desired", joints, -np.pi, np.pi),
             "measured": Part("measured", joints, -2 * np.pi, 2 * np.pi),
             "error": Part("error", joints, -2 * np.pi, 2 * np.pi),
+            "truth": Part("truth", 3 * objects, -200.0, 200.0),
         }
         self.now = Layout([parts[name] for name in KINDS[kind]])
-        self.task = Layout([Part("target", target, -0.05, 0.05), Part("movement", target, -0.05, 0.05)])
+        self.task = Layout([Part(name, target, -limit, limit) for name in TASK])
         self.critic = Layout(critic)
         self._constant = Layout(constant)
         self._stack: deque[FloatArray] = deque(maxlen=STACKED)

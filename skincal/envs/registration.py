@@ -15,6 +15,7 @@ except ModuleNotFoundError as error:
 ENVIRONMENTS = {
     "skincal/MarbleRoll-v0": "skincal.envs.marble:MarbleRollEnv",
     "skincal/BoltRoll-v0": "skincal.envs.bolt:BoltRollEnv",
+    "skincal/PelletSeparate-v0": "skincal.envs.pellets:PelletSeparateEnv",
 }
 """Entry points by name."""
 

@@ -1,4 +1,4 @@
-"""Rolling an object between two fingertips: what both tasks share (Kasolowsky & Bäuml, IROS 2024, section IV)."""
+"""Objects between two fingertips: what all tasks share (Kasolowsky & Bäuml, IROS 2024, section IV)."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ _HOLD_STEPS = 10
 
 
 class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
-    """An object between the tips of two fingers, that is to be rolled along a trajectory.
+    """What is between the tips of two fingers, and is to be moved there.
 
     An action in [-1, 1]^n is a change of the commanded joint angles, in parts of the largest velocity times 0.1 s. The
     observation holds ``policy``, what the policy sees, and ``critic``, what the critic may see besides, neither of them
     normalized. See the page on environments for every number in them.
 
     Args:
-        policy: ``tactile``, ``joint-angles`` or ``desired``: what is seen.
-        ranges: what is randomized: ranges, a file of them, the name of a preset, or None: ``iros24``.
+        policy: ``tactile``, ``joint-angles``, ``desired`` or ``ideal``: what is seen.
+        ranges: what is randomized: ranges, a file of them, the name of a preset, or None: the task's preset.
         hand: folder with ``hand.toml`` and ``pinch.toml``; None: the bundled hand.
         render_mode: ``rgb_array``, ``human`` or None.
         options: of the task; single ones may be given by their names.
@@ -59,6 +59,14 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": POLICY_HZ}  # noqa: RUF012
     object_name: ClassVar[ObjectName]
     target_size: ClassVar[int]
+    target_limit: ClassVar[float] = 0.05
+    """Beyond this a target is cut off."""
+    objects: ClassVar[int] = 1
+    """Most objects that there can be."""
+    own_size: ClassVar[int] = 0
+    """How many numbers the critic sees that a task alone has."""
+    preset: ClassVar[str] = "iros24"
+    """Ranges where none are given."""
 
     def __init__(
         self,
@@ -83,7 +91,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self.engine = engine
         self.options = with_single(options or self.default_options(), single)
         self.render_mode = render_mode
-        self.ranges = ranges_for(self.object_name, ranges)
+        self.ranges = ranges_for(self.object_name, self.preset if ranges is None else ranges)
         self.pinch: Pinch = read_pinch(hand)
         self._kinematics = Kinematics(self.pinch.description)
         self.skin = TactileSkin(self.pinch, self.options.resolution_m)
@@ -92,10 +100,18 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._scene: Scene | None = None
         n = self.pinch.joints
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n,), np.float32)
-        state = state_parts(n, self.target_size, len(AHEAD))
+        state = state_parts(n, self.target_size, len(AHEAD), self.target_limit, self.own_size)
         constant = constant_parts(self._drawer.nominal)
         self._seen = Seen(
-            policy, n, self.skin.taxels, self.skin.range_counts, self.target_size, state, constant
+            policy,
+            n,
+            self.skin.taxels,
+            self.skin.range_counts,
+            self.target_size,
+            self.target_limit,
+            self.objects,
+            state,
+            constant,
         )
         self.observation_space = cast("gymnasium.Space[Observation]", self._seen.space)
 
@@ -112,6 +128,10 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     @abstractmethod
     def _body(self, values: Values) -> Body:
         """The object of an episode."""
+
+    def _places(self, values: Values) -> list[FloatArray]:
+        """Where each object is put (3,), from the middle between the tips, in the fingertip's frame [m]."""
+        return [array(values, f"object.{self.object_name}.position_m")]
 
     @abstractmethod
     def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
@@ -155,8 +175,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._targets = self._plan(asked, self._steps + 1 + max(AHEAD))
         if self._scene is None:
             self._scene = self._make_scene()
-        place = array(values, f"object.{self.object_name}.position_m")
-        command = self._grasp.take(self._scene, values, self._body_now, rotation, place)
+        places = self._places(values)
+        command = self._grasp.take(self._scene, values, self._body_now, rotation, *places)
         self._desired = self._clipped(command)
         if self.policy == "tactile":
             self.skin.begin(values, self._sensor.pose, self._body_now, self._age_s)
@@ -207,7 +227,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._step += 1
         self._look()
         terms = reward_terms(self._situation(before), self.options.rewards)
-        terminated = self._view.dropped
+        terminated = self._dropped()
         truncated = not terminated and self._step >= self._steps
         observation = self._observe()
         self._show()
@@ -230,6 +250,26 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     def _look(self) -> None:
         assert self._scene is not None
         self._view: View = view(self._scene, self._sensor)
+
+    def _dropped(self) -> bool:
+        """Whether what shall be held is lost."""
+        return self._view.dropped
+
+    def _touches(self) -> list[View]:
+        """A look at each object that is there."""
+        return [self._view]
+
+    def _contact_truth(self) -> FloatArray:
+        """Of each object its place on the sensor [m] and the force there [N], 0 where it does not touch (3 M,)."""
+        found = np.zeros((self.objects, 3))
+        for row, seen in zip(found, self._touches(), strict=False):
+            if seen.skin is not None and seen.sound:
+                row[:] = *seen.position_m, seen.skin.force_n
+        return found.ravel()
+
+    def _own(self) -> FloatArray:
+        """What the critic sees that the task alone has (own_size,)."""
+        return np.zeros(0)
 
     def _target_m(self) -> FloatArray:
         """The target (2,) at this moment, patch coordinates [m]."""
@@ -274,6 +314,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "target": self._targets[k],
             "movement": self._targets[k] - self._targets[max(k - 1, 0)],
         }
+        if self.policy == "ideal":
+            values["truth"] = self._contact_truth()
         if self.policy == "tactile":
             self.image = self.skin.image(
                 self.felt(),
@@ -290,6 +332,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "distance": self._error_m(),
             "ahead": np.concatenate([self._targets[k + a] - self._targets[k] for a in AHEAD]),
             "orientation": self._orientation(),
+            "own": self._own(),
         }
         return self._seen.observe(values, state_values(seen, own))
 
@@ -321,8 +364,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "target_m": np.array(self._target_m()),
             "force_n": seen.skin.force_n if seen.skin else 0.0,
             "held": seen.held,
-            "drop": seen.dropped,
-            "success": ended and not seen.dropped,
+            "drop": self._dropped(),
+            "success": ended and not self._dropped(),
             "reward_terms": dict(terms),
             "session_s": self._age_s,
             "randomized": {path: _plain(value) for path, value in self._values.items()},

@@ -35,7 +35,7 @@ class Felt:
     """A contact as the skin feels it, fingertip frame.
 
     Attributes:
-        contacts: one contact.
+        contacts: one contact, or one for each of several objects alike.
         shear_u_n: tangential force on the skin towards growing beta [N].
         shear_v_n: tangential force along +y [N].
     """
@@ -123,7 +123,8 @@ class TactileSkin:
             return self._stream.step(self._samples(felt, time_s))[0]
         if felt is None:
             return np.zeros(self.taxels)
-        return self._skin.values(self._body.indenter, felt.contacts)[0]
+        # Contacts that lie apart press on tactile points of their own.
+        return self._skin.values(self._body.indenter, felt.contacts).sum(axis=0)
 
     def _samples(self, felt: Felt | None, time_s: float) -> Samples:
         """The contact with what effects need to know besides.

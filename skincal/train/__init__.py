@@ -8,7 +8,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Settings, Task, Work
+from skincal.train.settings import (
+    PUBLISHED_STEPS,
+    BackendName,
+    PolicyKind,
+    PpoSettings,
+    Settings,
+    Task,
+    Work,
+)
 
 if TYPE_CHECKING:
     from skincal.train.bundled import bundled_policies, policy_path
@@ -46,6 +54,7 @@ __all__ = [
     "Network",
     "Policy",
     "PolicyKind",
+    "PpoSettings",
     "Round",
     "Settings",
     "Task",

@@ -26,7 +26,7 @@ ORIENTATIONS_DEG: Final = (-45.0, 0.0, 45.0, 90.0)
 RANDOMIZED: Final = ("finger.joint_offset_rad",)
 """All that is randomised in the published evaluation; everything else is nominal."""
 
-DURATION_S: Final = {Task.marble: 8.0, Task.bolt: 24.0}
+DURATION_S: Final = {Task.marble: 8.0, Task.bolt: 24.0, Task.pellets: 6.0}
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ class Trial:
         }
         if self.task is Task.marble:
             return {**options, "trajectory": self.trajectory}
+        if self.task is Task.pellets:
+            return options
         return {**options, "orientation_deg": ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]}
 
     def episode_seed(self, episode: int) -> int:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from skincal.errors import InputError, Problem
 from skincal.train.network import EPSILON, Network
 from skincal.train.settings import Settings
 from skincal.train.watch import Round, RoundWatch
@@ -39,7 +39,7 @@ class Normalised(VecNormalize):
 
 
 class Learner(ABC):
-    """Soft actor-critic on parallel environments, with all of its state in the open.
+    """An actor and critics that learn on parallel environments, with all of their state in the open.
 
     Args:
         environments: as vectorised; observations are dictionaries with the keys ``policy`` and ``critic``.
@@ -49,7 +49,9 @@ class Learner(ABC):
 
     weights_file: ClassVar[str]
 
-    def __init__(self, environments: VecEnv, settings: Settings, seed: int) -> None:
+    model: Any
+
+    def __init__(self, environments: VecEnv, settings: Any, seed: int) -> None:
         self.settings = settings
         self.normalised = Normalised(environments, norm_reward=False, clip_obs=settings.observation_clip)
         self.model = self._make(self.normalised, settings, seed)
@@ -58,31 +60,18 @@ class Learner(ABC):
         self._watch = RoundWatch()
 
     def go_on_from(self, network: Network | None, steps: int) -> None:
-        """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing.
+        """Let the actor begin as a policy; before it learns, the critics learn alone, as they know nothing.
 
         Args:
             network: the policy; None: the state is one that was restored.
             steps: that the policy's normalisation counts for.
+
+        Raises:
+            InputError: the algorithm does not do that.
         """
-        model, most = self.model, self.settings.learning_starts
-        model.learning_starts = 0
-        learn = model.train
-
-        def learn_held(*arguments: Any, **named: Any) -> None:
-            kept = self._actor_state() if model.num_timesteps <= most else None
-            learn(*arguments, **named)
-            if kept is not None:
-                self._restore_actor(kept)
-
-        model.train = learn_held  # type: ignore[method-assign]
-        if network is None:
-            return
-        seen = self._statistics[ACTOR_KEY]
-        seen.mean, seen.count = network.mean.astype(np.float64), float(steps)
-        seen.var = np.maximum(1.0 / network.scale.astype(np.float64) ** 2 - EPSILON, 0.0)
-        # The deviation at which independent normal actions have the entropy that is aimed at.
-        deviation = self.settings.target_entropy / network.actions - 0.5 * np.log(2 * np.pi * np.e)
-        self._set_actor(list(zip(network.weights, network.biases, strict=True)), float(deviation))
+        del network, steps
+        got = type(self.model).__name__
+        raise InputError([Problem("--from", "a task that is learned with soft actor-critic", got)])
 
     @property
     def steps(self) -> int:
@@ -111,13 +100,13 @@ class Learner(ABC):
         return Network.build(seen.mean, seen.var, self.settings.observation_clip, self._actor_layers())
 
     def arrays(self) -> Arrays:
-        """The state except for networks and optimisers: buffer, normalisation, counters and random generators."""
+        """The state except for networks and optimisers: memory, normalisation, counters and random generators."""
         counters = [self.model.num_timesteps, self.model._n_updates, self.model._episode_num]
         found: Arrays = {"counters": np.array(counters, dtype=np.int64)}
         for key, value in self._statistics.items():
             found |= {f"seen/{key}/mean": value.mean, f"seen/{key}/var": value.var}
             found[f"seen/{key}/count"] = np.array(value.count)
-        return found | _buffer_arrays(self._buffer)
+        return found | self._memory()
 
     def restore(self, arrays: Arrays) -> None:
         """Takes over what :meth:`arrays` gave."""
@@ -126,7 +115,15 @@ class Learner(ABC):
         for key, value in self._statistics.items():
             value.mean, value.var = arrays[f"seen/{key}/mean"].copy(), arrays[f"seen/{key}/var"].copy()
             value.count = float(arrays[f"seen/{key}/count"])
-        _restore_buffer(self._buffer, arrays)
+        self._restore_memory(arrays)
+
+    def _memory(self) -> Arrays:
+        """What was gathered and is learned from later."""
+        return {}
+
+    def _restore_memory(self, arrays: Arrays) -> None:
+        """Takes over what :meth:`_memory` gave."""
+        del arrays
 
     def random_state(self) -> dict[str, Any]:
         """State of the generators that sampling and random actions draw from, as JSON has it.
@@ -154,12 +151,57 @@ class Learner(ABC):
         """Inverse of :meth:`save_weights`."""
 
     @abstractmethod
-    def _make(self, environments: VecNormalize, settings: Settings, seed: int) -> OffPolicyAlgorithm:
+    def _make(self, environments: VecNormalize, settings: Any, seed: int) -> Any:
         """The model."""
 
     @abstractmethod
     def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
         """Weights (inputs, outputs) and biases of the actor's mean."""
+
+    @property
+    def _statistics(self) -> dict[str, RunningMeanStd]:
+        statistics = self.normalised.obs_rms
+        assert isinstance(statistics, dict)
+        return statistics
+
+
+class OffPolicyLearner(Learner):
+    """Soft actor-critic: what it gathers it remembers."""
+
+    settings: Settings
+
+    def go_on_from(self, network: Network | None, steps: int) -> None:
+        """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing.
+
+        Args:
+            network: the policy; None: the state is one that was restored.
+            steps: that the policy's normalisation counts for.
+        """
+        model, most = self.model, self.settings.learning_starts
+        model.learning_starts = 0
+        learn = model.train
+
+        def learn_held(*arguments: Any, **named: Any) -> None:
+            kept = self._actor_state() if model.num_timesteps <= most else None
+            learn(*arguments, **named)
+            if kept is not None:
+                self._restore_actor(kept)
+
+        model.train = learn_held  # type: ignore[method-assign]
+        if network is None:
+            return
+        seen = self._statistics[ACTOR_KEY]
+        seen.mean, seen.count = network.mean.astype(np.float64), float(steps)
+        seen.var = np.maximum(1.0 / network.scale.astype(np.float64) ** 2 - EPSILON, 0.0)
+        # The deviation at which independent normal actions have the entropy that is aimed at.
+        deviation = self.settings.target_entropy / network.actions - 0.5 * np.log(2 * np.pi * np.e)
+        self._set_actor(list(zip(network.weights, network.biases, strict=True)), float(deviation))
+
+    def _memory(self) -> Arrays:
+        return _buffer_arrays(self._buffer)
+
+    def _restore_memory(self, arrays: Arrays) -> None:
+        _restore_buffer(self._buffer, arrays)
 
     @abstractmethod
     def _set_actor(self, layers: list[tuple[NDArray[Any], NDArray[Any]]], log_deviation: float) -> None:
@@ -172,12 +214,6 @@ class Learner(ABC):
     @abstractmethod
     def _restore_actor(self, state: Any) -> None:
         """Take over what :meth:`_actor_state` gave."""
-
-    @property
-    def _statistics(self) -> dict[str, RunningMeanStd]:
-        statistics = self.normalised.obs_rms
-        assert isinstance(statistics, dict)
-        return statistics
 
     @property
     def _buffer(self) -> DictReplayBuffer:

@@ -15,7 +15,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import Actor, SACPolicy
 
-from skincal.train.learner import ACTOR_KEY, CRITIC_KEY, Learner, published
+from skincal.train.learner import ACTOR_KEY, CRITIC_KEY, OffPolicyLearner, published
 from skincal.train.settings import Settings
 
 
@@ -47,7 +47,7 @@ class AsymmetricPolicy(SACPolicy):
         return cast("spaces.Dict", self.observation_space)
 
 
-class Sb3Learner(Learner):
+class Sb3Learner(OffPolicyLearner):
     """Stable-Baselines3 itself."""
 
     weights_file: ClassVar[str] = "weights.pt"

@@ -21,7 +21,7 @@ from sbx.sac.policies import SACPolicy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from skincal.bounded import MOST_ARRAY_BYTES, read_bytes
-from skincal.train.learner import ACTOR_KEY, Learner, published
+from skincal.train.learner import ACTOR_KEY, OffPolicyLearner, published
 from skincal.train.settings import Settings
 
 
@@ -40,7 +40,7 @@ class PartActor(SquashedGaussianActor):
         )(x)
 
 
-class SbxLearner(Learner):
+class SbxLearner(OffPolicyLearner):
     """The learner in jax."""
 
     weights_file: ClassVar[str] = "weights.msgpack"
@@ -82,7 +82,7 @@ class SbxLearner(Learner):
         own = dict(state.params["params"]["SquashedGaussianActor_0"])
         for i, (weight, bias) in enumerate(layers):
             own[f"Dense_{i}"] = {"kernel": jnp.asarray(weight), "bias": jnp.asarray(bias)}
-        deviation = own[f"Dense_{len(layers)}"]
+        deviation: Any = own[f"Dense_{len(layers)}"]
         own[f"Dense_{len(layers)}"] = {
             "kernel": jnp.zeros_like(deviation["kernel"]),
             "bias": jnp.full_like(deviation["bias"], log_deviation),

@@ -8,10 +8,11 @@ from typing import Any, Final, cast
 
 
 class Task(StrEnum):
-    """What is rolled between the fingers."""
+    """What is between the fingers."""
 
     marble = "marble"
     bolt = "bolt"
+    pellets = "pellets"
 
 
 class PolicyKind(StrEnum):
@@ -20,6 +21,7 @@ class PolicyKind(StrEnum):
     tactile = "tactile"
     joint_angles = "joint-angles"
     desired = "desired"
+    ideal = "ideal"
 
 
 class BackendName(StrEnum):
@@ -29,11 +31,15 @@ class BackendName(StrEnum):
     sbx = "sbx"
 
 
-ENVIRONMENT_IDS: Final = {Task.marble: "skincal/MarbleRoll-v0", Task.bolt: "skincal/BoltRoll-v0"}
+ENVIRONMENT_IDS: Final = {
+    Task.marble: "skincal/MarbleRoll-v0",
+    Task.bolt: "skincal/BoltRoll-v0",
+    Task.pellets: "skincal/PelletSeparate-v0",
+}
 """What gymnasium makes a task by."""
 
-PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000}
-"""Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E."""
+PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
+"""Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,48 @@ class Settings:
 
 
 @dataclass(frozen=True)
+class PpoSettings:
+    """Proximal policy optimisation as published for the pellets (the authors' list of settings, ICRA 2026).
+
+    Attributes:
+        environments: how many run side by side.
+        rollout_steps: environment steps that are gathered before learning, of all environments together.
+        batch_size: steps in an update.
+        epochs: passes over what was gathered.
+        learning_rate: of Adam.
+        discount: of the reward of the next step.
+        gae_lambda: of the generalised advantage estimate.
+        gradient_clip: largest norm of a gradient.
+        value_coefficient: weight of the critic's loss.
+        deviation: of the actions at first; assumed.
+        hidden: neurons in the hidden layers of actor and critic; assumed.
+        observation_clip: normalised observations are cut off here [standard deviations]; assumed.
+    """
+
+    environments: int = 160
+    rollout_steps: int = 60_000
+    batch_size: int = 4000
+    epochs: int = 5
+    learning_rate: float = 3e-4
+    discount: float = 0.99
+    gae_lambda: float = 0.95
+    gradient_clip: float = 0.5
+    value_coefficient: float = 0.5
+    deviation: float = 0.4
+    hidden: tuple[int, ...] = (256, 256)
+    observation_clip: float = 10.0
+
+    @property
+    def steps_per_round(self) -> int:
+        """Environment steps of a round: gather, then learn."""
+        return self.rollout_steps // self.environments * self.environments
+
+    def rounds(self, steps: int) -> int:
+        """Rounds that so many environment steps take; the last one is always whole."""
+        return -(-steps // self.steps_per_round)
+
+
+@dataclass(frozen=True)
 class Work:
     """One training run: everything its result depends on.
 
@@ -103,7 +151,7 @@ class Work:
     seed: int
     steps: int
     backend: BackendName = BackendName.sb3
-    settings: Settings = field(default_factory=Settings)
+    settings: Settings | PpoSettings = field(default_factory=Settings)
     rounds_per_checkpoint: int = 42
     environment: dict[str, Any] = field(default_factory=dict[str, Any])
     start: str = ""
@@ -131,7 +179,7 @@ class Work:
             task=Task(table["task"]),
             policy=PolicyKind(table["policy"]),
             backend=BackendName(table["backend"]),
-            settings=Settings(**settings),
+            settings=(PpoSettings if "rollout_steps" in settings else Settings)(**settings),
             environment=dict(table["environment"]),
             start=str(table.get("start", "")),
             **whole,
@@ -142,7 +190,9 @@ _BOUNDS: Final[dict[str, tuple[float, float]]] = {
     "environments": (1, 4096), "buffer_size": (1, 10**9), "learning_starts": (0, 10**12), "train_every": (1, 10**6),
     "gradient_steps": (1, 10**6), "discount": (0.0, 1.0), "polyak": (0.0, 1.0), "target_entropy": (-1e6, 1e6),
     "entropy_coefficient": (0.0, 1e6), "learning_rate": (0.0, 1.0), "batch_size": (1, 10**7), "hidden": (1, 10**5),
-    "observation_clip": (1e-6, 1e6), "seed": (0, 2**63), "steps": (1, 10**12), "rounds_per_checkpoint": (1, 10**9),
+    "rollout_steps": (1, 10**9), "epochs": (1, 10**4), "gae_lambda": (0.0, 1.0), "gradient_clip": (1e-9, 1e9),
+    "value_coefficient": (0.0, 1e6), "deviation": (1e-6, 1e3), "observation_clip": (1e-6, 1e6),
+    "seed": (0, 2**63), "steps": (1, 10**12), "rounds_per_checkpoint": (1, 10**9),
 }  # fmt: skip
 """What a file may say: beyond it a run would not begin, or never end."""
 

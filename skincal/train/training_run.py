@@ -23,7 +23,7 @@ from skincal.train.environments import Make, end, in_full, parallel, segment_see
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
-from skincal.train.settings import BackendName, Work
+from skincal.train.settings import BackendName, PpoSettings, Work
 from skincal.train.watch import Round
 
 MARKER: Final = "run.toml"
@@ -211,16 +211,21 @@ class _Course:
 def _learner(work: Work, make: Make, *, processes: bool) -> Generator[Learner]:
     environments = parallel(make, work.settings.environments, processes=processes)
     try:
-        yield _backend(work.backend)(environments, work.settings, work.seed)
+        yield _backend(work)(environments, work.settings, work.seed)
     except BaseException:
         end(environments)
         raise
     environments.close()
 
 
-def _backend(name: BackendName) -> type[Learner]:
-    """The learner of a backend, whose libraries are loaded only now."""
+def _backend(work: Work) -> type[Learner]:
+    """The learner of a run, whose libraries are loaded only now."""
+    name = work.backend
     try:
+        if isinstance(work.settings, PpoSettings):
+            from skincal.train.ppo_learner import PpoLearner
+
+            return PpoLearner
         if name is BackendName.sbx:
             from skincal.train.sbx_learner import SbxLearner
 

@@ -92,13 +92,18 @@ class RoundWatch(BaseCallback):
             episode_steps=_mean(self._lengths),
             drops=_mean(self._drops),
             entropy_coefficient=float(figures.get("train/ent_coef", np.nan)),
-            actor_loss=float(figures.get("train/actor_loss", np.nan)),
-            critic_loss=float(figures.get("train/critic_loss", np.nan)),
+            actor_loss=_figure(figures, "train/actor_loss", "train/policy_gradient_loss"),
+            critic_loss=_figure(figures, "train/critic_loss", "train/value_loss"),
             gather_s=now - self._began,
             learn_s=self._learn_s,
         )
         self._ended = now
         self.told(row)
+
+
+def _figure(figures: dict[str, Any], *names: str) -> float:
+    """The first of some figures that there is: algorithms name them unlike."""
+    return next((float(figures[name]) for name in names if name in figures), float("nan"))
 
 
 def _mean(values: list[Any]) -> float:

@@ -55,6 +55,14 @@ def test_a_clock_that_runs_ahead() -> None:
     assert found(ticks(200), ticks(200, 0.001), real_time=False) == ""
 
 
+def test_a_prompt_state_after_a_late_one_is_no_jump() -> None:
+    """A lost answer is asked for again: the same state comes late, and the next one is new."""
+    hand = np.array([0.0, 0.08, 0.16, 0.35, 0.43])
+    own = np.array([0.0, 0.08, 0.31, 0.35, 0.43])
+    assert found(hand, own, real_time=True) == ""
+    assert "jumped" in found(hand + 0.2 * (np.arange(5) > 2), own, real_time=True)
+
+
 def test_a_clock_that_jumps() -> None:
     jump = ticks(50) + 1e6 * (np.arange(50) > 20)
     for real_time in (True, False):

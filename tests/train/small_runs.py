@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
 import toy_task
 
 from skincal.ranges import preset
-from skincal.train import BackendName, PolicyKind, Settings, Task, Trained, Work, begin, train
+from skincal.train import BackendName, PolicyKind, PpoSettings, Settings, Task, Trained, Work, begin, train
 
 SMALL = Settings(
     environments=2,
@@ -20,6 +21,7 @@ SMALL = Settings(
     batch_size=32,
     hidden=(16, 16),
 )
+SMALL_PPO = PpoSettings(environments=2, rollout_steps=40, batch_size=20, epochs=2, hidden=(16, 16))
 CHECKPOINT_STEPS = 80
 
 
@@ -29,6 +31,8 @@ def make() -> gymnasium.Env:
 
 
 def work(backend: str = "sb3", seed: int = 3) -> Work:
+    if backend == "ppo":
+        return replace(work("sb3", seed), settings=SMALL_PPO)
     return Work(Task.marble, PolicyKind.tactile, seed, 320, BackendName(backend), SMALL, 2)
 
 

@@ -43,7 +43,7 @@ def last_network(folder: Path) -> list[np.ndarray]:
     return [numpy_helper.to_array(value) for value in graph.initializer]
 
 
-@pytest.mark.parametrize("backend", ["sb3", JAX])
+@pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
 def test_going_on_is_exact(tmp_path, backend):
     small_runs.run(tmp_path / "straight", 4 * small_runs.CHECKPOINT_STEPS, backend)
     for steps in (2, 4):
@@ -131,7 +131,7 @@ def test_seeds_matter_and_repeat(tmp_path):
     assert segment_seed(1, 0) not in {segment_seed(1, 1), segment_seed(2, 0)}
 
 
-@pytest.mark.parametrize("backend", ["sb3", JAX])
+@pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
 def test_the_file_says_what_the_learner_does(tmp_path, backend):
     """The policy file, the network as bare numbers, and the learner itself act the same."""
     from skincal.train.checkpoint import load_checkpoint

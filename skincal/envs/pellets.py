@@ -1,0 +1,149 @@
+"""Pellets that are held between two fingertips and let go one at a time.
+
+After the authors' later work (ICRA 2026): two or three pellets of 6 mm. Ranges and settings of the training are
+published; how many are asked for and when, what pays, and their mass are assumed here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skincal.envs.bodies import Body, Marble
+from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
+from skincal.envs.episode_options import EpisodeOptions
+from skincal.envs.roll import RollEnv
+from skincal.envs.sensing import View, view
+from skincal.envs.tactile import Felt
+from skincal.errors import InputError, Problem
+from skincal.model import Contacts
+
+FloatArray = NDArray[np.float64]
+
+MASS_KG: Final = 0.9e-3
+"""A ball of steel of 6 mm; assumed [kg]."""
+APART: Final = 1.1
+"""Distance of neighbours, in diameters."""
+GONE_M: Final = 0.02
+"""A pellet so far from where it was taken is gone [m]."""
+LEAST: Final = 2
+TRIES: Final = 20
+"""The fingers close so often until they have got the least number."""
+
+
+class PelletSeparateEnv(RollEnv):
+    """``skincal/PelletSeparate-v0``: see :class:`RollEnv`.
+
+    The policy is told how many pellets it shall hold: at first all of them, then one less at even intervals, in the end
+    one. It is paid for each step in which it holds that many; when it holds fewer the episode ends.
+    """
+
+    object_name = "marble"
+    target_size = 1
+    target_limit = 10.0
+    objects = 3
+    own_size = 13
+    preset = "icra26"
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        if any(path.startswith(EFFECTS_PREFIX) for path in self.ranges):
+            fix = "Effects follow one contact; export ranges of a calibration without them."
+            raise InputError([Problem("ranges", "no effects, for pellets", "skin.effects", fix)])
+
+    def _begin(self, asked: EpisodeOptions) -> None:
+        """Takes the pellets, anew where the fingers have not got two of them: the task is to let go of one."""
+        for _ in range(TRIES):
+            super()._begin(asked)
+            self._look()
+            if self._held >= LEAST:
+                break
+        self._targets = self._shares(self._held, len(self._targets))
+
+    def _body(self, values: Values) -> Body:
+        drawn = int(self.np_random.integers(2, self.objects + 1))
+        asked = self._asked.pellets
+        self._count = drawn if asked is None else round(asked)
+        return Marble(number(values, "object.marble.radius_m"), MASS_KG)
+
+    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
+        del values, asked
+        return np.eye(3)
+
+    def _places(self, values: Values) -> list[FloatArray]:
+        """Side by side along the finger, or in a triangle about the middle."""
+        width, middle = (
+            APART * number(values, "object.marble.radius_m"),
+            array(values, "object.marble.position_m"),
+        )
+        about = width if self._count == 2 else 2 * width / np.sqrt(3)
+        angles = np.pi / 2 + 2 * np.pi * np.arange(self._count) / self._count
+        return [middle / 4 + about * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
+
+    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+        del asked
+        return self._shares(self._count, steps)
+
+    def _shares(self, count: int, steps: int) -> FloatArray:
+        """How many shall be held (steps, 1), of so many at first: one less after each equal part of the episode."""
+        passed = np.arange(steps) * count // self._steps
+        return np.maximum(count - passed, 1)[:, None].astype(np.float64)
+
+    def _look(self) -> None:
+        assert self._scene is not None
+        self._views = [view(self._scene, self._sensor, k) for k in range(self._count)]
+        if self._step == 0:
+            self._begun_m = [seen.body.origin_m for seen in self._views]
+            self._there = [None not in (seen.skin, seen.thumb) for seen in self._views]
+        self._there = [
+            there and bool(np.linalg.norm(seen.body.origin_m - begun) < GONE_M)
+            for there, seen, begun in zip(self._there, self._views, self._begun_m, strict=True)
+        ]
+        first = next((seen for seen in self._touches()), self._views[0])
+        skin, thumb = self._scene.touches()
+        self._view = replace(first, skin=skin, thumb=thumb)
+
+    def _touches(self) -> list[View]:
+        return [seen for seen, there in zip(self._views, self._there, strict=True) if there]
+
+    @property
+    def _held(self) -> int:
+        return sum(self._there)
+
+    def _dropped(self) -> bool:
+        return not self._view.sound or self._held < self._targets[self._step, 0]
+
+    def _target_m(self) -> FloatArray:
+        return self._view.position_m
+
+    def _error_m(self) -> float:
+        """By how many pellets the number that is held is off."""
+        return abs(self._held - float(self._targets[self._step, 0]))
+
+    def felt(self) -> Felt | None:
+        """See :meth:`RollEnv.felt`: one contact for each pellet that touches the skin."""
+        found = [one for seen in self._touches() if (one := seen.felt(self._body_now)) is not None]
+        if not found:
+            return None
+        parts = [one.contacts for one in found]
+        contacts = Contacts(
+            np.concatenate([one.points_m for one in parts]),
+            np.concatenate([one.normals for one in parts]),
+            np.concatenate([one.force_n for one in parts]),
+        )
+        return Felt(contacts, sum(one.shear_u_n for one in found), sum(one.shear_v_n for one in found))
+
+    def _own(self) -> FloatArray:
+        """How many are held; of each pellet whether it is, its place on the sensor [m], and the skin's force [N]."""
+        rows = np.zeros((self.objects, 4))
+        for row, seen, there in zip(rows, self._views, self._there, strict=False):
+            row[:] = there, *seen.position_m, seen.skin.force_n if seen.skin else 0.0
+        return np.concatenate([[self._held], rows.ravel()])
+
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        target = int(self._targets[self._step, 0])
+        found = super()._info(terms) | {"pellets_held": self._held, "pellets_target": target}
+        return found | {"success": found["success"] and self._held == target}
