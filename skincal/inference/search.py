@@ -157,6 +157,7 @@ class Search:
         self._known, self._null = dict(self.base.state.effects), self._drawn()
         fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
         dropped: set[str] = set()
+        without: dict[str, Fitted] = {}
         while True:
             tried = self._round(fit, named)
             rounds.append(tuple(tried))
@@ -170,27 +171,31 @@ class Search:
                 named.append(own)
             else:
                 named[named.index(again)] = replace(again, gain=again.gain + own.gain)
-            fit = new
+            fit, without = new, dict[str, Fitted]()
             # What the new one has made needless goes.
             for old in named[:-1]:
-                less = self._without(fit, old.name)
+                without[old.name] = less = self._without(fit, old.name)
                 if Score(self.score(fit) - self.score(less)).total < old.limit:
-                    fit, named = less, [n for n in named if n is not old]
+                    fit, named, without = less, [n for n in named if n is not old], {}
                     dropped.add(old.name)
-        if len(named) > 1:
-            fit, named = self._swapped(fit, named)
+        for old in named[:-1]:
+            other, named = self._swapped(fit, named, old, without.get(old.name))
+            fit, without = other, without if other is fit else {}
         fit = self._from_start(fit) if named else fit
         return Found(self.base, fit, tuple(named), tuple(rounds), self._null)
 
-    def _swapped(self, fit: Fitted, named: list[Named]) -> tuple[Fitted, list[Named]]:
-        """Each effect against all others beside those that were found after it."""
-        for old in named[:-1]:
-            less = self._without(fit, old.name)
-            others = [n for n in named if n is not old]
-            tried = self._round(less, others)
-            best = self._best(less, [t for t in tried if t.good and t.name not in [n.name for n in others]])
-            if best is not None and Score(self.score(best[1]) - self.score(fit)).total > -C.settled:
-                fit, named = best[1], [best[0] if n is old else n for n in named]
+    def _swapped(
+        self, fit: Fitted, named: list[Named], old: Named, less: Fitted | None
+    ) -> tuple[Fitted, list[Named]]:
+        """An effect against all others that gain more than it does beside those that were found after it."""
+        less = self._without(fit, old.name) if less is None else less
+        others = [n for n in named if n is not old]
+        tried = self._round(less, others)
+        own = max((t.gain for t in tried if t.name == old.name), default=0.0)
+        best = self._best(less, [t for t in tried if t.good and t.gain > own])
+        if best is not None and best[0].name not in [n.name for n in others]:
+            if Score(self.score(best[1]) - self.score(fit)).total > 0:
+                return best[1], [best[0] if n is old else n for n in named]
         return fit, named
 
     # ------------------------------------------------------------------ a round
