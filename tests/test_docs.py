@@ -97,8 +97,10 @@ def test_fit_page_tells_the_defaults():
     options = FitOptions()
     steps = GridSteps()
     assert f"$\\sigma_p$ round `[position] sigma_m` (factor $e^{{{SPREADS[0]:g}}}$)" in text
-    assert set(SPREADS[[1, 3, 4, 5]]) == {1.0}
-    assert (FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART) == (0.005, 0.005, 0.01, 0.03)
+    assert set(SPREADS[[1, 5]]) == {1.0} and SPREADS[3] == SPREADS[4]
+    grown = f"$\\tau$ round {100 * MISFIT:g} % and $\\sigma_g$ round {100 * GAIN_SIGMA:g} %"
+    assert f"{grown} (factor $e^{{{SPREADS[3]:g}}}$)" in text
+    assert f"$\\sigma_b$ round {100 * FIELD_PART:g} % of `sigma_m` (factor $e$)" in text
     assert f"$\\sigma_f$ round {100 * FORCE_SIGMA:g} % (factor $e$)" in text
     assert f"round the scatter of untouched taxels (factor $e^{{{SPREADS[2]:g}}}$)" in text
     assert MOST == 6
