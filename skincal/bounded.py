@@ -286,11 +286,13 @@ def _array(stream: IO[bytes]) -> NDArray[Any]:
         (2, 0): np.lib.format.read_array_header_2_0,
     }
     shape, by_columns, kind = read_header[version](stream)
-    data = stream.read()
     if kind.hasobject:
         raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")
-    if math.prod(shape) * kind.itemsize != len(data):
-        raise UnreadableError(f"numbers of shape {shape}", f"{len(data)} bytes of {kind}")
+    size = math.prod(shape) * kind.itemsize
+    data = stream.read(max(size, 0) + 1)  # what follows may unpack to much more
+    if size != len(data):
+        got = f"{len(data)} bytes of {kind}" if len(data) <= size else "more bytes"
+        raise UnreadableError(f"numbers of shape {shape}", got)
     return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")
 
 

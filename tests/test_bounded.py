@@ -303,3 +303,16 @@ def test_errors_are_short_and_steer_no_terminal():
         InputError([Problem("f.toml, \x1b[2Jx", "a number", "\x1b]0;title\x07" + "9" * 10_000, "Mend it.")])
     )
     assert said.isprintable() and len(said) < 600 and said.endswith("Mend it.")
+
+
+def test_an_array_unpacks_to_no_more_than_its_header_says(tmp_path):
+    file = tmp_path / "a.npz"
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (4,)})
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.npy", header.getvalue() + bytes(30 << 20))
+    tracemalloc.start()
+    with pytest.raises(UnreadableError, match=r"shape \(4,\); got more"):
+        read_arrays(file)
+    assert tracemalloc.get_traced_memory()[1] < 10 << 20
+    tracemalloc.stop()

@@ -252,7 +252,6 @@ class Fitter:
         """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
         return self.forward.surface.arc_radius_at(state.pose) or 0.0
 
-
     def step(self, at: Fitted) -> State:
         """Where a Gauss-Newton step leads from a linearisation with equations at their word, presses with it."""
         b, s = at.blocks, at.state
