@@ -15,9 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any
 
+from benchmarks.blind.quick import diagnosed
 from benchmarks.blind.truth.session import make_session
 from benchmarks.blind.truth.spec import Spec
 from benchmarks.blind.truth.writing import sealed, write_session
+from skincal.cli.common import plain
 
 Record = dict[str, Any]
 
@@ -69,6 +71,7 @@ class Bench:
         command: what runs skincal.
         extra: options of ``diagnose``.
         stop: set, it ends the commands that run.
+        quick: whether sessions are diagnosed in this process, from the engine's own base model.
     """
 
     out: Path
@@ -77,6 +80,7 @@ class Bench:
     command: tuple[str, ...] = SKINCAL
     extra: tuple[str, ...] = ()
     stop: threading.Event = field(default_factory=threading.Event)
+    quick: bool = False
 
     def result_file(self, spec: Spec) -> Path:
         """Return the path of a session's result."""
@@ -102,9 +106,12 @@ class Bench:
         write_whole(self.label_file(spec), content)
         record: Record = {"session": spec.name, "suite": spec.suite, "label_sha256": digest}
         record["generate_cpu_s"] = round(time.process_time() - start, 2)
-        record["fit"] = self._fitted(folder).record()
-        if record["fit"]["status"] == 0:
-            record["diagnose"] = self._diagnosed(folder).record()
+        if self.quick:
+            record |= diagnosed(folder / "data", plain)
+        else:
+            record["fit"] = self._fitted(folder).record()
+            if record["fit"]["status"] == 0:
+                record["diagnose"] = self._diagnosed(folder).record()
         write_whole(self.result_file(spec), (json.dumps(record, indent=1) + "\n").encode())
         if not self.keep:
             shutil.rmtree(folder, ignore_errors=True)

@@ -199,7 +199,7 @@ def audit_planned(
     low = -np.inf if meta.sensor.value_min is None else meta.sensor.value_min
     high = np.inf if meta.sensor.value_max is None else meta.sensor.value_max
     taxels = mount.layout.taxels
-    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01)
+    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01, low if np.isfinite(low) else 0.0)
     forward = forward_of(session, mount.surface, mount.layout, noise, clipped=bool(np.isfinite(low)))
     own = None if calibration is None else calibration.parameters()
     e, scale = (
@@ -265,9 +265,9 @@ def report_of(
     w = fitter.whitened(
         seen,
         Slopes.joined([fitter.columns(seen, ()), Slopes.of(np.stack(cases, axis=-1))]),
-        fitter.contributions(seen),
+        fitter.equations(seen)[0],
     )
-    h = fitter.built(seen, (), w).blocks.h.sum(axis=0)
+    h = fitter.built(seen, (), w, 0).blocks.h.sum(axis=0)
     n = h.shape[0] - len(names)
     raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
     law = 1 / np.array([C.law_power, C.law_blur, C.law_radius]) ** 2

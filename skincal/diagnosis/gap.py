@@ -176,7 +176,7 @@ def _squares(whole: Forward, state: State, counts: FloatArray) -> tuple[FloatArr
     seen = whole.see(state)
     level = seen.values + state.rest
     mean, _ = whole.noise.written(level)
-    variance = whole.noise.variance(whole.mean @ level, state.rest, whole.session.frames)
+    variance = whole.noise.variance(whole.mean @ level, whole.session.frames)
     if whole.noise.force_n:
         # The measured force of a frame is noisy, too: no model can follow that.
         more = replace(state, move=state.move + np.array([0.0, 0.0, 0.02]))

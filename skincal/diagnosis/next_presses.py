@@ -99,8 +99,8 @@ def information(
         observed.fitter.before.base, first.state, observed.fitter.before.move, 2e-3, np.ones_like(counts)
     )
     fitter = Fitter(forward, counts, before)
-    w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.contributions(seen))
-    found = fitter.built(seen, (), w).blocks
+    w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.equations(seen)[0])
+    found = fitter.built(seen, (), w, 0).blocks
     out = np.zeros(len(pool))
     for k, p in enumerate(found.press.tolist()):
         if 0 <= p < len(out):

@@ -22,7 +22,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.contact_law import numbers_of
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
-from skincal.inference.noise import Noise, clipped_at_rest, noise_of, rest_level
+from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
 from skincal.model import Cylinder, Plane, Surface, TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
@@ -178,8 +178,8 @@ def observe(
             f"expected {FEWEST_PRESSES} presses with a known place and a force at least, because some are fitted, "
             f"some choose and some are kept for the end; got {len(pressed)}. Record more presses",
         )
-    noise, floor, rest, clipped, session = _noise(dataset, session, calibration)
-    rest_sigma = C.rest * noise.frame
+    noise, floor, rest_sigma, clipped, session = _noise(dataset, session, calibration)
+    rest = noise.rest
     if uniform and dataset.frames is None:
         # No taxel is ever at rest: the level is where the lines of all taxels meet no load, as far as they agree.
         rest, rest_sigma = _rest_by_lines(dataset)
@@ -291,7 +291,7 @@ def beforehand(
 def _noise(
     dataset: Dataset, session: GapSession, calibration: Calibration | None
 ) -> tuple[Noise, NoiseFloor, float, bool, GapSession]:
-    """Noise, the same in words, the common level at rest, whether it is clipped, and the session with its weights."""
+    """Noise, the same in words, how well the level at rest is known, whether it clips, and the session."""
     sensor = dataset.meta.sensor
     raw = sensor.baseline != "subtracted"
     low = sensor.value_min if raw and sensor.value_min is not None else -np.inf
@@ -337,14 +337,16 @@ def _noise(
             found = "presses that follow each other, about a line in the force"
     middle = float(np.nanmedian(mean)) if np.isfinite(mean).any() else 0.0
     clipped = bool(np.isfinite(low)) and bool(clipped_at_rest(np.array(middle), low, noise.frame))
-    rest = low if clipped else float(np.nanmedian(rest_level(mean, noise)))
+    noise = replace(noise, rest=middle)
+    rest, within = (low, 0.0) if clipped else noise.level_of(middle, count)
+    noise = replace(noise, rest=rest)
     per_mean = float(np.hypot(noise.frame, noise.step / np.sqrt(12)) / np.sqrt(_hold_frames(session)))
     width = 1.96 / np.sqrt(2 * count)
     floor = NoiseFloor(
         noise.frame, (noise.frame * (1 - width), noise.frame * (1 + width)), found,
         per_mean, (per_mean * (1 - width), per_mean * (1 + width)), found, noise.grows, noise.step,
     )  # fmt: skip
-    return noise, floor, rest, clipped, session
+    return noise, floor, float(np.hypot(C.rest * noise.frame, within)), clipped, session
 
 
 def _scatter_of_neighbours(dataset: Dataset) -> float:

@@ -86,7 +86,7 @@ def find_spells(fitter: Fitter, state: State, counts: FloatArray) -> tuple[Spell
     state = replace(state, move=state.move * np.array([1.0, 1.0, 0.0]))
     level = forward.see(state).values + state.rest
     expected = forward.mean @ forward.noise.written(level)[0]
-    variance = forward.noise.variance(forward.mean @ level, state.rest, fitter.frames)
+    variance = forward.noise.variance(forward.mean @ level, fitter.frames)
     return spells_in(session, counts, expected, variance, state.rest)
 
 

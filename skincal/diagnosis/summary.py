@@ -94,10 +94,7 @@ def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
                 "error": t.error,
                 "sure": t.sure,
                 "limit": t.limit,
-                "p_value": float(
-                    (1 + (diagnosis.found.null.gains.get(t.name, np.zeros(0)) >= t.gain).sum())
-                    / (1 + len(diagnosis.found.null.laws))
-                ),
+                "p_value": t.p_value,
             }
             for t in one
         ]

@@ -69,12 +69,14 @@ def diagnose(
         assert observed.session.counts is not None
         spells = find_spells(fitter, found.fitted.state, observed.session.counts)
         if spells:
-            observed = observed.without(spells)
-            fitter = observed.fitter
-            base = base_fit(fitter, known=True)
-            found = Search(
-                fitter, base, observed.names, observed.covariates, spelled, heard, null_sessions
+            other = observed.without(spells)
+            base = base_fit(other.fitter, known=True)
+            anew = Search(
+                other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions
             ).run()
+            # What was taken off must have been what was left.
+            if anew.excess.max() < found.excess.max():
+                observed, fitter, found = other, other.fitter, anew
     heard("gap on presses nobody has fitted")
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)
@@ -101,9 +103,8 @@ def diagnose(
         wild = wild_presses(whole, ready)
         last_fitter = without_presses(whole, wild)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
-        wide = last_fitter.covariance(last)
         final = new_calibration(
-            calibration, observed, last, wide, drawn, wild, unexplained=unexplained, law=law
+            calibration, observed, last, last.covariance, drawn, wild, unexplained=unexplained, law=law
         )
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
@@ -132,7 +133,7 @@ def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:
 
 def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
     fit, fitter = found.fitted, observed.fitter
-    covariance = fitter.covariance(fit)
+    covariance = fit.covariance
     excess = [float(np.nansum(_residual(fitter, x) ** 2 - 1)) for x in (found.base, fit)]
     whole = max(excess[0] - excess[1], 1e-9)
     made = []
@@ -200,7 +201,5 @@ def refitted_effects(
         # They have drawn sensor, places and effects after them: again without them.
         fitter = without_presses(fitter, wild)
         last = fitter.solve(state, tuple(free), steps=C.last_steps)
-    made = new_calibration(
-        both, observed, last, fitter.covariance(last), drawn, wild, unexplained=False, law=law
-    )
+    made = new_calibration(both, observed, last, last.covariance, drawn, wild, unexplained=False, law=law)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

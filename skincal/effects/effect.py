@@ -62,6 +62,8 @@ class Effect(ABC):
         has_memory: whether it depends on earlier samples.
         of_rig: whether it is an error of the measurement, not a property of the skin; where the true place and force
             are known, as in an environment, it does not apply.
+        equation_error: relative error that its equation may have against a real skin, one standard deviation; 0 where
+            the effect is what its equation says.
         shows: presses that show it best in a picture, by their names in :mod:`skincal.report.signatures`; empty: over
             force, or over time if it has memory.
         replaces_range: the range of a preset that holds what is assumed where this effect is not known.
@@ -78,6 +80,7 @@ class Effect(ABC):
     in_places: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
+    equation_error: ClassVar[float] = 0.2
     shows: ClassVar[str] = ""
     replaces_range: ClassVar[str] = ""
     source: ClassVar[str]

@@ -16,6 +16,7 @@ class TaxelGain(SignalEffect):
     name = "taxel_gain"
     stage = Stage.TRANSFER
     meaning = "taxels differ in gain"
+    equation_error = 0.0
     parameters = (
         EffectParameter("gain", "-", 1.0, 0.05, 20.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
     )

@@ -111,7 +111,7 @@ class Whitened:
         columns: n of them.
         press: (N, J, 3) by the move across and along and the logarithm of the force.
         signal: (N, J) level above rest, as it shows.
-        own: (N, J, k) contribution of each effect that is in the model.
+        own: (N, J, k) what the equation of each effect in the model may err by, at one standard deviation.
         seen: (N, J).
         log_sd: (N, J) logarithm of the noise.
     """
@@ -156,7 +156,7 @@ def blocks(
     phases = [phase == f for f in np.unique(phase[press >= 0])]
     errs = [w.own * f[:, None, None] for f in phases] if w.own.shape[2] else []
     nuisance = np.concatenate([w.press, *errs], axis=2)[order] * pressed
-    lam = np.full(nuisance.shape[2], 1 / C.equation**2)
+    lam = np.ones(nuisance.shape[2])
     lam[:3] = precision
     k = len(lam)
     # Nuisances, columns, residual side by side: all that is needed are their products, block by block.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray
 
 LEFT = ("middle of the presses", "worst presses", "rest")
 
@@ -25,7 +25,6 @@ def left(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
     return np.stack([own[:keep].mean(axis=0), np.quantile(own, 0.95, axis=0), rest], axis=1)
 
 
-def beyond(own: FloatArray, null: FloatArray) -> BoolArray:
-    """(3,) whether a session leaves more than null sessions do, (S, 3), and a margin."""
-    most = np.quantile(null, C.null_quantile, axis=0)
-    return own > 1 + C.slack * np.maximum(most - 1, C.noise)
+def limits(null: FloatArray) -> FloatArray:
+    """(3,) what may be left: what null sessions leave (S, 3), and a margin."""
+    return 1 + C.slack * np.maximum(np.quantile(null, C.null_quantile, axis=0) - 1, C.noise)

@@ -29,13 +29,12 @@ class Constants:
     noise: float = 0.02  # P  relative error of the noise's variance, so much may always be left
     joint_steps: int = 5  # T  of a joint fit
     last_steps: int = 12  # T  of that of the effect which is taken
-    contend: float = 0.5  # T  of the best gain: what has less is not fitted in full
+    contend: float = 0.5  # T  of the best shared gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
-    part: float = 0.02  # P  of what is explained already, half of the square of `equation`: less is theirs
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most
-    rounding: float = 0.01  # T  part of the variance from which on rounding does not average out
+    smooth: float = 0.5  # T  of a step: noise from which on rounding leaves no more than 0.2 % of a step
     least_slope: float = 1e-3  # T  of the converter, where it clips
     least_variance: float = 0.05  # T  of the usual one, where it clips
     least_noise: float = 1e-4  # T  of the largest signal, where there is no noise

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skincal.effects import effect
 from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
@@ -52,7 +53,7 @@ class Fitted:
     Attributes:
         seen: the state and what it reads.
         free: numbers of effects that are fitted.
-        blocks: of base, law and free columns.
+        blocks: of base, law and free columns, and of what the equations of effects may err by in all presses alike.
         prior: (n,) precisions of the columns.
         pull: (n,) slope of the prior at the state: precision times how far it is from its middle.
     """
@@ -69,13 +70,34 @@ class Fitted:
         return self.seen.state
 
     @property
+    def numbers(self) -> int:
+        """How many columns are numbers of the state: base, law and free ones. Errors of equations follow."""
+        return NB + len(self.free)
+
+    @property
     def covariance(self) -> FloatArray:
-        """(n, n) of base, law and effects, everything else integrated out."""
-        return np.linalg.inv(self.blocks.h.sum(axis=0) + np.diag(self.prior))
+        """(n, n) mean squares of base, law and effects about the state, everything else integrated out.
+
+        The state is that with equations at their word. Where they may err the posterior is wider, and lies elsewhere.
+        """
+        h, g, n = (
+            self.blocks.h.sum(axis=0) + np.diag(self.prior),
+            self.blocks.b.sum(axis=0) - self.pull,
+            self.numbers,
+        )
+        wide = np.linalg.inv(h)[:n]
+        aside = wide @ g - np.linalg.solve(h[:n, :n], g[:n])
+        return wide[:, :n] + np.outer(aside, aside)
 
     def loss(self) -> float:
         """Minus twice the logarithm of the posterior, but for a constant."""
         return float(self.blocks.loss.sum() + (self.pull**2 / np.maximum(self.prior, 1e-300)).sum())
+
+    def chi(self) -> FloatArray:
+        """(B,) squares that are left where equations err as is best."""
+        b, n = self.blocks, self.numbers
+        c = np.linalg.solve(b.h[:, n:, n:].sum(axis=0) + np.diag(self.prior[n:]), b.b[:, n:].sum(axis=0))
+        return b.chi - 2 * b.b[:, n:] @ c + np.einsum("n,pnm,m->p", c, b.h[:, n:, n:], c)
 
 
 class Fitter:
@@ -90,6 +112,9 @@ class Fitter:
         self.press, self.phase, self.frames = s.press, s.phase, s.frames
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
         self._force = np.maximum(force, 0.0)
+        held = s.held()
+        # All of a hold is at one level, with one error of rounding.
+        self._alike = np.where(held, np.bincount(s.press[held], minlength=s.presses + 1)[s.press], 1.0)
 
     def whitened(
         self, seen: Seen, columns: Slopes | FloatArray, own: FloatArray, only: BoolArray | None = None
@@ -99,16 +124,12 @@ class Fitter:
         Args:
             seen: the state.
             columns: slopes by what is fitted, (K, J, n) if all of them are dense.
-            own: (K, J, k) contributions of effects that are in the model.
+            own: (K, J, k) errors that equations of effects in the model may have.
             only: (N,) observations that count.
         """
         f, noise = self.forward, self.forward.noise
-        level = seen.values + seen.state.rest
-        mean, slope = noise.written(level)
-        expected = f.mean @ mean
-        at = f.mean @ level
         moves = f.press_columns(seen)
-        variance = noise.variance(at, seen.state.rest, self.frames)
+        expected, slope, variance = self.expected(seen, moves)
         if noise.force_n:
             by_force = f.mean @ (slope * moves[..., 2])
             per_n = by_force / np.maximum(self._force, 5 * noise.force_n)[:, None]
@@ -132,33 +153,83 @@ class Fitter:
         thinned = slopes.through(f.mean.__matmul__, slope, weight)
         return Whitened(residual, thinned, thin(moves), signal, thin(own), ok, np.log(sd))
 
+    def expected(
+        self, seen: Seen, moves: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What a state reads on average (N, J), slopes of the converter (K, J), and variance (N, J).
+
+        ``moves`` (K, J, 3) is what a press's own numbers do to levels, if it is there already.
+        """
+        f, noise = self.forward, self.forward.noise
+        level, spread = seen.values + seen.state.rest, None
+        if noise.coarse:
+            spread = self.spread(seen, f.press_columns(seen) if moves is None else moves)
+        mean, slope, each, shared = noise.moments(level, spread)
+        variance = (f.mean @ each + (noise.sigma**2 - noise.frame**2)) / self.frames[:, None]
+        return f.mean @ mean, slope, variance + (f.mean @ shared) * self._alike[:, None]
+
+    def spread(self, seen: Seen, moves: FloatArray) -> FloatArray:
+        """(K, J) within what levels are known beforehand, by what a press's own numbers do to them (K, J, 3)."""
+        return np.sqrt((moves**2) @ (1 / self.before.move) + (C.image * seen.values) ** 2)
+
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
         """Slopes (K, J, n) of base, law and effects."""
         f = self.forward
         return Slopes.joined([Slopes.of(f.base_columns(seen)), *free_columns(f, seen, free)])
 
-    def contributions(self, seen: Seen) -> FloatArray:
-        """(K, J, k) what each effect of the state adds to values."""
-        parts = []
+    def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
+        """What the equations of effects in the model may err by, at one standard deviation.
+
+        Returns:
+            (K, J, k) of each effect, in each phase of a press for itself; (K, J, m) of all presses alike: in each
+            phase, and in another proportion to the force, to what a taxel reads, and over the session; at their word
+            none.
+        """
+        samples, parts = self.forward.samples, []
         for name in seen.state.effects:
-            without = {n: v for n, v in seen.state.effects.items() if n != name}
-            parts.append(seen.values - self.forward.with_effects(seen, without))
-        return np.stack(parts, axis=-1) if parts else np.zeros((*seen.values.shape, 0))
+            if error := effect(name).equation_error:
+                without = {n: v for n, v in seen.state.effects.items() if n != name}
+                parts.append(error * (seen.values - self.forward.with_effects(seen, without)))
+        if not parts:
+            none = np.zeros((*seen.values.shape, 0))
+            return none, none
+        own = np.stack(parts, axis=-1)
+        if word:
+            return own, own[..., :0]
+        force = np.nan_to_num(samples.contacts.force_n) * samples.touching
+        factors = [_about_none(force)[:, None], _about_none(seen.values)]
+        factors.append(np.linspace(-1.0, 1.0, len(own))[:, None])
+        if samples.phase is not None:
+            factors += [(samples.phase == p)[:, None].astype(np.float64) for p in np.unique(samples.phase)]
+        return own, np.concatenate([own * x[..., None] for x in factors], axis=2)
 
     def linear(
-        self, state: State, free: tuple[Free, ...], only: BoolArray | None = None, seen: Seen | None = None
+        self,
+        state: State,
+        free: tuple[Free, ...],
+        only: BoolArray | None = None,
+        seen: Seen | None = None,
+        *,
+        word: bool = False,
     ) -> Fitted:
         """A state with its linearisation."""
         seen = self.forward.see(state) if seen is None else seen
-        w = self.whitened(seen, self.columns(seen, free), self.contributions(seen), only)
-        return self.built(seen, free, w)
+        return self.built(seen, free, *self.columns_of(seen, free, only, word=word))
 
-    def built(self, seen: Seen, free: tuple[Free, ...], w: Whitened, **more: object) -> Fitted:
-        """A linearisation of whitened columns; columns beyond the base and the free ones have no prior."""
+    def columns_of(
+        self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None, *, word: bool = False
+    ) -> tuple[Whitened, int]:
+        """All that is fitted, whitened, and how many of the columns are errors of equations, which come last."""
+        own, shared = self.equations(seen, word=word)
+        columns = Slopes.joined([self.columns(seen, free), Slopes.of(shared)])
+        return self.whitened(seen, columns, own, only), shared.shape[2]
+
+    def built(self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int, **more: object) -> Fitted:
+        """A linearisation of whitened columns; columns beyond those of the model have no prior."""
         state = seen.state
         found = blocks(w, self.press, self.phase, state.move, self.before.move, **more)  # type: ignore[arg-type]
         prior, pull = self.prior(state, free)
-        return Fitted(seen, free, found, prior, pull)
+        return Fitted(seen, free, found, np.append(prior, np.ones(errors)), np.append(pull, np.zeros(errors)))
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
         """(n,) precisions beforehand, and their slope at a state."""
@@ -192,27 +263,6 @@ class Fitter:
         here = self.forward.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
         return float(np.hypot(here[0], here[2]))
 
-    def covariance(self, fit: Fitted) -> FloatArray:
-        """(n, n) of base, law and effects, where the equations of effects may err in all presses alike, too.
-
-        Each press has errors of its own in the blocks; what an equation lacks is besides the same in each phase, and
-        at each force, of all of them, and base and effects give way to it.
-        """
-        n, (seen, free) = len(fit.prior), (fit.seen, fit.free)
-        own = self.contributions(seen)
-        if not own.shape[2]:
-            return fit.covariance
-        samples = self.forward.samples
-        force = np.nan_to_num(samples.contacts.force_n) * samples.touching
-        # More of it at large forces than at small ones, and other than that in each phase.
-        shared = [own * (2 * force / max(float(force.max(initial=0.0)), 1e-12) - 1)[:, None, None]]
-        if samples.phase is not None:
-            shared += [own * (samples.phase == p)[:, None, None] for p in np.unique(samples.phase)]
-        w = self.whitened(seen, Slopes.joined([self.columns(seen, free), *map(Slopes.of, shared)]), own)
-        h = self.built(seen, free, w).blocks.h.sum(axis=0)
-        prior = np.concatenate([fit.prior, np.full(h.shape[0] - n, 1 / C.equation**2)])
-        return np.linalg.inv(h + np.diag(prior))[:n, :n]
-
     def step(self, at: Fitted, *, most: float = 1.0) -> State:
         """Where a Gauss-Newton step leads, presses with it."""
         b, s = at.blocks, at.state
@@ -227,12 +277,13 @@ class Fitter:
                 [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
             )
             ends = np.array([f.bounds() for f in at.free])
-            own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
-            if np.any(own != d[NB:]):
-                rest = h[:NB, :NB] * np.outer(size[:NB], size[:NB])
-                d = np.concatenate(
-                    [np.linalg.solve(rest, (g[:NB] - h[:NB, NB:] @ own) * size[:NB]) * size[:NB], own]
-                )
+            k = np.arange(NB, at.numbers)
+            own = np.clip(np.clip(d[k], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
+            if np.any(own != d[k]):
+                o = np.setdiff1d(np.arange(n), k)
+                rest = h[np.ix_(o, o)] * np.outer(size[o], size[o])
+                d[o] = np.linalg.solve(rest, (g[o] - h[np.ix_(o, k)] @ own) * size[o]) * size[o]
+                d[k] = own
         return self.moved(at, d, most=most)
 
     def moved(
@@ -258,7 +309,9 @@ class Fitter:
             s.law + own[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
         )
         effects = (
-            with_values(s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB:])
+            with_values(
+                s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]
+            )
             if at.free
             else s.effects
         )
@@ -280,8 +333,8 @@ class Fitter:
     def solve(
         self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
     ) -> Fitted:
-        """Fits, from a state; a step that makes it worse is halved."""
-        at = self.linear(state, free, only)
+        """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
+        at = self.linear(state, free, only, word=True)
         for _ in range(steps):
             new, seen, total = self._careful(at, self.step(at), only)
             for part in (0.3, 0.1):
@@ -290,10 +343,10 @@ class Fitter:
             if total > at.loss() + 0.1:
                 break
             gained = at.loss() - total
-            at = self.linear(new, free, only, seen)
+            at = self.linear(new, free, only, seen, word=True)
             if gained < C.settled:
                 break
-        return at
+        return self.linear(at.state, free, only, at.seen) if at.state.effects else at
 
     def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
         """A state whose presses have gone the part of their way that is best for them, and its loss."""
@@ -325,9 +378,14 @@ class Fitter:
     def _left(self, state: State, only: BoolArray | None) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
-        none = np.zeros((*seen.values.shape, 0))
-        w = self.whitened(seen, none, self.contributions(seen), only)
+        own, none = self.equations(seen, word=True)
+        w = self.whitened(seen, none, own, only)
         return seen, blocks(w, self.press, self.phase, state.move, self.before.move)
+
+
+def _about_none(x: FloatArray) -> FloatArray:
+    """Numbers from 0 to their greatest as -1 to 1."""
+    return 2 * x / max(float(x.max(initial=0.0)), 1e-12) - 1
 
 
 def between(a: State, b: State, part: float) -> State:

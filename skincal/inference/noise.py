@@ -1,9 +1,9 @@
 """Noise of a session, and what the converter makes of a level: its mean, its slope and its scatter.
 
-A frame is ``round(level + noise)`` in steps of the converter, clipped. Its mean and scatter as functions of
-the level are
-worked out once, as a table. Where the noise is small against a step, the rounding error of a hold is the same in all
-its frames: that part does not average out, and is kept apart.
+A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance of it as functions of the
+level are worked out once, as a table. Where the noise is small against a step they are a staircase. A level at rest
+stands on one place of it; that of a pressed taxel is known only within the spread that the press's own numbers give
+it, and what is expected is the mean over that spread, beside a variance that all frames of the level share.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from scipy.special import ndtr
 from skincal.inference.constants import CONSTANTS as C
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
-_KNOTS = 4000
-_NEAR = 8.0
+_NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
+_NODES = np.linspace(-3.0, 3.0, 13)
+_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
+_NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,8 @@ class Noise:
         low: where the converter clips [counts]; -inf if it does not, or not known.
         high: the same above.
         force_n: noise of the measured force of a frame [N].
+        rest: level at rest that all taxels share [counts].
+        origin: a value that is written; all others are whole steps from it [counts].
     """
 
     sigma: FloatArray
@@ -40,83 +44,122 @@ class Noise:
     low: float
     high: float
     force_n: float = 0.0
+    rest: float = 0.0
+    origin: float = 0.0
 
     @cached_property
     def frame(self) -> float:
         """Of the middle taxel [counts]."""
-        return float(np.median(self.sigma))
+        return max(float(np.median(self.sigma)), 1e-9)
 
-    @cached_property
-    def _kept(self) -> float:
-        """Variance of rounding that all frames of a level share [counts²]."""
-        return shared_rounding(self.frame, self.step)
+    @property
+    def coarse(self) -> bool:
+        """Whether rounding leaves a staircase."""
+        return self.frame < C.smooth * self.step
+
+    def _sd(self, level: FloatArray) -> FloatArray:
+        return np.hypot(self.frame, self.grows * np.maximum(level - self.rest, 0.0))
 
     @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Levels near the bounds, and mean, slope and variance of what is written there."""
-        sd, step = max(self.frame, 1e-9), self.step
-        around = _NEAR * np.hypot(sd, step)
-        ends = [e for e in (self.low, self.high) if np.isfinite(e)]
-        levels, means, variances = [], [], []
-        for end in ends:
-            x = np.linspace(end - around, end + around, _KNOTS)
-            if step:
-                k = end + step * np.arange(-np.ceil(around / step) - 2, np.ceil(around / step) + 3)
-                share = np.diff(ndtr((k[None] + step / 2 - x[:, None]) / sd), axis=1, prepend=0)
-            else:
-                k = np.linspace(end - around, end + around, 400)
-                share = np.diff(ndtr((k[None] - x[:, None]) / sd), axis=1, prepend=0)
-            share[:, 0] += 0.0
-            share[:, -1] += 1 - share.sum(axis=1)
-            written = np.clip(k, self.low, self.high)
-            mean = share @ written
-            variance = share @ written**2 - (share @ written) ** 2
-            if self._kept > C.rounding * self.frame**2:
-                # Steps that the noise does not blur: the mean over where a level may lie within its step.
-                wide = max(int(step / (x[1] - x[0])), 1)
-                box = np.ones(wide) / wide
-                mean = np.convolve(np.pad(mean, wide, mode="reflect", reflect_type="odd"), box, "same")[
-                    wide:-wide
-                ]
-                variance = np.convolve(np.pad(variance, wide, mode="edge"), box, "same")[wide:-wide]
-            levels.append(x)
-            means.append(mean)
-            variances.append(variance)
-        if not ends:
-            return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
-        x, m, v = (np.concatenate(own) for own in (levels, means, variances))
-        order = np.argsort(x, kind="stable")
-        x, m, v = x[order], m[order], v[order]
-        return x, m, np.gradient(m, np.maximum.accumulate(x + 1e-9 * np.arange(len(x)))), v
+        """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
+        x = np.zeros(0)
+        if self.coarse:
+            around = _NEAR * self.step
+            # Above, the error of an image alone makes it smooth.
+            last = min(self.rest + C.smooth * self.step / C.image, self.high)
+            x = np.arange(max(self.low, self.rest) - around, last + around, self.frame / _FINE)
+        else:
+            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
+                around = _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
+                x = np.append(x, np.linspace(end - around, end + around, _KNOTS))
+            x = np.unique(x)
+        mean, variance = np.zeros_like(x), np.zeros_like(x)
+        for rows in np.array_split(np.arange(len(x)), len(x) // 500 + 1):
+            if len(rows):
+                mean[rows], variance[rows] = self._rounded(x[rows])
+        return x, mean, np.gradient(mean, x) if len(x) else x, variance
+
+    def _rounded(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and variance of a frame of levels (n,) that lie near each other."""
+        sd = self._sd(level)
+        wide = _NEAR * float(sd.max())
+        # Many values within the noise, or none, are as good as some hundred.
+        step = self.step if self.step > wide / 200 else wide / 200
+        begin = np.floor((level.min() - wide - self.origin) / step)
+        end = np.ceil((level.max() + wide - self.origin) / step)
+        k = self.origin + step * np.arange(begin, end + 1)
+        below = ndtr((k[None, :-1] + step / 2 - level[:, None]) / sd[:, None])
+        share = np.diff(below, axis=1, prepend=0.0, append=1.0)
+        written = np.clip(k, self.low, self.high)
+        mean = share @ written
+        # About the level itself, or little is left of it in large numbers.
+        off = written[None] - mean[:, None]
+        return mean, (share * off**2).sum(axis=1)
+
+    def moments(self, level: FloatArray, spread: FloatArray | None = None) -> tuple[FloatArray, ...]:
+        """Mean of what is written, its slope, its variance in a frame, and that which frames of a level share [counts].
+
+        Args:
+            level: of any shape.
+            spread: within which each is known; None: the error of an image. Only a staircase asks.
+        """
+        x, *rows = self._table
+        kept = shared_rounding(self.frame, self.step) if self.coarse else 0.0
+        plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
+        mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
+        slope, each = (mean == level).astype(np.float64), plain.copy()
+        if self.coarse:
+            spread = C.image * np.abs(level - self.rest) if spread is None else spread
+            near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
+            mean[near], slope[near], each[near] = self._stairs(level[near])
+            shared[near] = 0.0
+            near &= spread > self.frame / _FINE
+            at, wide, total = level[near], spread[near], np.zeros((4, int(near.sum())))
+            for z, w in zip(_NODES, _WEIGHTS, strict=True):
+                one, steep, var = self._stairs(at + z * wide)
+                total += w * np.stack([one, steep, var, (one - at) ** 2])
+            mean[near], slope[near], each[near] = total[:3]
+            # What a line takes up belongs to what gave the level its spread.
+            shared[near] = np.maximum(total[3] - (total[0] - at) ** 2 - (total[1] * wide) ** 2, 0.0)
+        else:
+            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
+                near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
+                mean[near], slope[near], each[near] = (np.interp(level[near], x, y) for y in rows)
+        return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
+
+    def _stairs(self, level: FloatArray) -> FloatArray:
+        """(3, n) mean, slope and variance on a staircase."""
+        x, *rows = self._table
+        place = np.clip((level - x[0]) / (x[1] - x[0]), 0.0, len(x) - 1.001)
+        k = place.astype(np.int64)
+        return np.stack([y[k] + (place - k) * (y[k + 1] - y[k]) for y in rows])
+
+    def rounded(self, value: FloatArray) -> FloatArray:
+        """What is written of values of any shape [counts]."""
+        return np.clip(
+            self.origin + self.step * np.rint((value - self.origin) / self.step), self.low, self.high
+        )
 
     def written(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean of what is written, and its slope, for levels of any shape [counts]."""
-        x, m, slope, _ = self._table
-        mean, steep = level.copy(), np.ones_like(level)
-        if len(x):
-            around = _NEAR * float(np.hypot(max(self.frame, 1e-9), self.step))
-            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
-                near = np.abs(level - end) < around
-                mean[near] = np.interp(level[near], x, m)
-                steep[near] = np.interp(level[near], x, slope)
-            mean = np.clip(mean, self.low, self.high)
-            steep[(level <= self.low - around) | (level >= self.high + around)] = 0.0
-        return mean, np.clip(steep, C.least_slope, 1.0)
+        return self.moments(level)[:2]  # type: ignore[return-value]
 
-    def variance(self, level: FloatArray, rest: float, frames: FloatArray) -> FloatArray:
+    def variance(self, level: FloatArray, frames: FloatArray) -> FloatArray:
         """Variance (N, J) of means over frames (N,) at levels (N, J) [counts²]."""
-        x, _, _, v = self._table
-        own = np.broadcast_to(self.sigma**2 + self.step**2 / 12, level.shape).copy()
-        if len(x):
-            around = _NEAR * float(np.hypot(max(self.frame, 1e-9), self.step))
-            usual = self.frame**2 + self.step**2 / 12
-            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
-                near = np.abs(level - end) < around
-                own[near] *= np.interp(level[near], x, v) / usual
-            own[(level <= self.low - around) | (level >= self.high + around)] = 0.0
-            own = np.maximum(own, C.least_variance * usual)
-        own += (self.grows * np.maximum(level - rest, 0.0)) ** 2
-        return np.maximum(own - self._kept, 0.2 * own) / frames[:, None] + self._kept
+        _, _, each, shared = self.moments(level)
+        return (each + (self.sigma**2 - self.frame**2)) / frames[:, None] + shared
+
+    def level_of(self, mean: float, frames: float) -> tuple[float, float]:
+        """The level of which frames have a mean, and within what it is known [counts]."""
+        x, m, _, v = self._table
+        if not len(x) or not x[0] <= mean <= x[-1]:
+            return mean, 0.0
+        off = (m - mean) ** 2 / np.maximum(v / frames, (self.frame / _FINE) ** 2)
+        w = np.exp(-0.5 * (off - off.min())) * np.gradient(x)
+        w /= w.sum()
+        middle = float(w @ x)
+        return middle, float(np.sqrt(w @ (x - middle) ** 2))
 
 
 def shared_rounding(sigma: float, step: float) -> float:
@@ -177,7 +220,9 @@ def noise_of(
         high: the same above.
         integer: whether values are whole numbers.
     """
-    step = step_of(counts) if integer else 0.0
+    # A bound need not be a whole number of steps from what is written between them.
+    between = counts[(counts > low) & (counts < high)] if integer else counts[:0]
+    step, origin = step_of(between), float(np.quantile(between, 0.5, method="lower")) if between.size else 0.0
     away = 4 * max(step, 1.0) if integer else 0.0
     level = np.nanmedian(counts[rest >= 0], axis=0) if (rest >= 0).any() else np.nanmin(counts, axis=0)
 
@@ -197,6 +242,10 @@ def noise_of(
     inside = (at > low + away) & (at < high - away) & np.isfinite(d)
     above = np.maximum(at - level, 0.0)
     usual = _robust(d[inside], step) if inside.any() else 0.0
+    lifted, idle_too = inside & (above > 2 * step), False
+    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step and lifted.sum() > 300:
+        # Levels at rest all stand on one place of the staircase; those of pressed taxels lie anywhere.
+        inside, usual, idle_too = lifted, max(_robust(d[lifted], step), 0.2 * step), (rest >= 0).any()
     quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
     loud = inside & (above > 20 * max(usual, 1e-12))
     variance = _robust(d[quiet], step) ** 2 if quiet.sum() > 50 else usual**2
@@ -209,13 +258,34 @@ def noise_of(
         if more > max(4 * variance * np.sqrt(2 / len(own) + 2 / (quiet.sum() + 1.0)), 0.1 * variance):
             grows = float(np.sqrt(more / np.mean(high_up**2)))
     before = sigma_before_rounding(variance, step)
+    if idle_too:
+        before = _on_stairs(counts[rest >= 0], step, before, variance, float(quiet.sum()))
     sigma = max(before, C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step)
     own = np.full(counts.shape[1], sigma)
     for j in range(counts.shape[1]):
         mine = quiet[:, j] if quiet[:, j].sum() > 50 else inside[:, j]
         if mine.sum() > 50 and (found := _robust(d[mine, j], step)) > 1.5 * np.sqrt(variance):
             own[j] = max(sigma_before_rounding(found**2, step), sigma)
-    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0)
+    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0, origin=origin)
+
+
+def _on_stairs(idle: FloatArray, step: float, first: float, variance: float, count: float) -> float:
+    """The likeliest noise by the values that idle frames (M, J) fall on, and the variance of as many others.
+
+    Every taxel has a level of its own.
+    """
+    sigma = max(first, 0.1 * step) * np.geomspace(0.5, 2.0, 61)
+    seen = sigma**2 + step**2 / 12 - np.array([shared_rounding(s, step) for s in sigma])
+    # Second differences that overlap say less than as many that do not.
+    total = -count / 6 * (np.log(seen) + variance / seen)
+    level = step * np.linspace(-0.5, 0.5, 33)
+    for own in idle.T:
+        k = np.rint((own[np.isfinite(own)] - np.nanmedian(own)) / step)
+        at, many = np.unique(np.clip(k, -3, 3), return_counts=True)
+        edges = step * (at + np.array([[-0.5], [0.5]]))[..., None, None] - level[:, None]
+        share = np.diff(ndtr(edges / sigma), axis=0)[0]
+        total += np.tensordot(many, np.log(np.maximum(share, 1e-4)), axes=1).max(axis=0)
+    return float(sigma[int(np.argmax(total))])
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:
@@ -226,15 +296,6 @@ def _robust(x: FloatArray, step: float = 0.0) -> float:
     rough = 1.4826 * float(np.median(size))
     near = size <= 5 * max(rough, float(np.quantile(size, 0.9)) / 1.645, step / 2)
     return float(np.sqrt(np.mean(x[near] ** 2)))
-
-
-def rest_level(mean: FloatArray, noise: Noise) -> FloatArray:
-    """Levels of which clipped noise makes means (J,)."""
-    x, m, _, _ = noise._table
-    if not len(x):
-        return mean
-    near = np.abs(mean - noise.low) < _NEAR * np.hypot(noise.frame, noise.step)
-    return np.where(near, np.interp(mean, m, x), mean)
 
 
 def clipped_at_rest(mean: FloatArray, low: float, sigma: float) -> BoolArray:

@@ -1,10 +1,9 @@
 """The one null: what every candidate gains in sessions with nothing hidden.
 
-A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, the own
-numbers of presses by their priors, and what a contact law other than the model's leaves after the base model has been
-fitted to it (twins). With the columns of this session the gain of a candidate is then the same linear algebra
-as for the
-data, so that a null session costs milliseconds.
+A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, or counts on
+a staircase; the own numbers of presses by their priors; and what a contact law other than the model's leaves after the
+base model has been fitted to it (twins). With the columns of this session the gain of a candidate is then the same
+linear algebra as for the data, so that a null session costs milliseconds.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.start import raw_residual
 from skincal.inference.twins import twin_values
-from skincal.model.arrays import BoolArray, FloatArray
+from skincal.model.arrays import FloatArray
 
 FOUNDATION = "fitted law"
 
@@ -45,6 +44,10 @@ class Null:
         """The gain that an effect must have to be named [nats]."""
         return max(C.least_gain, C.slack * self.quantile(name))
 
+    def p_value(self, name: str, gain: float) -> float:
+        """Part of null sessions in which an effect gains as much."""
+        return (1 + float((self.gains.get(name, np.zeros(0)) >= gain).sum())) / (1 + len(self.laws))
+
 
 def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
     """(N, J) whitened residual that each contact law leaves after the base model's fit; zero for the fitted one."""
@@ -59,16 +62,35 @@ def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
 
 
 def drawn_residuals(
-    laws: dict[str, FloatArray],
-    weights: FloatArray,
-    seen: BoolArray,
-    rng: np.random.Generator,
-    sessions: int,
+    laws: dict[str, FloatArray], fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Names of laws (S,), and residuals (N, J, S) of noise and law; nuisances are added where they go."""
     names = tuple(list(laws)[k % len(laws)] for k in range(sessions))
-    noise = rng.standard_normal((*weights.shape, sessions), dtype=np.float32).astype(np.float64)
+    if fitter.forward.noise.coarse:
+        drawn = _on_stairs(fitter, base, rng, sessions)
+    else:
+        drawn = rng.standard_normal((*fitter.counts.shape, sessions), dtype=np.float32).astype(np.float64)
     for k, name in enumerate(names):
-        noise[..., k] += laws[name]
+        drawn[..., k] += laws[name]
     # Without robust weights: noise that is Gaussian has none.
-    return names, noise * (seen * weights)[..., None]
+    return names, drawn * (np.isfinite(fitter.counts) * fitter.before.weights)[..., None]
+
+
+def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int) -> FloatArray:
+    """Residuals (N, J, S) of counts in coarse steps, of levels within their spread, less what a line takes up."""
+    f, noise, session = fitter.forward, fitter.forward.noise, fitter.forward.session
+    level = f.mean @ (base.seen.values + base.state.rest)
+    spread = f.mean @ fitter.spread(base.seen, f.press_columns(base.seen))
+    mean, slope, _, _ = noise.moments(level, spread)
+    # All of a hold is at one level.
+    group = np.where(session.held(), session.press, session.presses + np.arange(len(session)))
+    _, group = np.unique(group, return_inverse=True)
+    off = spread[..., None] * rng.standard_normal((group.max() + 1, level.shape[1], sessions))[group]
+    frames, total = np.maximum(np.rint(fitter.frames), 1), np.zeros_like(off)
+    sd = np.hypot(noise.sigma, noise.grows * np.maximum(level - noise.rest, 0.0))[..., None]
+    for k in range(int(frames.max())):
+        rows = frames > k
+        shape = (int(rows.sum()), *off.shape[1:])
+        total[rows] += noise.rounded(level[rows, :, None] + off[rows] + sd[rows] * rng.standard_normal(shape))
+    left = total / frames[:, None, None] - mean[..., None] - slope[..., None] * off
+    return left / np.sqrt(fitter.expected(base.seen)[2])[..., None]

@@ -23,18 +23,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from skincal.effects import effect
 from skincal.effects.starts import Scene
-from skincal.inference.check import beyond, left
+from skincal.inference.blocks import Whitened
+from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.forward import State
+from skincal.inference.forward import Effects, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.inference.slopes import Slopes
 from skincal.inference.start import placed
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray
 
 _SCALES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
 
@@ -49,6 +51,7 @@ class Tried:
         error: its standard error.
         sure: standard errors by which it is there.
         limit: of the null.
+        p_value: part of null sessions that gain as much.
         candidate: the best start.
         coefficients: multiples of its points.
         shared: gain of which no press has more than a bounded part [nats].
@@ -60,6 +63,7 @@ class Tried:
     error: float
     sure: float
     limit: float
+    p_value: float
     candidate: Candidate
     coefficients: FloatArray
     shared: float
@@ -101,10 +105,7 @@ class Found:
         fitted: with what was named.
         named: in the order in which they were taken.
         rounds: what was tried in each round, best first.
-        null: of the base.
-        left: (3,) what the final model leaves, as :func:`skincal.inference.check.left`.
-        beyond: (3,) whether that is more than chance.
-        begun_with: (3,) the same of the base model.
+        null: about the base model.
     """
 
     base: Fitted
@@ -112,20 +113,27 @@ class Found:
     named: tuple[Named, ...]
     rounds: tuple[tuple[Tried, ...], ...]
     null: Null
-    left: FloatArray
-    beyond: BoolArray
-    begun_with: FloatArray
+
+    @property
+    def left(self) -> FloatArray:
+        """(3,) what the final model leaves (:func:`skincal.inference.check.left`)."""
+        return left_by(self.fitted)
+
+    @property
+    def excess(self) -> FloatArray:
+        """(3,) the same over what it may leave."""
+        return (self.left - 1) / (limits(self.null.left) - 1)
 
     @property
     def open(self) -> bool:
         """Whether the final model leaves more than chance."""
-        return bool(self.beyond.any())
+        return bool((self.excess > 1).any())
 
     @property
     def doubtful(self) -> bool:
         """Whether what is named leaves more than chance, and more of what there was than an equation may err by."""
-        before, after = np.maximum(self.begun_with - 1, C.noise), self.left - 1
-        return self.open and bool((after > C.equation * before)[self.beyond].any())
+        before, after = np.maximum(left_by(self.base) - 1, C.noise), self.left - 1
+        return bool(((after > C.equation * before) & (self.excess > 1)).any())
 
 
 @dataclass(eq=False)
@@ -140,99 +148,110 @@ class Search:
     heard: Callable[[str], None] = lambda _: None
     null_sessions: int = C.null_sessions
     _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    _known: Effects = field(default_factory=dict)
+    _null: Null = field(init=False)
 
     def run(self) -> Found:
         """From the base model to what is missing."""
         self._folds = folds_of(self.base.blocks, self.rng)
-        known = dict(self.base.state.effects)
+        self._known, self._null = dict(self.base.state.effects), self._drawn()
         fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
         dropped: set[str] = set()
-        null: Null | None = None
-        gained = 0.0
         while True:
-            found, now = self._columns(fit, null is None)
-            if null is None:
-                null = now
-            assert null is not None
-            tried = self._tried(found, null)
+            tried = self._round(fit, named)
             rounds.append(tuple(tried))
-            good = [t for t in tried if t.good and t.gain > C.part * gained and t.name not in dropped]
-            if not good or len(named) >= C.most:
-                break
-            best = self._best(fit, good, null, C.part * gained)
+            good = [t for t in tried if t.good and t.name not in dropped]
+            best = self._best(fit, good) if good and len(named) < C.most else None
             if best is None:
                 break
-            one, new, alike, rivals = best
-            gain = Score(self.score(new) - self.score(fit))
-            gained += gain.total
+            own, new = best
+            again = next((n for n in named if n.name == own.name), None)
+            if again is None:
+                named.append(own)
+            else:
+                named[named.index(again)] = replace(again, gain=again.gain + own.gain)
             fit = new
-            if one.name not in [n.name for n in named]:
-                p = (1 + float((null.gains.get(one.name, np.zeros(1)) >= gain.total).sum())) / (
-                    1 + len(null.laws)
-                )
-                named.append(Named(one.name, alike, gain.total, null.limit(one.name), p, rivals))
             # What the new one has made needless goes.
-            for old in list(named[:-1]):
-                less = self._without(fit, old.name, known)
-                more = Score(self.score(fit) - self.score(less)).total
-                if more < max(null.limit(old.name), C.part * gained):
+            for old in named[:-1]:
+                less = self._without(fit, old.name)
+                if Score(self.score(fit) - self.score(less)).total < old.limit:
                     fit, named = less, [n for n in named if n is not old]
                     dropped.add(old.name)
+        if len(named) > 1:
+            fit, named = self._swapped(fit, named)
         fit = self._from_start(fit) if named else fit
-        b = fit.blocks
-        own = left(b.chi[:, None], b.count, b.press)[0]
-        first = left(self.base.blocks.chi[:, None], self.base.blocks.count, self.base.blocks.press)[0]
-        return Found(self.base, fit, tuple(named), tuple(rounds), null, own, beyond(own, null.left), first)
+        return Found(self.base, fit, tuple(named), tuple(rounds), self._null)
+
+    def _swapped(self, fit: Fitted, named: list[Named]) -> tuple[Fitted, list[Named]]:
+        """Each effect against all others beside those that were found after it."""
+        for old in named[:-1]:
+            less = self._without(fit, old.name)
+            others = [n for n in named if n is not old]
+            tried = self._round(less, others)
+            best = self._best(less, [t for t in tried if t.good and t.name not in [n.name for n in others]])
+            if best is not None and Score(self.score(best[1]) - self.score(fit)).total > -C.settled:
+                fit, named = best[1], [best[0] if n is old else n for n in named]
+        return fit, named
 
     # ------------------------------------------------------------------ a round
 
-    def _columns(self, fit: Fitted, first: bool) -> tuple[tuple[list[Candidate], Fitted], Null | None]:
-        """Candidates, the linearisation with their columns behind the model's, and null sessions of it if asked for."""
-        fitter, seen = self.fitter, fit.seen
-        f = fitter.forward
-        _, slope = f.noise.written(seen.values + seen.state.rest)
-        had: set[tuple[str, int | None]] = {
-            (n, None)
-            for n in seen.state.effects
-            if not any(x.index is not None and x.effect == n for x in fit.free)
-        }
+    def _round(self, fit: Fitted, named: Sequence[Named]) -> list[Tried]:
+        """What every effect that is not in the model would gain, best first."""
+        found, w, errors = self._linear(fit)
+        linear = self.fitter.built(fit.seen, fit.free, w, errors)
+        # An equation's error has no known shape: it may look like anything that is no larger.
+        owed = sum(0.5 * effect(one.name).equation_error ** 2 * one.gain for one in named)
+        best: dict[str, tuple[Score, int]] = {}
+        for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
+            s, name = Score(each[:, 0]), found[k].name
+            if name not in best or s.total > best[name][0].total:
+                best[name] = s, k
+        n, out = len(linear.prior), list[Tried]()
+        begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
+        for name, (s, k) in best.items():
+            c = found[k]
+            own = np.append(np.arange(n), np.arange(begin[k], begin[k + 1]))
+            prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
+            step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
+            at, limit = self.fitter.moved(linear, step, own), max(self._null.limit(name), owed)
+            p = self._null.p_value(name, s.total)
+            out.append(Tried(name, s.total, s.error, s.sure, limit, p, c, step[n:], s.shared, at))
+        return sorted(out, key=lambda t: -t.gain)
+
+    def _linear(self, fit: Fitted) -> tuple[list[Candidate], Whitened, int]:
+        """Candidates, the linearisation with their columns behind the model's, and how many of these are errors."""
+        seen, f = fit.seen, self.fitter.forward
+        slope = f.noise.written(seen.values + seen.state.rest)[1]
+        alone = {x.effect for x in fit.free if x.index is not None}
+        alone &= {n for n in seen.state.effects if any(s.alone is not None for s in starts_of(n, self.scene))}
+        had: set[tuple[str, int | None]] = {(n, None) for n in seen.state.effects if n not in alone}
         had |= {(x.effect, x.index) for x in fit.free if x.index is not None}
-        had |= {
-            (n, None)
-            for n in seen.state.effects
-            if not any(s.alone is not None for s in starts_of(n, self.scene))
-        }
         found = list(candidates(f, seen, self.scene, slope, self.names, had))
-        w = fitter.whitened(seen, fitter.columns(seen, fit.free), fitter.contributions(seen))
-        sd = np.exp(w.log_sd)
-        weight = np.where(w.seen, fitter.before.weights, 0.0) / sd
-        wide = replace(w, columns=Slopes.joined([w.columns, *(c.columns.weighted(weight) for c in found)]))
-        draws, laws = None, ()
-        if first:
-            self.heard("null sessions")
-            residuals = law_residuals(fitter, fit)
-            laws, draws = drawn_residuals(
-                residuals, fitter.before.weights, w.seen, self.rng, self.null_sessions
-            )
-        linear = fitter.built(seen, fit.free, wide, draws=draws, rng=self.rng)
-        null = None
-        if first:
-            b = linear.blocks
-            gained: dict[str, FloatArray] = {}
-            for c, each in zip(found, self._gains(linear, found, b.drawn, 0 * linear.pull), strict=True):
-                own = each.sum(axis=0)
-                gained[c.name] = np.maximum(gained[c.name], own) if c.name in gained else own
-            # What the base model's own fit takes up is taken up there, too.
-            n = len(linear.prior)
-            h = b.products.between(np.arange(n), np.arange(n))
-            c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
-            chi = (
-                b.drawn_chi
-                - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c)
-                + np.einsum("ns,pns->ps", c, h @ c)
-            )
-            null = Null(laws, gained, left(chi, b.count, b.press))
-        return (found, linear), null
+        w, errors = self.fitter.columns_of(seen, fit.free)
+        weight = np.where(w.seen, self.fitter.before.weights, 0.0) / np.exp(w.log_sd)
+        return (
+            found,
+            replace(w, columns=Slopes.joined([w.columns, *(c.columns.weighted(weight) for c in found)])),
+            errors,
+        )
+
+    def _drawn(self) -> Null:
+        """Null sessions about the base model."""
+        self.heard("null sessions")
+        base, fitter = self.base, self.fitter
+        found, w, errors = self._linear(base)
+        laws, draws = drawn_residuals(law_residuals(fitter, base), fitter, base, self.rng, self.null_sessions)
+        linear = fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
+        b, n = linear.blocks, len(linear.prior)
+        gained: dict[str, FloatArray] = {}
+        for c, each in zip(found, self._gains(linear, found, b.drawn, np.zeros(n)), strict=True):
+            own = each.sum(axis=0)
+            gained[c.name] = np.maximum(gained[c.name], own) if c.name in gained else own
+        # What the base model's own fit takes up is taken up there, too.
+        h = b.products.between(np.arange(n), np.arange(n))
+        c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
+        chi = b.drawn_chi - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
+        return Null(laws, gained, left(chi, b.count, b.press))
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
@@ -241,47 +260,29 @@ class Search:
         sigma = [np.array(c.start.sigma) for c in found]
         return gains(linear.blocks, b, linear.prior, pull, sigma, self._folds)
 
-    def _tried(self, columns: tuple[list[Candidate], Fitted], null: Null) -> list[Tried]:
-        found, linear = columns
-        begin = len(linear.prior) + np.cumsum([0, *(len(c.columns) for c in found)])
-        best: dict[str, tuple[Score, int]] = {}
-        for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
-            s, name = Score(each[:, 0]), found[k].name
-            if name not in best or s.total > best[name][0].total:
-                best[name] = s, k
-        out: list[Tried] = []
-        for name, (s, k) in best.items():
-            c = found[k]
-            own = np.append(np.arange(len(linear.prior)), np.arange(begin[k], begin[k + 1]))
-            prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
-            step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
-            by, at = step[len(linear.prior) :], self.fitter.moved(linear, step, own)
-            out.append(Tried(name, s.total, s.error, s.sure, null.limit(name), c, by, s.shared, at))
-        return sorted(out, key=lambda t: -t.gain)
-
-    def _best(
-        self, fit: Fitted, good: Sequence[Tried], null: Null, least: float
-    ) -> tuple[Tried, Fitted, tuple[str, ...], tuple[tuple[str, Fitted], ...]] | None:
+    def _best(self, fit: Fitted, good: Sequence[Tried]) -> tuple[Named, Fitted] | None:
         """Of the best few the one whose joint fit surely predicts better, and best, and those that predict as well.
 
         What is near the best after a few steps is fitted until it is settled before it is compared: the base has gone
         along with what was missing, and may have far to come back.
         """
         order = sorted(good, key=lambda t: -t.shared)
-        few = [t for t in order if t.gain > C.contend * max(x.gain for x in order)][: C.contenders]
-        fits = [(t, self.with_one(fit, t)) for t in few]
-        gains = [Score(self.score(x) - self.score(fit)) for _, x in fits]
-        fits = [
-            own
-            for own, gain in zip(fits, gains, strict=True)
-            if gain.total > max(null.limit(own[0].name), least) and max(own[0].sure, gain.sure) > C.sure
-        ]
+        few = [t for t in order if t.shared > C.contend * order[0].shared][: C.contenders]
+        fits: list[tuple[Tried, Fitted]] = []
+        for t in few:
+            new = self.with_one(fit, t)
+            gain = Score(self.score(new) - self.score(fit))
+            if gain.total > t.limit and max(t.sure, gain.sure) > C.sure:
+                fits.append((t, new))
         if not fits:
             return None
-        near = self._alike(fits)
-        fits = [(t, self._settled(x.state, x.free)) for t, x in near]
-        first, *alike = self._alike(fits)
-        return (*first, (first[0].name, *(t.name for t, _ in alike)), tuple((t.name, x) for t, x in alike))
+        fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fits)]
+        (first, new), *alike = self._alike(fits)
+        gain = Score(self.score(new) - self.score(fit)).total
+        rivals = tuple((t.name, x) for t, x in alike)
+        return Named(
+            first.name, (first.name, *(n for n, _ in rivals)), gain, first.limit, first.p_value, rivals
+        ), new
 
     def _alike(self, fits: Sequence[tuple[Tried, Fitted]]) -> list[tuple[Tried, Fitted]]:
         """The one that predicts best, and those whose difference from it is not sure."""
@@ -352,8 +353,8 @@ class Search:
         assert best is not None
         return best[1]
 
-    def _without(self, fit: Fitted, name: str, known: dict) -> Fitted:  # type: ignore[type-arg]
-        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in known}
+    def _without(self, fit: Fitted, name: str) -> Fitted:
+        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
         free = tuple(f for f in fit.free if f.effect != name)
         return self._settled(replace(fit.state, effects=effects), free)
 
@@ -361,6 +362,11 @@ class Search:
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def left_by(fit: Fitted) -> FloatArray:
+    """(3,) what a fit leaves where equations err as is best."""
+    return left(fit.chi()[:, None], fit.blocks.count, fit.blocks.press)[0]
 
 
 def scene_of(fitter: Fitter, base: Fitted) -> Scene:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -58,7 +57,6 @@ class GapSession:
         frames: (N,) frames that each observation is the mean of.
         counts: (N, J) measured means [counts], NaN where not read; None for a plan.
         has_frames: whether loading and unloading were observed.
-        taxels: (J,) which of the layout's taxels are looked at; None for all of them.
     """
 
     samples: Samples
@@ -69,7 +67,6 @@ class GapSession:
     frames: FloatArray
     counts: FloatArray | None = None
     has_frames: bool = True
-    taxels: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.press)
@@ -89,24 +86,6 @@ class GapSession:
         number = np.append(number[1:], number[-1:])
         apart = _APART_S * number
         return replace(self.samples, time_s=self.samples.time_s + apart, apart_s=apart)
-
-    @cached_property
-    def paths_m(self) -> FloatArray:
-        """How far (N,) the contact is from where it is in the hold of its press, as measured [m]; zero at rest."""
-        points = self.samples.contacts.points_m
-        own = (self.observation >= 0) & self.samples.touching & np.isfinite(points).all(axis=1)
-        rows = self.observation[own]
-        count = np.bincount(rows, minlength=len(self))
-        total = np.stack([np.bincount(rows, axis, len(self)) for axis in points[own].T], axis=-1)
-        place = total / np.maximum(count, 1)[:, None]
-        found = np.zeros(len(self))
-        for press in np.unique(self.press[(self.press >= 0) & (count > 0)]).tolist():
-            mine = (self.press == press) & (count > 0)
-            held = mine & (self.phase == HOLD)
-            held = held if held.any() else mine
-            middle = np.average(place[held], axis=0, weights=self.frames[held])
-            found[mine] = np.linalg.norm(place[mine] - middle, axis=1)
-        return found
 
     def held(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """(N,) observations in the hold of a press."""
@@ -130,21 +109,6 @@ class GapSession:
             self, samples=self.samples[own], row=self.row[own], observation=rows, press=self.press[own],
             phase=self.phase[own], frames=self.frames[own], counts=counts,
         )  # fmt: skip
-
-    def of_taxels(self, taxels: IntArray) -> GapSession:
-        """The session as some of the layout's taxels see it."""
-        assert self.taxels is None
-        counts = None if self.counts is None else self.counts[:, taxels]
-        return replace(self, counts=counts, taxels=taxels)
-
-    def means(self, values: FloatArray) -> FloatArray:
-        """Observations (N, J) of the taxels looked at, from values of all samples and taxels (K, all of them)."""
-        values = values if self.taxels is None else values[:, self.taxels]
-        seen = self.observation >= 0
-        owner = self.observation[seen]
-        total = np.zeros((len(self), values.shape[1]))
-        np.add.at(total, owner, values[seen])
-        return total / np.bincount(owner, minlength=len(self))[:, None]
 
 
 def binned(

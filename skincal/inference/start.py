@@ -69,12 +69,8 @@ def _misfit(fitter: Fitter, found: Fitted) -> float:
 
 def raw_residual(fitter: Fitter, state: State) -> FloatArray:
     """(N, J) residual over the noise, before robust weights."""
-    f = fitter.forward
-    seen = f.see(state)
-    level = seen.values + state.rest
-    mean, _ = f.noise.written(level)
-    sd = np.sqrt(f.noise.variance(f.mean @ level, state.rest, fitter.frames))
-    return (fitter.counts - f.mean @ mean) / sd
+    expected, _, variance = fitter.expected(fitter.forward.see(state))
+    return (fitter.counts - expected) / np.sqrt(variance)
 
 
 def reweighted(fitter: Fitter, state: State) -> None:

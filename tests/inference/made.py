@@ -80,6 +80,7 @@ KINDS: Mapping[str, Mapping[str, object]] = {
     "nothing": {},
     "nothing, resting at 40": {"rest": 40.0},
     "nothing, in steps of 4": {"rest": 25.0, "step": 4.0},
+    "nothing, in steps of 8": {"rest": 27.4, "step": 8.0},
     "nothing, noise grows": {"rest": 40.0, "grows": 0.03},
     "hysteresis": {"effects": {"hysteresis": {"height": 0.5, "width": 1.5}}},
     "creep": {"effects": {"creep": {"amplitude": 0.25, "time_constant_s": 1.0}}},

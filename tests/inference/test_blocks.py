@@ -28,7 +28,7 @@ def case() -> tuple[Whitened, np.ndarray, np.ndarray, np.ndarray]:
         return size * rng.standard_normal((n, TAXELS, *shape))
 
     w = Whitened(
-        some(), Slopes.of(some(COLUMNS)), some(3) * [300.0, 300.0, 5.0], some(size=40.0), some(1, size=3.0),
+        some(), Slopes.of(some(COLUMNS)), some(3) * [300.0, 300.0, 5.0], some(size=40.0), some(1, size=0.6),
         np.ones((n, TAXELS), dtype=bool), some(size=0.1),
     )  # fmt: skip
     w.press[press < 0] = 0.0
@@ -45,7 +45,7 @@ def whole_covariance(w: Whitened, rows: np.ndarray, phase: np.ndarray) -> np.nda
         found += C.image**2 * np.outer(image.ravel(), image.ravel())
     for part in np.unique(phase[rows]):
         own = (w.own[rows, :, 0] * (phase[rows] == part)[:, None]).ravel()
-        found += C.equation**2 * np.outer(own, own)
+        found += np.outer(own, own)
     return found
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from inference.made import KINDS, found
-from report.diagnosis_cases import TRUTH
+from inference.made import KINDS, found, made
+from report.diagnosis_cases import TRUTH, calibration
+
+from skincal.diagnosis.workflow import diagnose
 
 QUIET = [kind for kind in KINDS if kind.startswith("nothing")]
 NAMED = [kind for kind in KINDS if kind not in (*QUIET, "wiring")]
@@ -49,3 +53,14 @@ def test_intervals_of_an_effect_hold_what_was_hidden(kind: str):
     for name, true in KINDS[kind]["effects"][kind].items():  # type: ignore[index]
         low, high = (float(x) for x in one.intervals[name])
         assert low - 0.5 * (high - low) <= true <= high + 0.5 * (high - low), name
+
+
+def test_a_weak_effect_is_named_beside_a_strong_one_whose_equation_is_exact():
+    levels = {"offset_counts": np.linspace(-12.0, 12.0, 16)}
+    hidden = {"taxel_offset": levels, "hysteresis": {"height": 0.15, "width": 1.5}}
+    data = made(hidden, rest=40.0)
+    said = diagnose(data, replace(calibration(), sensor=data.meta.sensor), seed=1)
+    gains = {one.name: one.gain for one in said.effects}
+    assert set(gains) == set(hidden)
+    # What the memory explains is next to nothing of what the levels do.
+    assert gains["hysteresis"] < 0.02 * gains["taxel_offset"]

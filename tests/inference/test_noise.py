@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,65 @@ def test_a_clipped_level_reads_what_its_frames_do_on_average():
     mean, slope = noise.written(level[None])
     assert mean[0] == pytest.approx(counts.mean(axis=0), abs=0.01)
     assert 0.4 < slope[0, 0] < 0.6 and slope[0, 2] == pytest.approx(1.0, abs=1e-6)
-    assert noise.variance(level[None], 0.0, np.ones(1))[0] == pytest.approx(counts.var(axis=0), rel=0.03)
+    assert noise.variance(level[None], np.ones(1))[0] == pytest.approx(counts.var(axis=0), rel=0.03)
+
+
+@pytest.mark.parametrize("spread", [0.1, 1.0, 3.0])
+@pytest.mark.parametrize("level", [16.0, 19.0, 61.0])
+def test_a_level_known_within_a_spread_reads_what_a_staircase_makes_of_it(level: float, spread: float):
+    rng = np.random.default_rng(3)
+    noise = Noise(np.ones(1), 0.02, 8.0, 0.0, 255.0, rest=16.0)
+    levels = level + spread * rng.standard_normal((40_000, 1))
+    sd = np.hypot(1.0, 0.02 * np.maximum(levels - 16.0, 0.0))
+    counts = np.clip(8 * np.rint((levels + sd * rng.standard_normal((40_000, 12))) / 8), 0, 255)
+    mean, slope, each, shared = (float(x[0]) for x in noise.moments(np.array([level]), np.array([spread])))
+    assert mean == pytest.approx(counts.mean(), abs=0.15)
+    assert each == pytest.approx(counts.var(axis=1, ddof=1).mean(), rel=0.05, abs=0.4)
+    of_levels = counts.mean(axis=1)
+    along = np.cov(levels[:, 0], of_levels)[0, 1] / levels.var()
+    assert slope == pytest.approx(along, abs=0.1 + 0.05 / spread)
+    left = of_levels.var() - counts.var(axis=1, ddof=1).mean() / 12 - along**2 * levels.var()
+    assert shared == pytest.approx(left, abs=0.6)
+
+
+@pytest.mark.parametrize("sigma", [0.8, 1.2])
+def test_the_noise_at_rest_is_that_which_makes_frames_fall_where_they_do(sigma: float):
+    counts, hold = frames(sigma, 4.0, 0.0, 0.0, low=-np.inf)
+    idle = 4 * np.rint(sigma * np.random.default_rng(6).standard_normal((1500, 16)) / 4)
+    both = np.concatenate([counts, idle]) + 25.0
+    rest = np.append(np.full(len(hold), -1), np.zeros(len(idle), dtype=int))
+    found = noise_of(
+        both, np.append(hold, np.full(len(idle), -1)), rest, np.zeros(len(both)), 0.0, 280.0, integer=True
+    )
+    # The variance of a frame at rest follows the noise several times as fast as the noise itself.
+    assert found.frame == pytest.approx(sigma, rel=0.02)
+
+
+def test_steps_need_not_begin_at_zero():
+    counts, hold = frames(1.0, 4.0, 0.0, 0.0, low=-np.inf)
+    found = noise_of(
+        counts + 25.0, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 280.0, integer=True
+    )
+    assert found.step == 4.0 and found.origin % 4.0 == 1.0
+    mean, _ = replace(found, rest=25.0).written(np.array([25.0, 26.0]))
+    assert mean[0] == pytest.approx(25.0, abs=1e-3) and mean[1] < 25.8
+
+
+@pytest.mark.parametrize("rest", [20.0, 23.0])
+def test_the_noise_is_that_of_levels_which_lie_anywhere_on_a_staircase(rest: float):
+    # At the edge of a step frames at rest change all the time, in its middle never.
+    counts, hold = frames(1.0, 8.0, rest, 0.0)
+    found = noise_of(
+        counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0 + rest, integer=True
+    )
+    assert found.frame == pytest.approx(1.0, abs=0.35)
+
+
+def test_the_level_of_a_mean_is_known_as_well_as_its_step_lets_it():
+    noise = Noise(np.ones(1), 0.0, 8.0, 0.0, 255.0, rest=20.0)
+    edge, within = noise.level_of(float(noise.written(np.array([20.5]))[0][0]), 2000.0)
+    assert edge == pytest.approx(20.5, abs=0.2) and within < 0.2
+    assert noise.level_of(24.0, 2000.0)[1] > 0.3
 
 
 def test_steps_and_their_share_of_the_scatter():
