@@ -224,7 +224,9 @@ class Fitter:
         columns = Slopes.joined([self.columns(seen, free), Slopes.of(shared)])
         return self.whitened(seen, columns, own, only), shared.shape[2]
 
-    def built(self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int, **more: object) -> Fitted:
+    def built(
+        self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int = 0, **more: object
+    ) -> Fitted:
         """A linearisation of whitened columns; columns beyond those of the model have no prior."""
         state = seen.state
         found = blocks(w, self.press, self.phase, state.move, self.before.move, **more)  # type: ignore[arg-type]
