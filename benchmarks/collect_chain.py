@@ -11,16 +11,15 @@ Every finished session is appended to a ``.jsonl`` beside the output; run again,
 when ``--seeds`` does.
 
 A constant error of the measured positions cannot be told from the pose of the sensor. The truth of y and beta is
-therefore taken *as the positions tell it*: with the mean error of the positions, over the presses that were fitted, put
-into the pose. In the same way a constant relative error of the measured forces cannot be told from the scale S; S is
-compared as it is, and also as the forces tell it.
+therefore taken *as the positions tell it*, from the truth file: with the mean error of the positions, over all contacts
+of the session, put into the pose. In the same way a constant relative error of the measured forces cannot be told from
+the scale S; S is compared as it is, and also as the forces tell it.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import tempfile
 import time
@@ -32,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.coverage_store import Store, finished
+from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import COARSE, strict_json
 from skincal.calibrate import calibrate
@@ -83,6 +82,7 @@ class Seen:
     true_force_n: Floats
     true_point_m: Floats
     truth: dict[str, float]
+    as_positions_tell: dict[str, float]
     seconds: float
 
     @property
@@ -98,7 +98,7 @@ def session(protocol: str, seed: int, folder: Path) -> Seen:
     shift: list[float] = []
 
     def make(need: Need) -> SimDriver:
-        drivers.append(SimDriver(seed=seed))
+        drivers.append(SimDriver(seed=seed, truth_path=folder / "truth.json"))
         return drivers[-1]
 
     logs: list[Any] = []
@@ -126,8 +126,9 @@ def session(protocol: str, seed: int, folder: Path) -> Seen:
     ]
     true_force = np.array([force[row].mean() if row.any() else np.nan for row in rows])
     true_point = np.array([point[row].mean(axis=0) if row.any() else np.full(3, np.nan) for row in rows])
-    truth = drivers[-1].truth.model_dict(plane=False)
-    return Seen(collected, true_force, true_point, truth, seconds)
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    told = truth["session"]["truth_as_the_positions_tell_it"]
+    return Seen(collected, true_force, true_point, truth["model"], told, seconds)
 
 
 def run_job(job: Job) -> Record:
@@ -198,16 +199,9 @@ def told_truth(seen: Seen, options: FitOptions) -> dict[str, float]:
     threshold = active_threshold(seen.dataset) if options.active_counts is None else options.active_counts
     used = active_taxels(seen.dataset, threshold).sum(axis=1) >= options.min_active
     used &= np.isfinite(seen.true_force_n)
-    arc, along = position_errors(seen)
-    radius = seen.dataset.meta.surface.radius_m
-    assert radius is not None
     force = seen.dataset.presses.force_n
     share = float(np.sum(seen.true_force_n[used]) / np.sum(force[used]))
-    told = dict(seen.truth)
-    told["y_m"] += float(along[used].mean())
-    told["beta_deg"] += math.degrees(float(arc[used].mean()) / radius)
-    told[TOLD[-1]] = told["scale_per_n"] * share
-    return told
+    return seen.truth | seen.as_positions_tell | {TOLD[-1]: seen.truth["scale_per_n"] * share}
 
 
 def summary(records: Sequence[Record]) -> Record:
@@ -260,10 +254,10 @@ def _covered(name: str, fits: Sequence[Record]) -> Record:
     return {"inside": sum(inside), "of": len(inside), "low": low, "high": high, "median_width": float(width)}
 
 
-def run_all(store: Store, jobs: Sequence[Job], workers: int) -> None:
+def run_all(store: Store, jobs: Sequence[Job], workers: int, scheduler: str | None = None) -> None:
     """Runs what is not done yet; each session is kept as soon as it is."""
     missing = [job for job in jobs if job.key not in store.done]
-    for number, record in enumerate(finished(run_job, missing, workers), start=1):
+    for number, record in enumerate(finished(run_job, missing, workers, scheduler), start=1):
         store.add(record)
         print(f"{number} of {len(missing)} sessions", file=sys.stderr)
 
@@ -313,6 +307,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--fit", action="store_true", help="fit each session, and look for the truth in the intervals")
     add("--coarse-grid", action="store_true", help="fit from fewer starting points, four times as fast")
     add("--workers", type=int, default=available_cores(), help="default: one a core")
+    add("--scheduler", metavar="ADDRESS", help=SCHEDULER)
     add("--out", type=Path, default=Path("collect_chain.json"), help="summary to write")
     return parser
 
@@ -329,7 +324,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
-    run_all(store, jobs, given.workers)
+    run_all(store, jobs, given.workers, given.scheduler)
     found = summary(store.of(job.key for job in jobs))
     content = json.dumps(strict_json({"study": study, **tables(found)}), indent=1)
     given.out.write_text(content + "\n", encoding="utf-8")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.coverage_kept import as_shipped
-from benchmarks.coverage_store import finished
+from benchmarks.coverage_store import SCHEDULER, finished
 from benchmarks.interval_coverage import COARSE, LEVELS, QUANTILES, Job, run_job
 from skincal.calibrate.workers import available_cores
 from skincal.fitting.fit_options import FitOptions
@@ -71,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sessions", type=int, default=SESSIONS, help="of each number of presses")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=available_cores())
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=SCHEDULER)
     parser.add_argument("--out", type=Path, help="file for the figures (JSON)")
     given = parser.parse_args(arguments)
     options = FitOptions(steps=COARSE)
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for count in given.presses
         for index in range(given.sessions)
     ]
-    rows = counted(finished(run_job, jobs, given.workers), options.level)
+    rows = counted(finished(run_job, jobs, given.workers, given.scheduler), options.level)
     text = json.dumps({"sessions": rows}, indent=1)
     print(text)
     if given.out is not None:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import kstest
 
-from benchmarks.coverage_store import Store, finished
+from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import strict_json
 from benchmarks.sensors import KINDS, make
@@ -109,6 +109,7 @@ def row(records: Sequence[Record]) -> Record:
         sigma = np.array([r["sigma"][name] for r in fits])
         found[name] = {
             "held": hits,
+            "of": len(fits),
             "held_95": list(wilson(hits, len(fits))),
             "open": int((~np.isfinite(high - low)).sum()),
             "levels": {str(v): float((np.abs(rank - 0.5) <= v / 2).mean()) for v in LEVELS},
@@ -124,27 +125,56 @@ def row(records: Sequence[Record]) -> Record:
     return found
 
 
-def as_text(rows: dict[str, Record]) -> str:
-    """The rows as a table in Markdown: held of all, coverage at 50/80/90/95 %, rms of error over sigma."""
-    lines = [
-        "| kind | parameter | held | 95 % of that | 50 / 80 / 90 / 95 % | rank p | rms z | mean z |",
-        "|" + " --- |" * 8,
-    ]
+NAMES = dict(zip(PARAMETERS, ("beta", "y", "alpha", "E", "S"), strict=True))
+"""As pages name the parameters; beta is x on a plane."""
+
+
+def tables(rows: dict[str, Record]) -> Record:
+    """The rows as tables, for a page: what was held of each parameter, how ranks lie, and what else there was."""
+    held, ranks, others = dict[str, Record](), dict[str, Record](), dict[str, Record]()
     for kind, found in rows.items():
-        for name in PARAMETERS:
-            if name not in found:
-                continue
-            p = found[name]
-            low, high = p["held_95"]
-            levels = " / ".join(f"{100 * v:.0f}" for v in p["levels"].values())
-            lines.append(
-                f"| {kind} | {name} | {p['held']} of {found['sessions'] - found['failed']} | {100 * low:.0f} to "
-                f"{100 * high:.0f} % | {levels} | {p['rank_p']:.2f} | {p['z_rms']:.2f} | {p['z_mean']:+.2f} |"
-            )
-        lines.append(
-            f"| {kind} | findings | {found.get('findings', {})} | failed {found['failed']} | | | | |"
-        )
+        told = {title: found[name] for name, title in NAMES.items() if name in found}
+        held[kind] = {"sessions": found["sessions"]} | {
+            t: f"{p['held']} of {p['of']}" for t, p in told.items()
+        }
+        ranks[kind] = {title: f"{p['z_mean']:+.2f}, {p['z_rms']:.2f}" for title, p in told.items()}
+        others[kind] = {key: value for key, value in found.items() if key not in PARAMETERS}
+    whole = {title: _ranks(rows[ALL][name]) for name, title in NAMES.items() if name in rows[ALL]}
+    return {"held": held, "calibration": whole, "errors_over_sigma": ranks, "sessions": others}
+
+
+ALL = "all"
+
+
+def _ranks(p: Record) -> Record:
+    low, high = p["held_95"]
+    shares = {f"central {100 * float(v):.0f} %": f"{100 * share:.0f} %" for v, share in p["levels"].items()}
+    return {
+        "held": f"{p['held']} of {p['of']}",
+        "95 % interval of that": f"{100 * low:.0f} to {100 * high:.0f} %",
+        **shares,
+        "p of even ranks": p["rank_p"],
+        "rms error over sigma": p["z_rms"],
+        "mean error over sigma": p["z_mean"],
+    }
+
+
+def as_text(content: Record) -> str:
+    """The tables in Markdown."""
+    lines: list[str] = []
+    for title, table in content.items():
+        columns = list(dict.fromkeys(key for row in table.values() for key in row))
+        lines += [f"{title}", "", f"| kind | {' | '.join(columns)} |", "|" + " --- |" * (len(columns) + 1)]
+        lines += [
+            f"| {kind} | {' | '.join(_cell(line.get(key, '')) for key in columns)} |"
+            for kind, line in table.items()
+        ]
+        lines.append("")
     return "\n".join(lines)
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -154,11 +184,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--kind", nargs="+", choices=tuple(KINDS), default=tuple(KINDS))
     parser.add_argument("--sessions", type=int, default=100, help="of each kind (default 100)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first session of a kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=SCHEDULER)
     parser.add_argument("--out", type=Path, default=Path("sensors.json"))
     given = parser.parse_args(arguments)
-    jobs = [Job(given.seed, kind, index) for index in range(given.sessions) for kind in given.kind]
+    indices = range(given.first, given.first + given.sessions)
+    jobs = [Job(given.seed, kind, index) for index in indices for kind in given.kind]
     study = {"seed": given.seed, "version": __version__, "options": asdict(CHEAP)}
     try:
         store = Store(given.out.with_suffix(".jsonl"), study)
@@ -166,14 +199,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     done = store.done
-    for record in finished(run_job, [job for job in jobs if job.key not in done], given.workers):
+    for record in finished(
+        run_job, [job for job in jobs if job.key not in done], given.workers, given.scheduler
+    ):
         store.add(record)
     records = store.of(job.key for job in jobs)
     rows = {kind: row([r for r in records if r["law"] == kind]) for kind in given.kind}
+    content = tables(rows | {ALL: row(records)})
     given.out.write_text(
-        json.dumps(strict_json({"study": study, "rows": rows}), indent=1) + "\n", encoding="utf-8"
+        json.dumps(strict_json({"study": {"seed": given.seed, "version": __version__}, **content}), indent=1)
+        + "\n",
+        encoding="utf-8",
     )
-    print(as_text(rows))
+    print(as_text(content))
     return 0
 
 

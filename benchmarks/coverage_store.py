@@ -10,6 +10,9 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+from skincal.calibrate.workers import mapper
+
+SCHEDULER = "address of a Dask scheduler, whose workers (each started in a checkout) are used instead"
 Record = dict[str, Any]
 Key = tuple[str, int]
 """Law and index of a session."""
@@ -61,8 +64,21 @@ class Store:
         return [by_key[key] for key in keys]
 
 
-def finished(run: Callable[[Any], Record], jobs: Sequence[Any], workers: int) -> Iterator[Record]:
-    """The records of jobs as they are done, each job on one core."""
+def finished(
+    run: Callable[[Any], Record], jobs: Sequence[Any], workers: int, scheduler: str | None = None
+) -> Iterator[Record]:
+    """The records of jobs as they are done, each job on one core.
+
+    Args:
+        run: of a module that workers can import.
+        jobs: what it takes.
+        workers: processes of this machine.
+        scheduler: address of a Dask scheduler whose workers are used instead, each started in a checkout; None: none.
+    """
+    if scheduler is not None:
+        with mapper(scheduler=scheduler) as spread:
+            yield from spread(run, jobs)
+        return
     if workers == 1 or len(jobs) < 2:
         yield from map(run, jobs)
         return

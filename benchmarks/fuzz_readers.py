@@ -330,16 +330,27 @@ def _of_ranges() -> list[Reader]:
     return found
 
 
+DEPLOYED = {
+    "task": "marble", "policy": "marble-desired-1", "steps": 80, "rest_counts": [0.0] * 16,
+    "asked": {"trajectory": "circle", "write": None, "frequency_hz": 0.25, "duration_s": None,
+              "speed_rad_per_s": 0.3, "orientation_deg": 0.0},
+}  # fmt: skip
+"""What `deploy` leaves of its run, as far as it is read."""
+
+
 def _of_runs(scratch: Path) -> list[Reader]:
     from skincal.calibrate.checkpoint import Checkpoint
     from skincal.cli.eval import _targets
+    from skincal.cli.rescale import _told
     from skincal.collect.journal import Journal
     from skincal.fitting.grid import GridSlab
     from skincal.sim.memory import SkinMemory
     from skincal.train import read_curve, read_policy, read_run
+    from skincal.train.estimator import read_estimator
     from skincal.train.watch import COLUMNS
 
     policy = (ROOT / "skincal" / "policies" / "marble-desired-1.onnx").read_bytes()
+    estimator = (ROOT / "skincal" / "policies" / "marble-estimator-1.npz").read_bytes()
     run = ROOT / "data" / "training" / "marble-desired-1"
     Checkpoint(scratch / "c", "key").keep(3, GridSlab(*(np.ones((2, 3)) for _ in range(3))))
     journal = Journal.open(scratch / "j", {"plan": "p"}, {"created": "2026-11-20T12:00:00Z"}, restart=False)
@@ -357,6 +368,8 @@ def _of_runs(scratch: Path) -> list[Reader]:
     curve = ",".join(COLUMNS) + "\n" + (",".join(["1.0"] * len(COLUMNS)) + "\n") * 3
     return [
         Reader("policy", {"p.onnx": policy}, lambda f: read_policy(f / "p.onnx")(np.zeros(34))),
+        Reader("estimator", {"e.npz": estimator}, lambda f: read_estimator(f / "e.npz")),
+        Reader("deployed", {"deploy.json": json.dumps(DEPLOYED).encode()}, _told),
         Reader(
             "run",
             {n: (run / n).read_bytes() for n in ("run.toml", "ranges.toml")},

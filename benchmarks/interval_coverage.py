@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.coverage_kept import as_shipped, read_kept, write_kept
-from benchmarks.coverage_store import Store, finished
+from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import as_text, summary
 from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make_session
 from skincal.calibrate import calibrate, fit_problem
@@ -163,11 +163,12 @@ def run_all(
     jobs: Sequence[Job],
     workers: int,
     progress: Callable[[Iterable[Record], int], Iterable[Record]],
+    scheduler: str | None = None,
 ) -> None:
     """Runs what is not done yet; each session is kept as soon as it is."""
     done = store.done
     missing = [job for job in jobs if job.key not in done]
-    for record in progress(finished(run_job, missing, workers), len(missing)):
+    for record in progress(finished(run_job, missing, workers, scheduler), len(missing)):
         store.add(record)
 
 
@@ -201,6 +202,7 @@ def _parser() -> argparse.ArgumentParser:
         help="the grid only gives starting points: 9 000 combinations do",
     )
     add("--workers", type=int, default=available_cores(), help="default: one a core")
+    add("--scheduler", metavar="ADDRESS", help=SCHEDULER)
     add("--out", type=Path, default=Path("coverage.json"), help="summary to write (default coverage.json)")
     add("--thickness-mm", **pair, default=(1.0, 2.5), help="of the layers (default 1 2.5)")
     add("--first", type=int, help="fit only so many usable presses of each session")
@@ -246,7 +248,7 @@ def _fitted(given: argparse.Namespace) -> tuple[Record, list[Record]]:
     if given.first is not None:
         study["first"] = given.first
     store = Store(given.out.with_suffix(".jsonl"), study)
-    run_all(store, jobs, given.workers, _bar)
+    run_all(store, jobs, given.workers, _bar, given.scheduler)
     return study, store.of(job.key for job in jobs)
 
 

@@ -56,8 +56,12 @@ class Kind:
         constant_m: bound of an error that all presses share.
         smooth_m: standard deviation of an error that changes smoothly over the patch.
         declared_m: what the session says of the error of its positions.
-        slack_m: bound of the slack that it declares.
+        slack_m: bound of the errors.
+        declared_slack_m: bound of the slack that it declares; None for that of the errors.
         force_error: relative error of measured forces.
+        step_counts: readings are whole multiples of this.
+        loaded_noise: how much the noise of a frame grows with each count of signal.
+        dropped: part of the readings that come as 0.
         unit: what a count is multiplied by before it is stored, as for a sensor in volts.
         scale_per_n: low and high of S [counts/N].
     """
@@ -80,7 +84,11 @@ class Kind:
     smooth_m: float = 0.0
     declared_m: float = 1e-3
     slack_m: float = 2e-3
+    declared_slack_m: float | None = None
     force_error: float = 0.003
+    step_counts: float = 1.0
+    loaded_noise: float = 0.0
+    dropped: float = 0.0
     unit: float = 1.0
     scale_per_n: tuple[float, float] = (50.0, 75.0)
 
@@ -105,6 +113,10 @@ KINDS: dict[str, Kind] = {
     "plane": Kind(rest_counts=20.0, clip=False, radius_m=None),
     "volts": Kind(rest_counts=300.0, clip=False, subtracted=True, integer=False, unit=1e-3),
     "smooth": Kind(rest_counts=20.0, clip=False, position_sigma_m=0.3e-3, smooth_m=0.3e-3, constant_m=0.4e-3),
+    "steps8": Kind(rest_counts=40.0, clip=False, step_counts=8.0),
+    "noise-under-load": Kind(rest_counts=20.0, clip=False, loaded_noise=0.03),
+    "drop-outs": Kind(rest_counts=20.0, clip=False, dropped=0.01),
+    "constant": Kind(rest_counts=20.0, clip=False, constant_m=1.5e-3, slack_m=4e-3, declared_slack_m=1.2e-3),
 }
 
 
@@ -231,14 +243,17 @@ def _depths(radius_m: float | None, ratio_m3: Floats) -> Floats:
 
 
 def _hold_means(rng: np.random.Generator, kind: Kind, signal: Floats, rest: Floats) -> Floats:
-    frames = signal + rest + kind.noise_counts * kind.unit * rng.standard_normal((kind.frames, *signal.shape))
-    frames = frames / kind.unit
+    shape = (kind.frames, *signal.shape)
+    noise = kind.noise_counts * kind.unit + kind.loaded_noise * signal
+    frames = (signal + rest + noise * rng.standard_normal(shape)) / kind.unit
     if kind.integer:
-        frames = np.rint(frames)
+        frames = kind.step_counts * np.rint(frames / kind.step_counts)
     if kind.clip:
         frames = np.clip(frames, 0, None)
     if kind.subtracted:
         frames = frames - (np.rint(rest / kind.unit) if kind.integer else rest / kind.unit)
+    if kind.dropped:
+        frames = np.where(rng.random(shape) < kind.dropped, 0.0, frames)
     return frames.mean(axis=0) * kind.unit
 
 
@@ -297,7 +312,7 @@ def _meta(kind: Kind, centres: Floats, size: float, pitch: float, y0: float) -> 
         SurfaceSpec("cylinder", kind.radius_m) if kind.radius_m else SurfaceSpec("plane"),
         IndenterSpec("sphere", SPHERE_M),
         MountSpec(y0, 0.0, (y0 - 2.5e-3, y0 + 2.5e-3), (-20.0, 20.0), **across),
-        PositionSpec(kind.declared_m, kind.slack_m),
+        PositionSpec(kind.declared_m, kind.declared_slack_m or kind.slack_m),
         created=CREATED,
         source="skincal's benchmark sensors",
     )

@@ -167,7 +167,7 @@ def parse_csv(text: str, delimiter: str = ",") -> list[list[str]]:
 
 
 def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
-    """What a parser makes of a text; whatever it raises says that the text is none of its kind.
+    """Return what a parser makes of a text; whatever it raises says that the text is none of its kind.
 
     Args:
         kind: what the text should be, for the message.
@@ -287,7 +287,9 @@ def _array(stream: IO[bytes]) -> NDArray[Any]:
     }
     shape, by_columns, kind = read_header[version](stream)
     data = stream.read()
-    if kind.hasobject or math.prod(shape) * kind.itemsize != len(data):
+    if kind.hasobject:
+        raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")
+    if math.prod(shape) * kind.itemsize != len(data):
         raise UnreadableError(f"numbers of shape {shape}", f"{len(data)} bytes of {kind}")
     return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")
 

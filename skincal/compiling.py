@@ -8,7 +8,7 @@ from collections.abc import Callable
 on_compile: Callable[[], None] | None = None
 """Called once in a process before something is compiled, which takes seconds; not where the cache has it."""
 
-NOTE = "skincal: compiling the skin model, once on this machine (about 15 s)"
+NOTE = "skincal: compiling the skin model or the fit, once on this machine (about 15 s)"
 
 
 def tell() -> None:

@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -24,6 +25,10 @@ from skincal.dataset import (
 )
 
 RADIUS_M = 0.0115
+
+# How long an example takes says how busy the machine is.
+hypothesis.settings.register_profile("skincal", deadline=None)
+hypothesis.settings.load_profile("skincal")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell has what it runs in the background ignore Ctrl-C; tests of an interrupt would then wait for ever.

@@ -31,7 +31,7 @@ NAMES = (
     "hand", "pinch", "message, state", "message, refused", "keys, hand", "keys, client", "mapping, CSV", "mapping, bag",
     "import, presses", "import, series", "import, NumPy, npz", "import, NumPy, npy", "import, MATLAB", "import, HDF5",
     "import, Parquet", "bag, ROS 1", "bag, ROS 2", "bag, MCAP", "ranges, toml", "ranges, json", "ranges, yaml",
-    "policy", "run", "checkpoint", "journal", "skin memory", "curve", "trajectory",
+    "policy", "estimator", "deployed", "run", "checkpoint", "journal", "skin memory", "curve", "trajectory",
 )  # fmt: skip
 
 
@@ -79,7 +79,7 @@ APART = [
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))
 @example(seed=0)
 def test_damaged_samples_end_in_an_error_that_is_meant(known, tmp_path, name, seed):

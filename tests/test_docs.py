@@ -14,7 +14,8 @@ import pytest
 import typer
 
 from skincal.cli.main import app
-from skincal.dataset.columns import OPTIONAL, TIMES
+from skincal.covariates import TIMES
+from skincal.dataset.columns import OPTIONAL
 from skincal.diagnosis import session_findings
 from skincal.fitting import fit_findings
 from skincal.fitting.fit_options import FitOptions, GridSteps

@@ -82,6 +82,10 @@ class Bench:
     stop: threading.Event = field(default_factory=threading.Event)
     quick: bool = False
 
+    def __reduce__(self) -> tuple[type[Bench], tuple[Any, ...]]:
+        """For another process, which is ended by whoever ends its work."""
+        return Bench, (self.out.resolve(), self.keep, self.timeout_s, self.command, self.extra)
+
     def result_file(self, spec: Spec) -> Path:
         """Return the path of a session's result."""
         return self.out / "results" / f"{spec.name}.json"

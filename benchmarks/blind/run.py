@@ -20,7 +20,7 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from benchmarks.blind.bench import COARSE, Bench, RunError
 from benchmarks.blind.kept import check_study
 from benchmarks.blind.suites import SUITES, specs
 from benchmarks.blind.truth.spec import Spec
+from benchmarks.coverage_store import SCHEDULER, finished
 
 Record = dict[str, Any]
 
@@ -68,24 +69,34 @@ def check_diagnose(bench: Bench) -> None:
         )
 
 
-def run_all(bench: Bench, wanted: Sequence[Spec], workers: int, tell: Callable[[str], None]) -> int:
+def run_all(
+    bench: Bench,
+    wanted: Sequence[Spec],
+    workers: int,
+    tell: Callable[[str], None],
+    scheduler: str | None = None,
+) -> int:
     """Runs the sessions that have no result; returns how many failed."""
     failed = 0
+    for number, record in enumerate(_records(bench, wanted, workers, scheduler), start=1):
+        ok = all(record.get(verb, {}).get("status") == 0 for verb in ("fit", "diagnose"))
+        failed += not ok
+        tell(f"{number} of {len(wanted)}: {record['session']} {_times(record)}{'' if ok else ' FAILED'}")
+    return failed
+
+
+def _records(bench: Bench, wanted: Sequence[Spec], workers: int, scheduler: str | None) -> Iterator[Record]:
+    if scheduler is not None:
+        yield from finished(bench.run, wanted, workers, scheduler)
+        return
     with ThreadPoolExecutor(workers) as pool:
-        running = {pool.submit(bench.run, spec): spec for spec in wanted}
         try:
-            for number, future in enumerate(as_completed(running), start=1):
-                record = future.result()
-                ok = all(record.get(verb, {}).get("status") == 0 for verb in ("fit", "diagnose"))
-                failed += not ok
-                tell(
-                    f"{number} of {len(wanted)}: {record['session']} {_times(record)}{'' if ok else ' FAILED'}"
-                )
+            for future in as_completed([pool.submit(bench.run, spec) for spec in wanted]):
+                yield future.result()
         except BaseException:
             bench.stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return failed
 
 
 def _times(record: Record) -> str:
@@ -105,6 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--suite", default=",".join(SUITES), help=f"some of {','.join(SUITES)} (default all)")
     add("--limit", type=int, help="only so many sessions of each suite")
     add("--workers", type=int, default=1, help="sessions at a time, each on about one core (default 1)")
+    add("--scheduler", metavar="ADDRESS", help=f"{SCHEDULER}; they share the folder of --out")
     add("--seed", type=int, default=0, help="of the whole test (default 0)")
     add("--retry", action="store_true", help="run again what failed")
     add("--keep", action="store_true", help="keep datasets and calibrations")
@@ -154,7 +166,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # A run that is asked to end takes the commands that it started with it.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        failed = run_all(bench, missing, given.workers, lambda text: print(text, file=sys.stderr))
+        failed = run_all(
+            bench, missing, given.workers, lambda text: print(text, file=sys.stderr), given.scheduler
+        )
     except KeyboardInterrupt:
         print("interrupted; the same command goes on", file=sys.stderr)
         return 130

@@ -8,17 +8,10 @@ from sphinx.util.docutils import SphinxDirective
 
 from skincal.ranges import NAMES, PRESETS, Parameter, Ranges, preset
 
-_SHAPES = {"uniform": "{low:g} … {high:g}", "log_uniform": "log {low:g} … {high:g}", "constant": "{value:g}"}
-
 
 def shown(parameter: Parameter) -> str:
     """A range in a few characters."""
-    text = _SHAPES.get(parameter.distribution, "N({mean:g}, {sigma:g})")
-    if parameter.sigma_from is not None:
-        text = f"N({parameter.mean:g}, `{parameter.sigma_from.rpartition('.')[2]}`)"
-    else:
-        text = text.format(**parameter.figures())
-    return text + (", each step" if parameter.mode == "step" else "")
+    return f"{parameter}{', each step' if parameter.mode == 'step' else ''}"
 
 
 def _row(path: str, presets: list[Ranges]) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import re
 import shutil
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -25,11 +27,14 @@ _TABLE = ("shares", "lit", "plane", "anchor_m", "slot", "log_ratio", "centre")
 _DAMAGED = (OSError, ArithmeticError, LookupError, TypeError, ValueError)
 """What a file that is not what was written raises."""
 
+_OURS = re.compile(r"(turn|table)-.*\.npz|\.(turn|table)-.*\.part")
+"""Names of what a fit keeps in its folder."""
+
 _FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
 
 
 def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBox) -> str:
-    """What the evaluated grid depends on, as a hash; other settings may change between runs."""
+    """Return what the evaluated grid depends on, as a hash; other settings may change between runs."""
     depends: dict[str, Any] = {
         "version": __version__,
         "dataset": dataset_sha256,
@@ -104,5 +109,13 @@ class Checkpoint:
         self._write(f"table-{name}.npz", reach=reach, **arrays)
 
     def remove(self) -> None:
-        """Removes the folder; the fit is done."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Removes what was kept, as the fit is done, and the folder if nothing else is in it."""
+        with suppress(OSError):
+            for one in list(self.folder.iterdir()):
+                if not _OURS.fullmatch(one.name):
+                    continue
+                if one.is_dir():
+                    shutil.rmtree(one, ignore_errors=True)
+                else:
+                    one.unlink()
+            self.folder.rmdir()

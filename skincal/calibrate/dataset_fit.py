@@ -36,8 +36,10 @@ PRESS_MORE = (
 PLACE_MISSING = (
     "The place of a press is missing: on a curved surface, or with an indenter smaller than the patch, images say "
     "where the sensor is only if it is known where it was pressed. Write the contact point in x_m, y_m, z_m, from the "
-    'stage or the arm that pressed. If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
+    "stage or the arm that pressed; of weights laid on by hand, where they were laid (a taxel's centre, say), and in "
+    "[position] sigma_m how well"
 )
+CHAMBER = 'If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
 COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
 
 
@@ -147,7 +149,9 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
     if NO_POSITION in problem.status and len(problem) < FEWEST_PRESSES:
-        said.append(PLACE_MISSING)
+        said.append(f"{PLACE_MISSING}.")
+        if dataset.meta.surface.kind != "plane" and dataset.meta.indenter.kind == "flat":
+            said.append(CHAMBER)
     elif len(problem) < FEWEST_PRESSES:
         pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
@@ -155,7 +159,7 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
 
 
 def why_dropped(problem: FitProblem) -> str:
-    """How many presses were not used, and why, in one sentence."""
+    """Return how many presses were not used, and why, in one sentence."""
     reasons = Counter(status for status in problem.status if status != USED)
     if not reasons:
         return f"All {len(problem.status)} presses were used."

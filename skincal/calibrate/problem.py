@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
 from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
-from skincal.dataset import Dataset, idle_means
+from skincal.dataset import Dataset, Presses, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
@@ -18,7 +19,7 @@ from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
-from skincal.model import Cylinder, Indenter, MeshSurface, Surface
+from skincal.model import Surface
 from skincal.units import rad
 
 Floats = NDArray[np.float64]
@@ -51,6 +52,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.counts,
         kinds,
         idle_means(dataset),
+        _joints(presses),
     )
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
@@ -67,6 +69,13 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     return replace(problem, contacts=contacts)
 
 
+def _joints(presses: Presses) -> Floats | None:
+    """Joint angles (K, Q) in the holds [rad]; None where the session has none."""
+    names = takewhile(lambda name: presses.column(name) is not None, (f"q_{i}" for i in count()))
+    angles = [np.asarray(presses.column(name), dtype=np.float64) for name in names]
+    return np.stack(angles, axis=1) if angles else None
+
+
 _EXACT_M = 1e-6
 """What a measured place is worth at best [m]."""
 
@@ -76,10 +85,10 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
         reason = f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
         raise refusal(dataset, reason)
     meta, layout, surface = dataset.meta, dataset.layout(), dataset.surface()
-    indenters, kinds = _indenters(dataset)
+    indenters, kinds = dataset.indenters()
     sensor = meta.sensor
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
-    position, radius = meta.position, _mesh_radius(dataset, surface)
+    position, radius = meta.position, _arc_radius(dataset, surface)
     scale = meta.force.scale_sigma if meta.force is not None else 0.0
     # A place that is known exactly is still one that a fit may move by nothing to speak of; and where the slack is not
     # bounded, a press still lies on the patch.
@@ -89,26 +98,15 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     return Rig(layout, surface, indenters, readout, sigma, slack, radius, scale), kinds
 
 
-def _mesh_radius(dataset: Dataset, surface: Surface) -> float | None:
-    """How far a mesh is from the finger's axis where the sensor nominally lies [m]; None for other surfaces."""
-    if not isinstance(surface, MeshSurface):
-        return None
+def _arc_radius(dataset: Dataset, surface: Surface) -> float | None:
+    """R of arc = R beta where the sensor nominally lies [m]; None on a plane."""
     try:
-        points, _ = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))
+        return surface.arc_radius_at(dataset.nominal_pose())
     except ValueError as error:
         reason = (
             f"the nominal pose in [mount] does not lie on the surface: {error}. Correct [mount], or the mesh"
         )
         raise refusal(dataset, reason) from error
-    return float(np.hypot(points[0, 0], points[0, 2]))
-
-
-def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], NDArray[np.intp]]:
-    radii = np.round(dataset.indenter_radii_m(), 7)
-    if np.isnan(radii).all():
-        return (dataset.indenter(),), np.zeros(len(radii), dtype=np.intp)
-    different, kinds = np.unique(radii, return_inverse=True)
-    return tuple(dataset.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
 
 
 def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0) -> tuple[Floats, Floats]:
@@ -182,7 +180,7 @@ def search_box(
         ]
     if wrong:
         raise InputError(wrong)
-    radius = surface.radius_m if isinstance(surface, Cylinder) else _mesh_radius(dataset, surface)
+    radius = _arc_radius(dataset, surface)
     if radius is not None:
         low, high = across or mount.beta_range_deg or (0.0, 0.0)
         arc = (rad(low) * radius, rad(high) * radius)

@@ -1,4 +1,4 @@
-"""What to do about a finding, in the words of the rig that took the data."""
+"""Findings in the words of the rig that took the data, and in the unit of its sensor."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ ON_A_STAGE = {
 
 
 def has_joints(dataset: Dataset) -> bool:
-    """Whether a hand took the data: its joints' angles or torques are there."""
+    """Return whether a hand took the data: its joints' angles or torques are there."""
     return any(dataset.presses.column(name) is not None for name in ("q_0", "tau_0"))
 
 
 def for_the_rig(findings: tuple[Finding, ...], dataset: Dataset) -> tuple[Finding, ...]:
-    """Findings whose advice names what the rig of a dataset has.
+    """Return findings in the unit of the sensor, with advice that names what the rig of a dataset has.
 
     Args:
         findings: of a fit.
         dataset: that was fitted.
     """
+    findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     if has_joints(dataset):
         return findings
     return tuple(replace(one, advice=ON_A_STAGE.get(one.code, one.advice)) for one in findings)

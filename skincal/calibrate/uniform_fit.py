@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from skincal.calibrate.problem import search_box
+from skincal.calibrate.rig_advice import for_the_rig
 from skincal.calibration import (
     MARGIN_M,
     Calibration,
@@ -143,7 +144,7 @@ def _calibration(
     findings: tuple[Finding, ...],
 ) -> Calibration:
     pose = dataset.nominal_pose()
-    plane = dataset.meta.surface.kind == "plane"
+    plane = dataset.meta.surface.is_plane
     low, high = search_box(dataset).elasticity_pa_per_m
     model = ModelParameters(
         pose.y_m,
@@ -204,4 +205,4 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
                 "Look at the zero of the pressure gauge, and at whether the skin answers to small pressures at all.",
             )
         )
-    return tuple(found)
+    return for_the_rig(tuple(found), dataset)

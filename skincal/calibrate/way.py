@@ -12,7 +12,7 @@ from skincal.dataset import Dataset
 from skincal.errors import InputError, Problem
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.kernel import contact_reach
-from skincal.model import Cylinder, Surface
+from skincal.model import Surface
 from skincal.units import deg, rad
 
 Method = Literal["auto", "fast", "general", "nlopt"]
@@ -68,8 +68,8 @@ def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
 
 
 def _why_not_fast(dataset: Dataset) -> str:
-    if dataset.meta.surface.kind == "mesh":
-        return "the surface is a mesh, which does not look the same everywhere"
+    if not dataset.surface().is_uniform:
+        return f"the surface is a {dataset.meta.surface.kind}, which does not look the same everywhere"
     reach = _reach_m(dataset)
     if reach > MARGIN_M:
         return (
@@ -86,7 +86,7 @@ def _why_not_fast(dataset: Dataset) -> str:
 
 
 def _reach_m(dataset: Dataset) -> float:
-    """How far the largest contact of a skin of middling elasticity reaches round its centre [m]."""
+    """Return how far the largest contact of a skin of middling elasticity reaches round its centre [m]."""
     force = dataset.presses.force_n
     force = force[np.isfinite(force) & (force > 0)]
     radii = dataset.indenter_radii_m()
@@ -108,6 +108,6 @@ def _tilt(surface: Surface, points_m: np.ndarray, normals: np.ndarray, sigma_m: 
     away = normals[given] - np.einsum("ki,ki->k", normals[given], own)[:, None] * own
     along = away[:, 1]
     across = np.linalg.norm(away - along[:, None] * [0.0, 1.0, 0.0], axis=1)
-    bend = sigma_m / surface.radius_m if isinstance(surface, Cylinder) else 0.0
+    bend = 0.0 if surface.arc_radius_m is None else sigma_m / surface.arc_radius_m
     squares = float((along**2).mean()) + max(0.0, float((across**2).mean()) - bend**2)
     return float(np.sqrt(squares))

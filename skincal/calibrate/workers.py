@@ -87,7 +87,7 @@ def _end_with_first() -> None:
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
     """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
     _begin_tracker()
-    with _interrupt_afterwards():
+    with interrupt_afterwards():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             with _without_main():
@@ -126,7 +126,7 @@ def _begin_tracker() -> None:
 
 
 @contextmanager
-def _interrupt_afterwards() -> Generator[None]:
+def interrupt_afterwards() -> Generator[None]:
     """No worker is left half-begun: an interrupt, whichever thread it reaches, waits for the end of the block."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibration.calibration import Columns
-from skincal.dataset.columns import ANY, NOT_NEGATIVE, ColumnReader
+from skincal.covariates import ANY, NOT_NEGATIVE
+from skincal.dataset.columns import ColumnReader
 from skincal.dataset.findings import Findings, Sheet
 from skincal.dataset.table_file import RawTable, read_table
 from skincal.effects import EFFECTS

@@ -7,9 +7,9 @@ from typing import Any, Final, cast
 
 from skincal.calibration.effect_checks import check_effect, check_name
 from skincal.calibration.parts import SEVERITIES, Effect, Finding, Numbers
-from skincal.calibration.values import is_number, number_list, shown
+from skincal.calibration.values import number_list, shown
 from skincal.dataset.findings import Findings
-from skincal.dataset.toml_table import TomlTable
+from skincal.dataset.toml_table import TomlTable, is_number
 
 _EFFECT: Final = ("name", "parameters", "intervals", "poses")
 _FINDING: Final = ("code", "severity", "text", "advice", "mapping")
@@ -95,19 +95,8 @@ def _effect(table: TomlTable, extra: Mapping[str, Any]) -> Effect:
         for key, value in _table(table, "intervals").items()
         if (pair := _range(table, key, value, parameters)) is not None
     }
-    return Effect(name, parameters, intervals, extra, _poses(table))
-
-
-def _poses(table: TomlTable) -> tuple[str, ...]:
-    """Return the names of the hand poses, each once."""
-    value = table.raw("poses")
-    if value is None:
-        return ()
-    names = cast("list[object]", value) if isinstance(value, list) else []
-    if not names or not all(isinstance(n, str) and n for n in names) or len(set(names)) != len(names):
-        table.error("poses", "names of hand poses, each once", shown(value))
-        return ()
-    return tuple(cast("list[str]", names))
+    poses = table.names("poses", "names of hand poses, each once") if table.has("poses") else ()
+    return Effect(name, parameters, intervals, extra, poses)
 
 
 def _table(table: TomlTable, key: str) -> Mapping[str, Any]:
@@ -121,7 +110,7 @@ def _table(table: TomlTable, key: str) -> Mapping[str, Any]:
 
 
 def _numbers(table: TomlTable, key: str, value: object) -> Numbers | None:
-    numbers = float(cast(float, value)) if is_number(value) else number_list(value)
+    numbers = float(value) if is_number(value) else number_list(value)
     if numbers is None or numbers == ():
         table.error(f"parameters.{key}", "a number, or a list of numbers", shown(value))
         return None

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any, Final, Literal
 
 from skincal.model import ContactLaw
+from skincal.units import in_unit
 
 Interval = tuple[float, float]
 """Low and high; infinite on a side that the data do not bound."""
@@ -133,6 +134,10 @@ class Finding:
     text: str
     advice: str = ""
     mapping: str = ""
+
+    def in_unit(self, unit: str | None) -> Finding:
+        """Return the finding with the unit of the taxel values instead of counts."""
+        return replace(self, text=in_unit(self.text, unit), advice=in_unit(self.advice, unit))
 
     def plain(self) -> dict[str, str]:
         """Return the finding as TOML has it, without an empty mapping."""

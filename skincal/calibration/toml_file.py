@@ -56,8 +56,6 @@ _MODEL: Final = (
 )  # fmt: skip
 _INTERVALS: Final = tuple(name for name in _MODEL if name != "scale_per_taxel_per_n")
 _LOSS: Final = ("mse_counts2", "valley_mse_counts2", "presses_used")
-_OPEN: Final = ("loss", "provenance")
-"""Tables that may hold any further keys of a fit; unknown keys elsewhere give a warning."""
 _ROUNDED: Final = 1e-3
 """Smallest number of digits of values whose interval has no width."""
 ELASTICITY_PA_PER_M: Final = (1.0, 1e15)
@@ -94,31 +92,24 @@ def meta_from(values: Mapping[str, Any], findings: Findings) -> Meta:
     """
     top = TomlTable(findings, FILE, "", values, _TOP)
     check_format(top, FORMAT)
-    shared = {
-        name: table_of(top, findings, FILE, name, optional=name in ("mount", "position")) for name in _SHARED
-    }
+    shared = {name: table_of(top, name, optional=name in ("mount", "position")) for name in _SHARED}
     sensor, surface = sensor_from(shared["sensor"]), surface_from(shared["surface"])
-    model = _model(_own(top, findings, "model", _MODEL), surface.kind, sensor.taxels)
-    intervals = _intervals(
-        _own(top, findings, "intervals", _INTERVALS),
-        surface.kind,
-    )
+    model = _model(top.inner("model", _MODEL), surface, sensor.taxels)
+    intervals = _intervals(top.inner("intervals", _INTERVALS), surface)
     _check_best(model, intervals, findings)
     return Meta(
         sensor=sensor,
         surface=surface,
         indenter=indenter_from(shared["indenter"]),
-        mount=mount_from(shared["mount"], surface.kind) if top.has("mount") else None,
+        mount=mount_from(shared["mount"], surface) if top.has("mount") else None,
         position=position_from(shared["position"]) if top.has("position") else None,
         model=model,
         intervals=intervals,
-        loss=_loss(_own(top, findings, "loss", _LOSS), _others(top, "loss", _LOSS)),
+        loss=_loss(top.inner("loss", _LOSS, open_keys=True)),
         effects=effects_from(top, findings, FILE, sensor.taxels),
         contact_law=contact_law_from(top, findings, FILE),
         findings=findings_from(top, findings, FILE),
-        provenance=_provenance(
-            _own(top, findings, "provenance", _PROVENANCE), _others(top, "provenance", _PROVENANCE)
-        ),
+        provenance=_provenance(top.inner("provenance", _PROVENANCE, open_keys=True)),
         extra=top.extra,
     )
 
@@ -154,33 +145,14 @@ def _plain_provenance(provenance: Provenance) -> dict[str, Any]:
     return {key: v for key, v in values.items() if v is not None} | dict(provenance.extra)
 
 
-def _own(top: TomlTable, findings: Findings, name: str, known: tuple[str, ...]) -> TomlTable:
-    """Return a table that only calibrations have; an empty one, with an error, if it is missing."""
-    values = top.raw(name)
-    if isinstance(values, dict):
-        table = cast("dict[str, Any]", values)
-        if name in _OPEN:
-            table = {key: value for key, value in table.items() if key in known}
-        return TomlTable(findings, FILE, name, table, known)
-    top.error(f"[{name}]", f"a table [{name}]", "nothing" if values is None else values)
-    return TomlTable(Findings(), FILE, name, {}, known)
-
-
-def _others(top: TomlTable, name: str, known: tuple[str, ...]) -> dict[str, Any]:
-    """Return the unknown keys of an open table."""
-    values = top.raw(name)
-    table = cast("dict[str, Any]", values) if isinstance(values, dict) else {}
-    return {key: value for key, value in table.items() if key not in known}
-
-
-def _model(table: TomlTable, surface: str, taxels: int) -> ModelParameters:
-    plane = surface == "plane"
+def _model(table: TomlTable, surface: SurfaceSpec, taxels: int) -> ModelParameters:
+    plane = surface.is_plane
     table.absent(
         *(("beta_deg", "on a plane it is x_m") if plane else ("x_m", "off the plane it is beta_deg"))
     )
     return ModelParameters(
         y_m=_centre(table, "y_m"),
-        beta_deg=None if plane or not surface else table.number("beta_deg", "an angle in degrees"),
+        beta_deg=None if plane or not surface.kind else table.number("beta_deg", "an angle in degrees"),
         x_m=_centre(table, "x_m") if plane else None,
         alpha_deg=table.number("alpha_deg", "an angle in degrees"),
         elasticity_pa_per_m=_within(table, "elasticity_pa_per_m", "E [Pa/m]", ELASTICITY_PA_PER_M),
@@ -230,10 +202,10 @@ def _scales(table: TomlTable, taxels: int) -> tuple[float, ...] | None:
     return values
 
 
-def _intervals(table: TomlTable, surface: str) -> dict[str, Interval]:
-    across = "x_m" if surface == "plane" else "beta_deg"
-    names = ("y_m", across, "alpha_deg", "elasticity_pa_per_m", "scale_per_n") if surface else ()
-    other = "beta_deg" if surface == "plane" else "x_m"
+def _intervals(table: TomlTable, surface: SurfaceSpec) -> dict[str, Interval]:
+    across = surface.across
+    names = ("y_m", across, "alpha_deg", "elasticity_pa_per_m", "scale_per_n") if surface.kind else ()
+    other = "beta_deg" if surface.is_plane else "x_m"
     table.absent(other, f"on this surface it is {across}")
     rest = (REST,) if table.has(REST) else ()
     return {name: _interval(table, name) for name in (*names, *rest)}
@@ -254,18 +226,18 @@ def _interval(table: TomlTable, name: str) -> Interval:
     return values
 
 
-def _loss(table: TomlTable, extra: Mapping[str, Any]) -> Loss:
+def _loss(table: TomlTable) -> Loss:
     return Loss(
         mse_counts2=table.number("mse_counts2", "a mean square [counts²], 0 or more", low=0.0),
         valley_mse_counts2=table.number(
             "valley_mse_counts2", "a mean square [counts²], 0 or more, or inf", low=0.0, inf=True
         ),
         presses_used=table.whole("presses_used", "a whole number, 0 or more", low=0),
-        extra=extra,
+        extra=table.extra,
     )
 
 
-def _provenance(table: TomlTable, extra: Mapping[str, Any]) -> Provenance:
+def _provenance(table: TomlTable) -> Provenance:
     seed = table.raw("seed")
     if seed is not None and (not isinstance(seed, int) or isinstance(seed, bool)):
         table.error("seed", "a whole number", seed)
@@ -280,7 +252,7 @@ def _provenance(table: TomlTable, extra: Mapping[str, Any]) -> Provenance:
         seed=seed,
         time=_time(table),
         options=cast("dict[str, Any]", options) if isinstance(options, dict) else {},
-        extra=extra,
+        extra=table.extra,
     )
 
 

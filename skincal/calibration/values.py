@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import PurePath
 from typing import Any, cast
 
 import numpy as np
+
+from skincal.dataset.toml_table import is_number
 
 
 def number_list(value: object, *, infinite: bool = False) -> tuple[float, ...] | None:
@@ -23,13 +24,6 @@ def number_list(value: object, *, infinite: bool = False) -> tuple[float, ...] |
     if not all(is_number(item, infinite=infinite) for item in items):
         return None
     return tuple(float(cast(float, item)) for item in items)
-
-
-def is_number(value: object, *, infinite: bool = False) -> bool:
-    """Return whether a value is a number; ``true`` is not."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return not math.isnan(value) if infinite else math.isfinite(value)
 
 
 def toml_value(value: Any) -> Any:

@@ -28,7 +28,6 @@ def audit(
         typer.Argument(
             metavar="DATASET_OR_PLAN",
             help="Folder of a dataset, or a plan (TOML, CSV) that has not been collected yet.",
-            show_default=False,
         ),
     ],
     calibration: Annotated[
@@ -38,18 +37,15 @@ def audit(
             metavar="CAL",
             help="Folder of a calibration of this sensor: pose, E, S and position uncertainty. Without it these "
             "are assumed.",
-            show_default=False,
         ),
     ] = None,
     hand: Annotated[
         str | None,
-        typer.Option(
-            "--hand", help="For a plan: the hand that would press, its name or hand.toml.", show_default=False
-        ),
+        typer.Option("--hand", help="For a plan: the hand that would press, its name or hand.toml."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help=f"Folder for a picture, {PICTURE}.", show_default=False),
+        typer.Option("--out", help=f"Folder for a picture, {PICTURE}."),
     ] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -66,17 +62,18 @@ def audit(
     if out is not None:
         inputs = [source, *(Path(one) for one in (calibration, hand) if one)]
         refuse_existing(out, *inputs, force=force, marker=PICTURE)
-    report = _audited(source, calibration, hand, seed)
+    report, unit = _audited(source, calibration, hand, seed)
     picture = None if out is None else _draw(report, out, force)
     if as_json:
         print_json(_as_json(report, picture))
         return
-    typer.echo(_report_text(report))
+    typer.echo(_report_text(report, unit))
     if picture is not None:
         say(f"picture: {picture}")
 
 
-def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int) -> AuditReport:
+def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int) -> tuple[AuditReport, str]:
+    """Return the report, and the unit of the taxel values."""
     import numpy as np
 
     from skincal.calibration import read_calibration
@@ -88,12 +85,12 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
     rng = np.random.default_rng(seed)
     of_dataset = source.is_dir() or source.name in ("dataset.toml", "presses.csv")
     if source.suffix.lower() in (".toml", ".csv") and not of_dataset:
-        return _of_plan(source, cal, hand, rng)
+        return _of_plan(source, cal, hand, rng), "counts"
     if hand is not None:
         raise InputError([Problem("--hand", "a plan", f"the dataset {source}", "Leave --hand out.")])
     dataset = read_dataset(source)
     warn((*dataset.warnings, *(() if cal is None else cal.warnings)))
-    return audit_dataset(dataset, cal, rng)
+    return audit_dataset(dataset, cal, rng), dataset.meta.sensor.unit_label
 
 
 def _of_plan(source: Path, calibration: Calibration | None, hand: str | None, rng: Any) -> AuditReport:
@@ -139,12 +136,12 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
     }
 
 
-def _report_text(report: AuditReport) -> str:
+def _report_text(report: AuditReport, unit: str) -> str:
     of = "frames in bins" if report.has_frames else "hold means"
     what = "planned presses" if report.planned else "presses"
     lines = [
         f"{report.presses} {what}, {report.observations} images ({of}) of {report.taxels} taxels",
-        _noise(report.floor),
+        _noise(report.floor, unit),
     ]
     if report.left_out:
         lines.append(f"left out, because their force is an outlier: presses {_numbers(report.left_out)}")
@@ -183,10 +180,10 @@ def _beyond(report: AuditReport, name: str) -> str:
     return f" (seen from strength {value:.2g})" if value < 10 else ""
 
 
-def _noise(floor: NoiseFloor) -> str:
+def _noise(floor: NoiseFloor, unit: str) -> str:
     low, high = floor.frame_interval
     mean_low, mean_high = floor.mean_interval
     return (
-        f"noise of a frame {floor.frame_counts:.2f} counts ({low:.2f} to {high:.2f}, from {floor.frame_from}), "
-        f"of a hold mean {floor.mean_counts:.2f} ({mean_low:.2f} to {mean_high:.2f}, from {floor.mean_from})"
+        f"noise of a frame {floor.frame_counts:.3g} {unit} ({low:.3g} to {high:.3g}, from {floor.frame_from}), "
+        f"of a hold mean {floor.mean_counts:.3g} ({mean_low:.3g} to {mean_high:.3g}, from {floor.mean_from})"
     )

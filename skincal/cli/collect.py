@@ -11,7 +11,7 @@ import typer
 
 from skincal.cli.collect_plan import plan_of, show_plan
 from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say, warn
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
 from skincal.cli.interrupt import moving
 
 if TYPE_CHECKING:
@@ -30,10 +30,7 @@ MEMORY = "skin.memory"
 
 def collect(
     out: OutOption,
-    driver: Annotated[
-        str,
-        typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class."),
-    ] = "sim",
+    driver: RigOption = "sim",
     seed: SeedOption = 0,
     protocol: Annotated[
         str | None,
@@ -46,9 +43,7 @@ def collect(
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(
-            "--plan", help="A plan of your own, TOML or CSV, instead of a protocol.", show_default=False
-        ),
+        typer.Option("--plan", help="A plan of your own, TOML or CSV, instead of a protocol."),
     ] = None,
     plan_only: Annotated[
         bool,
@@ -64,7 +59,6 @@ def collect(
             max=50.0,
             help="Radius of a second sphere: the full protocol ends with presses with it; you are asked to "
             "change the cap.",
-            show_default=False,
         ),
     ] = None,
     effect: Annotated[
@@ -73,22 +67,15 @@ def collect(
             "--effect",
             metavar="NAME=STRENGTH",
             help="Effect of the simulated skin; strength 1 is a typical case. May be repeated.",
-            show_default=False,
         ),
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(
-            "--truth", help="File for the simulated hand's hidden truth (JSON).", show_default=False
-        ),
+        typer.Option("--truth", help="File for the simulated hand's hidden truth (JSON)."),
     ] = None,
     hand: Annotated[
         str | None,
-        typer.Option(
-            "--hand",
-            help="Name of the hand, or its hand.toml, for drivers that take one.",
-            show_default=False,
-        ),
+        typer.Option("--hand", help="Name of the hand, or its hand.toml, for drivers that take one."),
     ] = None,
     driver_option: DriverOptionsOption = None,
     beyond_limits: BeyondLimitsOption = False,
@@ -130,6 +117,11 @@ def collect(
     source = _source(driver, seed, chosen, effect, description)
     found = press_plan(chosen, description, driver, options, out, seed=seed, source=source, force=force,
                        inputs=inputs, restart=restart, beyond_limits=beyond_limits)  # fmt: skip
+    _conclude(found, out, as_json)
+
+
+def _conclude(found: Collected, out: Path, as_json: bool) -> None:
+    """Report a finished session; status 1 if its dataset cannot be fitted."""
     if as_json:
         print_json(_as_json(found, out))
     else:
@@ -251,7 +243,7 @@ def _stage(
             restart=restart,
             watch=lambda done, total: reporter("presses", done, total),
         )
-    print_json(_as_json(found, out)) if as_json else _tell(found, out)
+    _conclude(found, out, as_json)
 
 
 def options_of(

@@ -15,12 +15,11 @@ import typer
 
 from skincal.errors import Problem
 
-DatasetArgument = Annotated[
-    Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.", show_default=False)
-]
+DatasetArgument = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.")]
+CalibrationArgument = Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")]
 OutOption = Annotated[
     Path,
-    typer.Option("--out", help="Folder to write; it appears complete or not at all.", show_default=False),
+    typer.Option("--out", help="Folder to write; it appears complete or not at all."),
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")
@@ -40,7 +39,6 @@ SchedulerOption = Annotated[
         "--scheduler",
         metavar="ADDRESS",
         help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes on this machine.",
-        show_default=False,
     ),
 ]
 

@@ -75,9 +75,7 @@ def show(
     dataset: DatasetArgument,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", help="Picture to write (PNG, PDF or SVG) [default: NAME.png here]", show_default=False
-        ),
+        typer.Option("--out", help="Picture to write (PNG, PDF or SVG) [default: NAME.png here]"),
     ] = None,
     threshold: Annotated[
         float | None,
@@ -85,7 +83,6 @@ def show(
             "--threshold",
             min=0.0,
             help="Counts above rest that make a taxel active [default: 5; by the noise where all values are smaller]",
-            show_default=False,
         ),
     ] = None,
     as_json: JsonOption = False,

@@ -48,14 +48,14 @@ def demo(
 
     Takes some minutes. The last step needs `skincal[policy]`; without it, the rest runs.
     """
-    _make_room(out)
+    make_room(out)
     try:
         _show(out)
     finally:
         write_manifest(out)
 
 
-def _make_room(out: Path) -> None:
+def make_room(out: Path) -> None:
     """Remove an earlier demonstration, and nothing else.
 
     Raises:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import ForceOption, JsonOption, OutOption, SeedOption, example, print_json, say
-from skincal.cli.eval import Task
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
 from skincal.cli.interrupt import moving
+from skincal.train.settings import Task
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,24 +39,18 @@ ESTIMATOR = "marble-estimator-1"
 
 
 def deploy(
-    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.")],
     policy: Annotated[
         str, typer.Argument(metavar="POLICY", help="A policy file, or the name of a bundled policy.")
     ],
     out: OutOption,
-    driver: Annotated[
-        str,
-        typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class."),
-    ] = "reference",
+    driver: RigOption = "reference",
     driver_option: DriverOptionsOption = None,
     seed: SeedOption = 0,
     effect: Annotated[
         list[str] | None,
         typer.Option(
-            "--effect",
-            metavar="NAME=STRENGTH",
-            help="Effect of the reference hand's skin; may be repeated.",
-            show_default=False,
+            "--effect", metavar="NAME=STRENGTH", help="Effect of the reference hand's skin; may be repeated."
         ),
     ] = None,
     pinch: Annotated[
@@ -181,7 +175,7 @@ def _check_task(made_for: str, task: Task, policy: str) -> None:
 def targets_of(
     task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
 ) -> np.ndarray:
-    """Where the object shall go, as the verb was asked."""
+    """Return where the object shall go, as the verb was asked."""
     from skincal.cli.eval import _targets as targets_of_file
     from skincal.deploy import letters, marble_targets
     from skincal.deploy.deploy_options import POLICY_HZ
@@ -300,6 +294,7 @@ def _as_json(found: Deployed, task: Task, policy: str, driver: str, seed: int, o
         "driver": driver,
         "seed": seed,
         "steps": found.steps,
+        "missed_steps": found.missed,
         "held": found.lost_s is None,
         "lost_s": found.lost_s,
         "error_m": float(error.mean()) if error.size else None,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from skincal.cli.common import (
+    CalibrationArgument,
     DatasetArgument,
     ForceOption,
     JsonOption,
@@ -40,10 +41,7 @@ EPILOG = example(
 
 def diagnose(
     dataset: DatasetArgument,
-    calibration: Annotated[
-        Path,
-        typer.Argument(metavar="CAL", help="Folder of a calibration of this sensor.", show_default=False),
-    ],
+    calibration: CalibrationArgument,
     out: OutOption,
     thorough: Annotated[bool, typer.Option("--thorough", help="Five times as many null sessions.")] = False,
     seed: SeedOption = 0,

@@ -12,6 +12,7 @@ from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, pri
 from skincal.cli.eval_report import as_json, table_of
 from skincal.errors import InputError, Problem
 from skincal.progress import progress
+from skincal.train.settings import Task
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,13 +32,6 @@ class Engine(StrEnum):
     reference = "reference"
 
 
-class Task(StrEnum):
-    """The tasks, listed here so that help need not import them."""
-
-    marble = "marble"
-    bolt = "bolt"
-
-
 EPILOG = example(
     "skincal eval marble run/policy.onnx --episodes 100 --seed 1 --out evaluation",
     "skincal eval bolt tactile.onnx desired.onnx --json",
@@ -47,12 +41,10 @@ EPILOG = example(
 
 
 def evaluate(
-    task: Annotated[Task, typer.Argument(help="Object to roll.", show_default=False)],
+    task: Annotated[Task, typer.Argument(help="Object to roll.")],
     policies: Annotated[
         list[str],
-        typer.Argument(
-            metavar="POLICY…", help="Policy files, or names of bundled policies.", show_default=False
-        ),
+        typer.Argument(metavar="POLICY…", help="Policy files, or names of bundled policies."),
     ],
     out: Annotated[
         Path | None,
@@ -80,7 +72,6 @@ def evaluate(
             "--calibration",
             metavar="CAL",
             help="Predict how policies will fare on the hand of a calibration: all is drawn, the skin from its cloud.",
-            show_default=False,
         ),
     ] = None,
     ranges: Annotated[
@@ -180,14 +171,13 @@ def _trial(
     trajectory: str,
     environment: list[str],
 ) -> Trial:
-    from skincal.train import Task as TrainTask
     from skincal.train.evaluate import RANDOMIZED, Trial
 
     drawn: tuple[str, ...] | None = RANDOMIZED if not randomize else tuple(randomize)
     if drawn in (("all",), ("none",)):
         drawn = None if drawn == ("all",) else ()
     return Trial(
-        TrainTask(task.value),
+        task,
         episodes,
         seed,
         duration_s,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from skincal.train.settings import Task
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -22,7 +24,6 @@ def as_json(found: list[Evaluated], trial: Trial, *, on: str, predicted: bool) -
 
 
 def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
-    from skincal.train import Task as TrainTask
     from skincal.train.fare import fare
     from skincal.train.scores import rolling
 
@@ -44,7 +45,7 @@ def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
     }
     if predicted:
         entry["prediction"] = asdict(fare(one.runs))
-    if trial.task is TrainTask.bolt:
+    if trial.task is Task.bolt:
         whole = rolling(one.runs)
         entry |= {"direction_right": whole.direction_right, "held_to_end": whole.held_to_end}
         entry |= {"held_s": whole.held_s, "angle_error_rad": whole.angle_error_rad}
@@ -67,11 +68,10 @@ def table_of(found: list[Evaluated], trial: Trial, *, predicted: bool) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from skincal.train import Task as TrainTask
     from skincal.train.fare import fare
     from skincal.train.scores import rolling
 
-    bolt = trial.task is TrainTask.bolt
+    bolt = trial.task is Task.bolt
     titles = ["policy", "sees", "held", "error settled [mm]", "at the end [mm]"]
     table = Table(box=None, padding=(0, 2, 0, 0))
     more = [*(["direction right", "angle error [°]"] if bolt else []), *(_PREDICTED if predicted else [])]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, example, print_json, say, warn
+from skincal.cli.common import CalibrationArgument, ForceOption, JsonOption, example, print_json, say, warn
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,6 +24,9 @@ class Preset(StrEnum):
     icra26 = "icra26"
 
 
+PUBLISHED_TOP = 255.0
+"""Largest count of the converter of the published skins, which have 8 bits."""
+
 EPILOG = example(
     "skincal export-dr cal --out ranges.toml",
     "skincal export-dr cal --out ranges.yaml --preset icra26 --joint",
@@ -31,10 +34,10 @@ EPILOG = example(
 
 
 def export_dr(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.", show_default=False)],
+    cal: CalibrationArgument,
     out: Annotated[
         Path,
-        typer.Option("--out", help="File to write: .toml, .json or .yaml.", show_default=False),
+        typer.Option("--out", help="File to write: .toml, .json or .yaml."),
     ],
     preset: Annotated[
         Preset, typer.Option("--preset", help="Published ranges for what the calibration does not know.")
@@ -54,7 +57,6 @@ def export_dr(
             "--assume-scale",
             metavar="LOW HIGH",
             help="S [counts per N] to assume where the calibration leaves it open; required there.",
-            show_default=False,
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -78,7 +80,9 @@ def export_dr(
     write_ranges(ranges, out, force=force)
     warn((*calibration.warnings, *ranges.warnings))
     _say_findings(calibration)
-    rows = narrowing(ranges, published(preset.value))
+    sensor = calibration.sensor
+    same = sensor.unit in (None, "counts") and sensor.value_max == PUBLISHED_TOP
+    rows = narrowing(ranges, published(preset.value), same_converter=same)
     if as_json:
         print_json(_as_json(out, preset.value, calibration, ranges, rows))
         return
@@ -126,17 +130,7 @@ def _table(preset: str, rows: tuple[Narrowing, ...]) -> Table:
     for title in ("range", preset, "width of it"):
         table.add_column(title)
     for row in rows:
-        before = "–" if row.published is None else _figures(row.published)
+        before = "–" if row.published is None else str(row.published)
         ratio = "–" if row.ratio != row.ratio else f"{row.ratio:.0%}"
-        table.add_row(row.path.removeprefix("skin."), _figures(row.parameter), before, ratio)
+        table.add_row(row.path.removeprefix("skin."), str(row.parameter), before, ratio)
     return table
-
-
-def _figures(parameter: Any) -> str:
-    """Return the short text of a parameter: its bounds, or its value."""
-    if parameter.distribution == "constant":
-        value = parameter.value
-        return f"{len(value)} values" if isinstance(value, tuple) else f"{value:g}"
-    if isinstance(parameter.low, tuple):
-        return f"{len(parameter.low)} ranges"
-    return f"{parameter.low:g} … {parameter.high:g}"

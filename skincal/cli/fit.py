@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from math import isfinite
@@ -27,35 +27,29 @@ from skincal.cli.common import (
     warn,
 )
 from skincal.cli.fit_ranges import Pair, searched
+from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2, STEPS, FitOptions, GridSteps
 from skincal.progress import stage_bars
+from skincal.units import deg, rad
 
 if TYPE_CHECKING:
     from skincal.calibrate import Method, Way
     from skincal.calibration import Calibration
     from skincal.dataset import Dataset
     from skincal.errors import InputError
-    from skincal.fitting.fit_options import FitOptions, GridSteps
 
 EPILOG = example("skincal fit data/paper-like --out cal", "skincal fit run --out cal --bound paper --json")
 
 
 def _range(name: str, what: str) -> typer.models.OptionInfo:
-    return typer.Option(
-        name, help=f"Low and high of {what}, instead of those of [mount].", show_default=False
-    )
+    return typer.Option(name, help=f"Low and high of {what}, instead of those of [mount].")
 
 
 def _step(
-    name: str, least: float, what: str, defaults: str, most: float | None = None
+    name: str, least: float, what: str, of: Callable[[GridSteps], float], most: float | None = None
 ) -> typer.models.OptionInfo:
-    fast, general, nlopt = defaults.split("; ")
-    return typer.Option(
-        name,
-        min=least,
-        max=most,
-        help=what,
-        show_default=f"{fast}; {general} with general; {nlopt} with nlopt",
-    )
+    fast, general, nlopt = (f"{of(STEPS[method]):g}" for method in ("fast", "general", "nlopt"))
+    shown = f"{fast}; {general} with general; {nlopt} with nlopt"
+    return typer.Option(name, min=least, max=most, help=what, show_default=shown)
 
 
 def fit(
@@ -79,16 +73,17 @@ def fit(
         ),
     ] = "auto",
     y_step_mm: Annotated[
-        float | None, _step("--y-step-mm", 0.01, "Grid step of y [mm].", "0.25; 1; 2.5")
+        float | None, _step("--y-step-mm", 0.01, "Grid step of y [mm].", lambda s: 1e3 * s.y_m)
     ] = None,
     arc_step_mm: Annotated[
-        float | None, _step("--arc-step-mm", 0.01, "Grid step of beta as arc, or of x [mm].", "1; 1.25; 2.5")
+        float | None,
+        _step("--arc-step-mm", 0.01, "Grid step of beta as arc, or of x [mm].", lambda s: 1e3 * s.across_m),
     ] = None,
     alpha_step_deg: Annotated[
-        float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", "2.5; 5; 13.5")
+        float | None, _step("--alpha-step-deg", 0.05, "Grid step of alpha [°].", lambda s: deg(s.alpha_rad))
     ] = None,
     e_count: Annotated[
-        int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", "24; 12; 4", 10_000)
+        int | None, _step("--e-count", 2, "Grid values of E, log-spaced.", lambda s: s.elasticities, 10_000)
     ] = None,
     active_counts: Annotated[
         float | None,
@@ -97,7 +92,6 @@ def fit(
             min=0.0,
             help="Value above rest that makes a taxel active; default 2 % of the converter's range, or less where "
             "the signals are small, and at least five times the noise.",
-            show_default=False,
         ),
     ] = None,
     min_active: Annotated[
@@ -122,7 +116,6 @@ def fit(
             "--effects",
             help="A calibration of this sensor whose effects are refitted, along with pose, E and S; not under uniform "
             "pressure, where a fit finds only scales.",
-            show_default=False,
         ),
     ] = None,
     workers: WorkersOption = None,
@@ -143,8 +136,12 @@ def fit(
     from skincal.dataset import read_dataset
     from skincal.dataset.uniform_pressure import uniform_pressure
     from skincal.files import refuse_existing
+    from skincal.units import in_unit
 
-    options = _options(active_counts, min_active, bound, level, draws, per_taxel)
+    options = FitOptions(
+        active_counts=active_counts, min_active=min_active, bound_counts2=_bound(bound), level=level, draws=draws,
+        per_taxel=per_taxel,
+    )  # fmt: skip
     inputs = [dataset] if effects is None else [dataset, effects]
     refuse_existing(out, *inputs, force=force, marker="calibration.toml")
     data = read_dataset(dataset)
@@ -196,16 +193,11 @@ def fit(
 
         write_calibration(outcome.calibration, out, force=force, beside=write_extras)
         reporter("report", 1, 1)
-    if as_json:
-        print_json(_as_json(outcome.calibration, out))
-        return
-    about = why_dropped(outcome.result.problem)
     if outcome.resumed:
-        turns = (
-            "1 turn of the grid was" if outcome.resumed == 1 else f"{outcome.resumed} turns of the grid were"
-        )
-        about += f"\n{turns} taken from an interrupted run."
-    _tell(outcome.calibration, f"{len(outcome.result.problem)} presses", about, out, report)
+        turns = "1 turn" if outcome.resumed == 1 else f"{outcome.resumed} turns"
+        say(f"{turns} of the grid taken from an interrupted run")
+    about = in_unit(why_dropped(outcome.result.problem), data.meta.sensor.unit)
+    _told(outcome.calibration, f"{len(outcome.result.problem)} presses", about, out, report, as_json)
 
 
 def _no_effects_here(effects: Path, dataset: Path) -> InputError:
@@ -240,11 +232,8 @@ def _fit_uniform(
             write_uniform_report(outcome, data, folder)
 
     write_calibration(outcome.calibration, out, force=force, beside=write_extras)
-    if as_json:
-        print_json(_as_json(outcome.calibration, out))
-        return
     presses = outcome.calibration.loss.presses_used
-    _tell(outcome.calibration, f"{presses} presses of uniform pressure", "", out, report)
+    _told(outcome.calibration, f"{presses} presses of uniform pressure", "", out, report, as_json)
 
 
 def _with_effects(folder: Path, data: Dataset) -> Calibration:
@@ -265,10 +254,7 @@ def _steps(
     way: Way, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
 ) -> GridSteps:
     """Return the given grid steps, else those of the method."""
-    from skincal.fitting.fit_options import GENERAL_STEPS, LOCAL_STEPS, GridSteps
-    from skincal.units import rad
-
-    default = {"fast": GridSteps(), "general": LOCAL_STEPS, "nlopt": GENERAL_STEPS}[way.method]
+    default = STEPS[way.method]
     return GridSteps(
         default.across_m if arc_mm is None else arc_mm * 1e-3,
         default.y_m if y_mm is None else y_mm * 1e-3,
@@ -277,29 +263,8 @@ def _steps(
     )
 
 
-def _options(
-    active_counts: float | None,
-    min_active: int,
-    bound: str,
-    level: float,
-    draws: int,
-    per_taxel: bool,
-) -> FitOptions:
-    from skincal.fitting.fit_options import FitOptions
-
-    return FitOptions(
-        active_counts=active_counts,
-        min_active=min_active,
-        bound_counts2=_bound(bound),
-        level=level,
-        draws=draws,
-        per_taxel=per_taxel,
-    )
-
-
 def _bound(text: str) -> float | None:
     from skincal.errors import InputError, Problem
-    from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 
     if text == "noise":
         return None
@@ -367,12 +332,16 @@ def _draws(calibration: Calibration) -> dict[str, int] | None:
     return {"kept": kept, "effective": min(kept, round(effective))}
 
 
-def _tell(calibration: Calibration, presses: str, about: str, out: Path, report: bool) -> None:
+def _told(calibration: Calibration, presses: str, about: str, out: Path, report: bool, as_json: bool) -> None:
+    """Print a calibration as JSON, or as a table."""
+    if as_json:
+        print_json(_as_json(calibration, out))
+        return
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
-    table = Table(title=f"{presses}, rmse {calibration.loss.mse_counts2**0.5:.2f} counts per taxel")
+    console, rmse = Console(), calibration.loss.mse_counts2**0.5
+    table = Table(title=f"{presses}, rmse {rmse:.3g} {calibration.sensor.unit_label} per taxel")
     for column in ("parameter", "best", "low", "high"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     best = calibration.model.best()

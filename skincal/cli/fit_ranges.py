@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from skincal.dataset import Dataset
+    from skincal.dataset import Dataset, SurfaceSpec
     from skincal.fitting.fit_options import SearchBox
 
 Pair = tuple[float, float]
@@ -37,7 +37,7 @@ def searched(
     return search_box(
         data,
         y_m=_metres("--y-range-mm", y_mm, mount.y_range_m),
-        across=_across(data.meta.surface.kind, x_m, beta_deg),
+        across=_across(data.meta.surface, x_m, beta_deg),
         alpha_deg=alpha_deg,
         elasticity_pa_per_m=_elasticity(elasticity_mpa_per_m),
     )
@@ -63,16 +63,17 @@ def _in_metres(given: Pair, mount_m: Pair) -> bool:
     return overlaps and abs(given[1] - given[0]) < NARROW * 1e3 * (mount_m[1] - mount_m[0])
 
 
-def _across(kind: str, x_m: Pair | None, beta_deg: Pair | None) -> Pair | None:
+def _across(surface: SurfaceSpec, x_m: Pair | None, beta_deg: Pair | None) -> Pair | None:
     """Return the range across the finger: of x [m] on a plane, else of beta [°]."""
     from skincal.errors import InputError, Problem
 
-    wrong, right = (
-        ("--beta-range-deg", "--x-range-mm") if kind == "plane" else ("--x-range-mm", "--beta-range-deg")
-    )
-    if (beta_deg if kind == "plane" else x_m) is not None:
-        raise InputError([Problem(wrong, f"no such range on a {kind}", "one", f"Give {right} instead.")])
-    return x_m if kind == "plane" else beta_deg
+    own, other = (x_m, beta_deg) if surface.is_plane else (beta_deg, x_m)
+    if other is not None:
+        right, wrong = ("--x-range-mm", "--beta-range-deg")[:: 1 if surface.is_plane else -1]
+        raise InputError(
+            [Problem(wrong, f"no such range on a {surface.kind}", "one", f"Give {right} instead.")]
+        )
+    return own
 
 
 def _elasticity(range_mpa_per_m: Pair | None) -> Pair | None:

@@ -24,13 +24,15 @@ app = typer.Typer(
     epilog=example("skincal hand list"),
 )
 
+RigOption = Annotated[
+    str, typer.Option("--driver", help="Driver of the hand: a name of `skincal hand list`, or module:Class.")
+]
 DriverOptionsOption = Annotated[
     list[str] | None,
     typer.Option(
         "--driver-option",
         metavar="KEY=VALUE",
         help="An option of the driver; may be repeated. `skincal hand list` shows them.",
-        show_default=False,
     ),
 ]
 
@@ -100,9 +102,7 @@ def show(
     ),
 )
 def test(
-    driver: Annotated[
-        str, typer.Argument(metavar="DRIVER", help="A driver's name, or module:Class.", show_default=False)
-    ],
+    driver: Annotated[str, typer.Argument(metavar="DRIVER", help="A driver's name, or module:Class.")],
     driver_option: DriverOptionsOption = None,
     step_deg: Annotated[
         float, typer.Option("--step-deg", min=0.1, max=5.0, help="Largest motion of a joint [°].")
@@ -119,6 +119,7 @@ def test(
     import math
 
     from skincal.hand.contract import ContractOptions, run_contract
+    from skincal.hand.guard_options import GuardOptions
     from skincal.hand.registry import create_driver, create_rig, parse_options
     from skincal.hand.stage import StageDriver
     from skincal.hand.stage_checks import run_stage_checks
@@ -138,7 +139,8 @@ def test(
             return made
 
         with moving():
-            report = run_stage_checks(driver, another, move=move, told=report_check)
+            guard = GuardOptions(beyond_limits=beyond_limits)
+            report = run_stage_checks(driver, another, move=move, guard=guard, told=report_check)
     else:
         check_limits(first.description, beyond=beyond_limits)
         tried = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
@@ -159,7 +161,7 @@ def test(
     short_help="Make the key pairs of a remote hand.", epilog=example("skincal hand keys --out keys")
 )
 def keys(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the keys.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the keys.")],
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:

@@ -56,7 +56,7 @@ def _topics(bag: Path | None) -> None:
 
 def _files(metavar: str, what: str) -> typer.models.ArgumentInfo:
     help_ = f"{what}, in the order of the session [default: those that the mapping lists]."
-    return typer.Argument(metavar=metavar, help=help_, show_default=False)
+    return typer.Argument(metavar=metavar, help=help_)
 
 
 def _template(kind: str) -> typer.models.OptionInfo:
@@ -66,7 +66,7 @@ def _template(kind: str) -> typer.models.OptionInfo:
 
 MappingArgument = Annotated[
     Path,
-    typer.Argument(metavar="MAPPING", help="Meaning of the source's columns (TOML).", show_default=False),
+    typer.Argument(metavar="MAPPING", help="Meaning of the source's columns (TOML)."),
 ]
 TopicsOption = Annotated[
     Path | None,
@@ -76,7 +76,6 @@ TopicsOption = Annotated[
         callback=_topics,
         metavar="BAG",
         help="Print the topics of a bag with their types, and exit.",
-        show_default=False,
     ),
 ]
 
@@ -109,7 +108,7 @@ def import_csv(
     epilog=example("skincal import template eflesh > mapping.toml"),
 )
 def import_template(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="csv, rosbag or eflesh.", show_default=False)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="csv, rosbag or eflesh.")],
 ) -> None:
     """Print a commented mapping file: a general one, or that of a public data set."""
     from skincal.imports import template

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import io
 import logging
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -16,7 +19,7 @@ from skincal import compiling
 from skincal.cli import verbs
 from skincal.cli.common import example, json_alone, say
 from skincal.cli.interrupt import interruptible
-from skincal.errors import SkincalError
+from skincal.errors import InputError, Problem, SkincalError
 from skincal.version import __version__
 
 app = typer.Typer(
@@ -48,6 +51,16 @@ def _root(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
     """Accept the options that stand before the verb."""
+    _refuse_settings_here()
+
+
+def _refuse_settings_here() -> None:
+    """Refuse to run where numba's settings lie: they say where it loads compiled code from, and may come with data."""
+    file = Path(".numba_config.yaml")
+    if file.exists():
+        fix = "Remove it, or run from another folder."
+        got = f"{file}, from which numba takes where compiled code is loaded from"
+        raise InputError([Problem(str(Path.cwd()), "a working folder without settings of numba", got, fix)])
 
 
 verbs.register(app)
@@ -55,6 +68,7 @@ verbs.register(app)
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
+    to_its_end = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if "OMP_NUM_THREADS" not in os.environ:
         # Multi-threaded linear algebra rounds differently from the single thread of worker processes, so that results
@@ -98,7 +112,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except MemoryError:
         say("skincal: error: out of memory; use a coarser grid or fewer presses")
         status = 1
-    except Exception as error:
+    except SystemExit:
+        raise
+    except BaseException as error:  # CancelledError and others of a driver's library are no Exception
         if debug:
             raise
         say(
@@ -106,7 +122,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "This is a bug in skincal, not your mistake. Run again with --debug to see where, and report it."
         )
         status = 1
+    if to_its_end and "--json" in arguments:
+        atexit.register(_hush)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _hush() -> None:
+    """Keep what a driver or a library prints at the end of the process from standard output."""
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+        os.dup2(2, 1)
 
 
 class _Said(logging.Handler):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import (
+    CalibrationArgument,
     DatasetArgument,
     ForceOption,
     JsonOption,
@@ -31,7 +32,7 @@ EPILOG = example(
 
 
 def predict(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.", show_default=False)],
+    cal: CalibrationArgument,
     dataset: DatasetArgument,
     out: OutOption,
     slack: Annotated[
@@ -102,15 +103,16 @@ def _as_json(out: Path, prediction: Prediction) -> dict[str, Any]:
 
 def _summary_text(out: Path, prediction: Prediction) -> str:
     data, rmse = prediction.dataset, prediction.presses
+    unit = data.meta.sensor.unit_label
     lines = [
-        f"{len(data.presses)} presses predicted: measured images differ by {rmse.rmse_with_rest_counts:.2f} counts rms "
-        f"per taxel ({rmse.rmse_counts:.2f} without the level at rest)"
+        f"{len(data.presses)} presses predicted: measured images differ by {rmse.rmse_with_rest_counts:.3g} {unit} rms "
+        f"per taxel ({rmse.rmse_counts:.3g} without the level at rest)"
     ]
     if data.frames is not None and prediction.frames is not None:
         of_frames = prediction.frames
         lines.append(
-            f"{len(data.frames)} frames predicted: those with contact differ by {of_frames.rmse_with_rest_counts:.2f} "
-            f"({of_frames.rmse_counts:.2f})"
+            f"{len(data.frames)} frames predicted: those with contact differ by {of_frames.rmse_with_rest_counts:.3g} "
+            f"({of_frames.rmse_counts:.3g})"
         )
     if prediction.slack_rms_m is not None:
         lines.append(f"presses moved by {1e3 * prediction.slack_rms_m:.2f} mm rms along each direction")

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json, warn
+from skincal.cli.common import (
+    CalibrationArgument,
+    ForceOption,
+    JsonOption,
+    SeedOption,
+    example,
+    print_json,
+    warn,
+)
 from skincal.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -23,10 +31,10 @@ CALIBRATION_MARK = "calibration.toml"
 
 
 def rescale(
-    cal: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration of the hand.", show_default=False)],
+    cal: CalibrationArgument,
     rolled: Annotated[
         Path,
-        typer.Argument(metavar="ROLLED", help="Output of `skincal deploy` on it now.", show_default=False),
+        typer.Argument(metavar="ROLLED", help="Output of `skincal deploy` on it now."),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the calibration with the factor in its scale.")
@@ -65,19 +73,58 @@ def rescale(
 
 def _told(rolled: Path) -> dict[str, Any]:
     """What the run was: the file that `deploy` leaves beside the session."""
-    import json
-
-    from skincal.bounded import read_text
+    from skincal.bounded import parse_json, read_text
     from skincal.cli.deploy import MARKER
     from skincal.files import reason
 
     try:
-        told = json.loads(read_text(rolled / MARKER))
+        told = parse_json(read_text(rolled / MARKER, within=rolled))
+        _check_told(told)
         return {name: told[name] for name in ("task", "policy", "steps", "rest_counts", "asked")}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{type(error).__name__} {error}"
         expected = "the output of `skincal deploy` of this version or a later one"
         raise InputError([Problem(str(rolled / MARKER), expected, got)]) from error
+
+
+_ASKED = {
+    "frequency_hz": (0.05, 1.0),
+    "duration_s": (0.5, 3600.0),
+    "speed_rad_per_s": (0.0, 10.0),
+    "orientation_deg": (-180.0, 180.0),
+}
+"""Bounds on the numbers that `deploy` was given."""
+
+
+def _check_told(told: Any) -> None:
+    """Check that a run is one that `deploy` can have made.
+
+    Raises:
+        OSError: its trajectory is a file outside the working folder.
+        LookupError, TypeError, ValueError: it is none.
+    """
+    import numpy as np
+
+    from skincal.cli.deploy import Task
+    from skincal.files import check_input
+
+    asked = told["asked"]
+    Task(told["task"])
+    beyond = [
+        name
+        for name, (low, high) in _ASKED.items()
+        if asked[name] is not None and not low <= asked[name] <= high
+    ]
+    texts = [told["policy"], asked["trajectory"], asked["write"] or ""]
+    rest_counts = np.array(told["rest_counts"], dtype=np.float64)
+    if beyond or not 0 < told["steps"] < 1e5:
+        raise ValueError(f"{', '.join(beyond) or 'steps'} beyond all bounds")
+    if not all(isinstance(text, str) and len(text) < 1000 for text in texts):
+        raise TypeError("policy, trajectory or write that is no name")
+    if rest_counts.ndim != 1 or not np.isfinite(rest_counts).all():
+        raise ValueError("rest_counts that are no image")
+    if asked["trajectory"] not in ("circle", "still"):
+        check_input(asked["trajectory"], within=Path.cwd())
 
 
 def _rolled(rolled: Path, told: dict[str, Any]) -> Feel:
@@ -92,6 +139,9 @@ def _rolled(rolled: Path, told: dict[str, Any]) -> Feel:
         raise InputError([Problem(str(rolled / SESSION), "frames of the run", "none")])
     acting = np.asarray(frames.phase) == HOLD
     images = np.asarray(frames.counts, dtype=np.float64)[acting]
+    if images.shape[1] != len(told["rest_counts"]):
+        got = str(len(told["rest_counts"]))
+        raise InputError([Problem(str(rolled), f"rest_counts of {images.shape[1]} taxels", got)])
     return feel(images - np.array(told["rest_counts"]), np.asarray(frames.force_n)[acting])
 
 

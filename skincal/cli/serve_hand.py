@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from skincal.cli.common import JsonOption, example, print_json, say
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, find_modules_here
+from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
 
 if TYPE_CHECKING:
     from skincal.hand.serve import HandServer
@@ -22,9 +22,7 @@ EPILOG = example(
 
 
 def serve_hand(
-    driver: Annotated[
-        str, typer.Option("--driver", help="A driver's name, or module:Class.", show_default=False)
-    ],
+    driver: RigOption,
     driver_option: DriverOptionsOption = None,
     bind: Annotated[
         str, typer.Option("--bind", help="Address to listen at; port * takes any free port.")
@@ -32,9 +30,7 @@ def serve_hand(
     keys: Annotated[
         Path | None,
         typer.Option(
-            "--keys",
-            help="Folder hand/ of `skincal hand keys`; any address but loopback needs it.",
-            show_default=False,
+            "--keys", help="Folder hand/ of `skincal hand keys`; any address but loopback needs it."
         ),
     ] = None,
     watchdog_s: Annotated[
@@ -51,7 +47,7 @@ def serve_hand(
         typer.Option("--force-check/--no-force-check", help="Limit the contact force on this side, too."),
     ] = True,
     sessions: Annotated[
-        int | None, typer.Option("--sessions", min=1, help="End after this many clients.", show_default=False)
+        int | None, typer.Option("--sessions", min=1, help="End after this many clients.")
     ] = None,
     beyond_limits: BeyondLimitsOption = False,
     as_json: JsonOption = False,

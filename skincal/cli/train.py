@@ -39,6 +39,13 @@ class Kind(StrEnum):
     desired = "desired"
 
 
+class Engine(StrEnum):
+    """The physics engines."""
+
+    pybullet = "pybullet"
+    mujoco = "mujoco"
+
+
 class Backend(StrEnum):
     """The training backends."""
 
@@ -49,8 +56,12 @@ class Backend(StrEnum):
 EPILOG = example(
     "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
     "skincal train marble --out run --resume",
+    "skincal train marble --from marble-tactile-1 --ranges ranges.toml --steps 50000 --out tuned",
     "skincal train estimator --ranges ranges.toml --out estimator.npz",
 )
+
+LATE_ENTROPY = 4e-4
+"""Entropy coefficient of a run that goes on from a policy: with about this the published runs end."""
 
 STEPS = {Task.marble: 800_000, Task.bolt: 600_000}
 
@@ -103,6 +114,18 @@ def train(
         bool,
         typer.Option("--processes", help="Run each environment in its own process; for many cores."),
     ] = False,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="POLICY",
+            help="Continue learning from this policy (a file, or the name of a bundled one).",
+            show_default="random networks",
+        ),
+    ] = None,
+    engine: Annotated[
+        Engine | None, typer.Option("--engine", help="Physics to learn in.", show_default="pybullet")
+    ] = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -118,6 +141,8 @@ def train(
     `curve.png`), the last checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation
     and a description, and no code.
 
+    With `--from`, the critics alone learn for the first 6000 steps, then the policy too; its normalisation goes on.
+
     An estimator tells the marble's place from one tactile image; it is learned in about a minute and needs no torch.
     """
     if learned is Learned.estimator:
@@ -125,13 +150,17 @@ def train(
 
         flags = {"--policy": policy, "--steps": steps, "--backend": backend, "--envs": envs}
         flags |= {"--processes": processes or None, "--resume": resume or None}
+        flags |= {"--from": start, "--engine": engine}
         others = {name: value for name, value in flags.items() if value is not None}
         train_estimator(out, others, ranges, seed, as_json=as_json, force=force)
         return
     task = Task(learned.value)
     given = {"policy": policy, "ranges": ranges, "seed": seed, "backend": backend, "envs": envs}
+    given |= {"from": start, "engine": engine}
     stated = {f"--{name}": value for name, value in given.items() if value is not None}
-    from skincal.train import Settings, begin, read_run
+    from dataclasses import replace
+
+    from skincal.train import Settings, begin, policy_path, read_policy, read_run
     from skincal.train.training_run import CHECKPOINT
 
     if resume:
@@ -142,10 +171,17 @@ def train(
         if not work.environment:
             say(f"{out}: an older run without the environment's numbers; it continues with today's")
     else:
+        first = None if start is None else read_policy(policy_path(start))
         settings = Settings(environments=envs or Settings.environments)
+        if first is not None:
+            settings = replace(settings, entropy_coefficient=LATE_ENTROPY)
         work = _work(task, policy, seed, steps or STEPS[task], backend, settings)
+        if engine is not None:
+            work = replace(work, environment={"engine": engine.value})
         used = _ranges(task, ranges)
-        begin(work, used, out, *([] if ranges is None else [ranges]), force=force)
+        inputs = [ranges] if ranges is not None else []
+        inputs += [Path(first.file)] if first is not None else []
+        begin(work, used, out, *inputs, start=first, force=force)
         work, used = read_run(out)
     result = _train(out, work, used, steps or work.steps, processes=processes)
     _draw(result)
@@ -184,10 +220,11 @@ def _same(out: Path, task: Task, stated: dict[str, Any], work: Work, used: Range
 
     was = {"--policy": str(work.policy), "--seed": work.seed, "--backend": str(work.backend)}
     was["--envs"] = work.settings.environments
+    was["--from"], was["--engine"] = work.start, work.environment.get("engine", "pybullet")
     found = [
         Problem(f"{out}, {name}", f"{was[name]}, with which the run began", f"{value}", "Leave it out.")
         for name, value in stated.items()
-        if name in was and was[name] != value
+        if name in was and was[name] != (Path(value).stem if name == "--from" else value)
     ]
     if str(work.task) != task.value:
         found.append(Problem(str(out), f"a run of {task.value}", f"one of {work.task}"))

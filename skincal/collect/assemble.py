@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.journal import Journal
+from skincal.covariates import POSITION
 from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
 from skincal.dataset.count_checks import DEAD_STRETCH, long_stretches
 
 Arrays = dict[str, NDArray[Any]]
 
-POSITION = ("x_m", "y_m", "z_m")
 OWN_OF_PRESSES = ("press", *POSITION, "force_n", "counts")
 OWN_OF_FRAMES = (*OWN_OF_PRESSES, "phase", "time_s")
 OPTIONAL = ("temperature_c", "indenter_radius_m")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,7 @@ def collect(
     """
     options = options or CollectOptions()
     fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
-    same = {"plan": _named(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
+    same = {"plan": plan_digest(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
             "options": digest_of(repr(asdict(options)))}  # fmt: skip
 
     def make(journal: Journal) -> None:
@@ -154,7 +154,7 @@ def keep_session(
     with alone(folder.with_name(f"{folder.name}.lock"), folder, create=True):
         recover(out)
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
-        resumed = len(journal.presses())
+        resumed = _sound_presses(journal, meta)
         _begun_or_gone(journal, make)
         dataset = dataset_of(journal, meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
@@ -168,6 +168,29 @@ def keep_session(
     return Collected(dataset, resumed, session_s, cuts, problems, rest_shifts(dataset))
 
 
+def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:
+    """Return the number of finished presses, before the rig is connected to make the others.
+
+    Raises:
+        InputError: they make no dataset of this rig: files have been changed.
+    """
+    numbers = list(journal.presses())
+    if not numbers:
+        return 0
+    try:
+        data = dataset_of(journal, meta, "", datetime.fromisoformat(journal.head["created"]))
+        tables = (data.presses, data.frames)
+        taxels = {table.counts.shape[1:] for table in tables if table is not None}
+        good = taxels == {(meta.sensor.taxels,)} and sorted(numbers) == sorted(data.presses.press.tolist())
+    except (ArithmeticError, LookupError, TypeError, ValueError):
+        good = False
+    if not good:
+        fix = "Add --restart to start over; it removes the folder."
+        expected, got = "finished presses as they were stored", "files that have been changed"
+        raise InputError([Problem(str(journal.folder), expected, got, fix)])
+    return len(numbers)
+
+
 def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
     """Make the missing presses; remove the journal of a session that never reached its rig."""
     try:
@@ -178,7 +201,8 @@ def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
         raise
 
 
-def _named(plan: Plan) -> str:
+def plan_digest(plan: Plan) -> str:
+    """Return the name, length and digest of a plan, by which a session recognises it."""
     return f"{plan.name}, {len(plan)} presses ({digest_of(plan_as_toml(plan))})"
 
 
@@ -186,7 +210,7 @@ def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOp
     """Return the plan with the angles of its poses, which are searched once and stored."""
     path = journal.folder / PLAN
     if path.is_file():
-        return read_plan(path, fingers.mount)
+        return with_poses(replace(plan, poses=read_plan(path, fingers.mount).poses), fingers, options)
     plan = with_poses(plan, fingers, options)
     journal.keep_text(PLAN, plan_as_toml(plan))
     return plan

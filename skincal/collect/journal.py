@@ -216,14 +216,14 @@ def _remove(folder: Path) -> None:
     Raises:
         InputError: it holds what no session wrote.
     """
-    strangers = (
-        [path.name for path in folder.iterdir() if not _OURS.fullmatch(path.name)] if folder.is_dir() else []
-    )
-    if strangers:
-        got = f"also {', '.join(sorted(strangers)[:3])}"
-        fix = "Move that elsewhere, or choose another name: only what skincal wrote is removed."
-        raise InputError([Problem(str(folder), "a folder of an interrupted session alone", got, fix)])
-    away = folder.with_name(f"{folder.name}.old")
+    away = folder.with_name(f"{folder.name}.old")  # there after a kill
+    for place in (folder, away):
+        names = [path.name for path in place.iterdir()] if place.is_dir() else []
+        strangers = [name for name in names if not _OURS.fullmatch(name)]
+        if strangers:
+            got = f"also {', '.join(sorted(strangers)[:3])}"
+            fix = "Move that elsewhere, or choose another name: only what skincal wrote is removed."
+            raise InputError([Problem(str(place), "a folder of an interrupted session alone", got, fix)])
     shutil.rmtree(away, ignore_errors=True)
     if folder.is_dir():
         folder.replace(away)

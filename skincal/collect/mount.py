@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.dataset import DatasetMeta
-from skincal.dataset.model_objects import layout_of, surface_of
+from skincal.dataset.model_objects import layout_of, pose_of, surface_of
 from skincal.dataset.placement import patch_coordinates
 from skincal.model import Plane, SensorPose, Surface, TaxelLayout
-from skincal.units import rad
 
 FloatArray = NDArray[np.float64]
 
@@ -37,11 +36,7 @@ class Mount:
     @classmethod
     def of(cls, meta: DatasetMeta) -> Self:
         """Return the mount of a hand from its datasets' metadata; the layout must be a grid."""
-        mount = meta.mount
-        pose = SensorPose(
-            mount.y_m, rad(mount.alpha_deg), beta_rad=rad(mount.beta_deg or 0.0), x_m=mount.x_m or 0.0
-        )
-        return cls(surface_of(meta.surface, {}), pose, layout_of(meta.sensor, None))
+        return cls(surface_of(meta.surface, {}), pose_of(meta.mount), layout_of(meta.sensor, None))
 
     @property
     def reach_m(self) -> float:

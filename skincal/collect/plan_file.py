@@ -15,7 +15,7 @@ from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.protocols import FullProtocol
 from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean
-from skincal.dataset.toml_table import KEPT, TomlTable
+from skincal.dataset.toml_table import KEPT, TomlTable, is_number
 from skincal.errors import InputError, Problem
 from skincal.files import reason, whole_file
 from skincal.units import rad
@@ -153,7 +153,7 @@ def _poses(top: TomlTable) -> Poses:
         return {}
     poses: Poses = {}
     for name, angles in cast("dict[str, Any]", given).items():
-        if isinstance(angles, list) and all(_is_number(angle) for angle in cast("list[Any]", angles)):
+        if isinstance(angles, list) and all(is_number(angle) for angle in cast("list[Any]", angles)):
             poses[name] = cast("list[float]", angles)
         else:
             got = str(cast("object", angles))
@@ -278,7 +278,3 @@ def _check_poses(findings: Findings, file: str, poses: Poses, presses: Sequence[
         findings.error(f"{file}, poses.{name}", "a pose of some press", f"none of {', '.join(sorted(used))}")
     if poses and (missing := sorted(used - set(poses))):
         findings.error(f"{file}, [poses]", "angles for every pose, or none", f"none for {', '.join(missing)}")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.collection import Collected, keep_session
+from skincal.collect.collection import Collected, keep_session, plan_digest
 from skincal.collect.journal import Journal, digest_of
 from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan, PlannedPress
-from skincal.collect.plan_file import plan_as_toml
+from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import missed_target
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, WorkError
 from skincal.hand import GuardOptions
 from skincal.hand.stage import StageDescription, StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
-from skincal.model import Plane
 
 FloatArray = NDArray[np.float64]
 StageWatch = Callable[[int, int], None]
@@ -32,6 +31,10 @@ GAIN = 0.25
 
 SOFTEST_N_PER_M = 2e3
 """Smallest stiffness assumed for a skin at first contact [N/m]."""
+
+BLIND_M, BLIND_S = 0.5e-3, 0.05
+"""Largest way into the skin without any growth of the force, for a skin as soft as can be and a slow load cell: the
+way itself, and the time at the press's speed [m, s]."""
 
 GAP_S = 1.0
 """Gap between the sessions before and after an interruption [s]."""
@@ -45,7 +48,7 @@ def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
     """
     mount = Mount.of(rig.meta)
     problems: list[Problem] = []
-    if not isinstance(mount.surface, Plane):
+    if not rig.meta.surface.is_plane:
         expected = "a plane: a stage presses along z, and the normals of a curved surface differ from that"
         problems.append(Problem(f"stage {rig.name}, [surface] kind", expected, rig.meta.surface.kind))
     points, _ = mount.place(plan.sites_m())
@@ -105,7 +108,8 @@ def collect_stage(
     options = options or CollectOptions()
     driver = make_driver()
     rig = driver.description
-    same = {"plan": f"{plan.name}, {len(plan)} presses ({digest_of(plan_as_toml(plan))})", "stage": rig.name,
+    _check_height(rig, options.clearance_m)
+    same = {"plan": plan_digest(plan), "stage": rig.name,
             **(key or {}), "options": digest_of(repr(asdict(options)))}  # fmt: skip
 
     def make(journal: Journal) -> None:
@@ -114,12 +118,12 @@ def collect_stage(
     return keep_session(out, same, rig.meta, source, make, inputs=inputs, force=force, restart=restart)
 
 
-@dataclass
-class _Times:
-    start_s: float = float("nan")
-    hold_s: float = float("nan")
-    release_s: float = float("nan")
-    end_s: float = float("nan")
+def _check_height(rig: StageDescription, clearance_m: float) -> None:
+    """Refuse a stage that cannot lift its tip off the skin, or not reach the skin."""
+    low, high = float(rig.lower_m[2]), float(rig.upper_m[2])
+    if not low < 0 < clearance_m <= high:
+        expected = f"travel along z from below the skin (z = 0) to {clearance_m:g} m above it"
+        raise InputError([Problem(f"stage {rig.name}", expected, f"{low:g} m to {high:g} m")])
 
 
 class _Session:
@@ -190,7 +194,7 @@ class _Session:
         begin = len(self._samples)
         self._wait(max(options.still_s, 5 * dt))
         tare = float(np.mean([state.force_n for state, _ in self._samples[begin:]]))
-        times, found = _Times(), float("nan")
+        times, found = Moments(), float("nan")
         slow = min(options.approach_m_per_s, 0.9 * self._stage.description.max_speed_m_per_s) * dt
         lowest = max(-options.search_m, float(self._stage.description.lower_m[2]))
         felt = 0
@@ -226,9 +230,17 @@ class _Session:
         """Move the tip until the force is right; during loading it stops there, during the hold it stays regulated."""
         dt, lowest = self._stage.period_s, self._stage.description.lower_m[2]
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
-        right = 0
+        right, blind_m = 0, BLIND_M + BLIND_S * planned.speed_m_per_s
+        most_n, there_m = -np.inf, found_m
         for _ in range(max(1, round(seconds / dt))):
-            force = self._now.force_n - tare
+            force, place_m = self._now.force_n - tare, float(self._now.position_m[2])
+            if force > most_n + self._options.contact_n / 2:
+                most_n, there_m = force, place_m
+            if phase == LOAD and there_m - place_m > blind_m:
+                raise WorkError(
+                    f"load cell: expected a force that grows on a way of {1e3 * (there_m - place_m):.3g} mm into the "
+                    f"skin; it stayed at {force:.3g} N. Is the load cell connected?"
+                )
             # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
             depth = max(found_m - float(self._tip[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)
@@ -267,7 +279,7 @@ class _Session:
         self._journal.keep_rest({f"frames.{name}": column for name, column in frames.items()})
 
     def _keep(
-        self, number: int, planned: PlannedPress, point: FloatArray, tare: float, times: _Times
+        self, number: int, planned: PlannedPress, point: FloatArray, tare: float, times: Moments
     ) -> None:
         held = [
             state

@@ -9,42 +9,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.covariates import ANY, COLUMNS, NOT_NEGATIVE, POSITIVE, TEXT, WHOLE
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.table_file import RawTable
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-POSITION = ("x_m", "y_m", "z_m")
-NORMAL = ("nx", "ny", "nz")
-TARGET = ("target_x_m", "target_y_m", "target_z_m")
 TAXEL = re.compile(r"taxel_(\d+)_(\d+)")
 JOINT = re.compile(r"(q|tau)_(\d+)")
 
-TEXT = "text"
-ANY = "a number"
-NOT_NEGATIVE = "a number, 0 or more"
-POSITIVE = "a number above 0"
-WHOLE = "a whole number, 0 or more"
-
-OPTIONAL = {
-    "pose": TEXT,
-    "branch": TEXT,
-    "cycle": WHOLE,
-    "speed_m_per_s": NOT_NEGATIVE,
-    "indenter_radius_m": POSITIVE,
-    "shear_u_n": ANY,
-    "shear_v_n": ANY,
-    "temperature_c": ANY,
-    "target_force_n": ANY,
-    **dict.fromkeys((*NORMAL, *TARGET), ANY),
-}
+OPTIONAL = {name: column.cells for name, column in COLUMNS.items()}
 """Optional columns of presses and frames, with the kind of their cells."""
 
-TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
-"""Optional columns of presses only, in the order of time."""
-
 GIVE_OR_DROP = "Give the number, or leave the row out."
+NO_FORCE = (
+    "Without the force of each press, images tell where the sensor is, but of E and S only their product, and so "
+    "nothing to calibrate with. Measure it (a gauge, a load cell, a scale below the sensor), or press with known "
+    "weights and write those. A depth is no replacement: which force it takes is what E says."
+)
+"""Advice where the force of no press is known."""
 CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
 
 MOST_HINTS = 100
@@ -104,12 +88,22 @@ class ColumnReader:
         """Return a column as numbers, shape (rows,), with NaN for empty cells; report cells that are not numbers."""
         return self._numbers(name)[0]
 
-    def checked(self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True) -> FloatArray:
-        """Return a column as numbers of a kind; NaN (not measured) is permitted only where ``may_be_nan`` holds."""
+    def checked(
+        self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True, if_empty: str = ""
+    ) -> FloatArray:
+        """Return a column as numbers of a kind; NaN (not measured) is permitted only where ``may_be_nan`` holds.
+
+        Args:
+            name: its name.
+            kind: what its numbers have to be.
+            may_be_nan: cells that may be empty.
+            if_empty: advice if no cell holds a number.
+        """
         values, text = self._numbers(name)
         if self.has(name):
             bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text
             fix = CORRECT_OR_EMPTY if may_be_nan is True else GIVE_OR_DROP
+            fix = if_empty if if_empty and np.isnan(values).all() and not text.any() else fix
             self.sheet.bad_rows(name, bad, values, kind, fix)
             values = np.where(bad, np.nan, values) if bad.any() else values
         return values
@@ -236,6 +230,8 @@ def _number(cell: object) -> float | None:
 def _how_to_add(missing: Sequence[str]) -> str:
     if all(TAXEL.fullmatch(name) for name in missing):
         return "Add them, NaN throughout for a dead taxel, or correct [sensor] rows and cols in dataset.toml."
+    if "force_n" in missing:
+        return f"`skincal import` makes a dataset of a table with other names and units. {NO_FORCE}"
     return "Add what is missing; `skincal import` makes a dataset of a table with other names and units."
 
 

@@ -53,7 +53,7 @@ def read_meshes(
 
 
 def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: Findings) -> bytes | None:
-    if spec.kind != "mesh" or not spec.file:
+    if not spec.file:
         return None
     path = folder / spec.file
     if Path(spec.file).name != spec.file or not path.exists():

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
+from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, pose_of, surface_of
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses, TaxelPositions
 from skincal.errors import Problem
 from skincal.shown import Shown
-from skincal.units import rad
 
 if TYPE_CHECKING:
     from skincal.model import Converter, Indenter, SensorPose, Surface, TaxelLayout
@@ -68,26 +67,26 @@ class Dataset(Shown):
         """
         return indenter_of(self.meta.indenter, self.meshes, radius_m)
 
+    def indenters(self) -> tuple[tuple[Indenter, ...], NDArray[np.intp]]:
+        """Return the different indenters of the presses, and the number of each press's (K,)."""
+        radii = np.round(self.indenter_radii_m(), 7)
+        if np.isnan(radii).all():
+            return (self.indenter(),), np.zeros(len(radii), dtype=np.intp)
+        different, kinds = np.unique(radii, return_inverse=True)
+        return tuple(self.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
+
     def indenter_radii_m(self) -> NDArray[np.float64]:
         """Return the radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
         own = self.presses.column("indenter_radius_m")
         default = self.meta.indenter.radius_m
         radii = np.full(len(self.presses), np.nan if default is None else default)
-        if own is None or self.meta.indenter.kind == "mesh":
+        if own is None or default is None:
             return radii
         return np.where(np.isnan(own), radii, own)
 
     def nominal_pose(self) -> SensorPose:
         """Return the pose that ``[mount]`` takes as nominal."""
-        from skincal.model import SensorPose
-
-        mount = self.meta.mount
-        return SensorPose(
-            y_m=mount.y_m,
-            alpha_rad=rad(mount.alpha_deg),
-            beta_rad=rad(mount.beta_deg or 0.0),
-            x_m=mount.x_m or 0.0,
-        )
+        return pose_of(self.meta.mount)
 
     def converter(self) -> Converter:
         """Return the converter of ``[sensor]``."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.dataset.columns import ANY, OPTIONAL, POSITION, ColumnReader
+from skincal.covariates import ANY, POSITION
+from skincal.dataset.columns import OPTIONAL, ColumnReader
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable

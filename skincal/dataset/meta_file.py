@@ -54,7 +54,7 @@ def _meta(values: Mapping[str, Any], findings: Findings) -> DatasetMeta:
     top = TomlTable(findings, FILE, "", values, TOP_KEYS)
     check_format(top, FORMAT)
     return replace(
-        meta_from(top, tables_of(top, findings, FILE)),
+        meta_from(top, tables_of(top)),
         created=_created(top, findings),
         source=top.text("source", "a text", default=""),
         assumed=_assumed(top),

@@ -10,6 +10,7 @@ from typing import Any
 
 from skincal.bounded import MOST_TAXELS, UnreadableError, parse_toml, read_text
 from skincal.dataset.findings import Findings
+from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
 from skincal.dataset.spec import (
     ClockSpec,
     DatasetMeta,
@@ -61,9 +62,9 @@ def load_toml(
     return None
 
 
-def tables_of(top: TomlTable, findings: Findings, file: str) -> dict[str, TomlTable]:
+def tables_of(top: TomlTable) -> dict[str, TomlTable]:
     """Return all shared tables of a file; add an error for each required one that is missing."""
-    return {name: table_of(top, findings, file, name, optional=name in OPTIONAL_TABLES) for name in TABLES}
+    return {name: table_of(top, name, optional=name in OPTIONAL_TABLES) for name in TABLES}
 
 
 def meta_from(top: TomlTable, tables: Mapping[str, TomlTable]) -> DatasetMeta:
@@ -73,26 +74,16 @@ def meta_from(top: TomlTable, tables: Mapping[str, TomlTable]) -> DatasetMeta:
         sensor=sensor_from(tables["sensor"]),
         surface=surface,
         indenter=indenter_from(tables["indenter"]),
-        mount=mount_from(tables["mount"], surface.kind),
+        mount=mount_from(tables["mount"], surface),
         position=position_from(tables["position"]),
         force=force_from(tables["force"]) if top.has("force") else None,
         clock=clock_from(tables["clock"]) if top.has("clock") else None,
     )
 
 
-def table_of(
-    top: TomlTable, findings: Findings, file: str, name: str, *, optional: bool = False
-) -> TomlTable:
+def table_of(top: TomlTable, name: str, *, optional: bool = False) -> TomlTable:
     """Return one of the shared tables of a file; an empty one, with an error added, if it is missing or not a table."""
-    values = top.raw(name)
-    if values is None and not optional:
-        top.error(f"[{name}]", f"a table [{name}]", "nothing", "Add it, as in data/paper-like.")
-    elif values is not None and not isinstance(values, dict):
-        top.error(name, f"a table [{name}]", values, f"Write [{name}] on its own line.")
-    if isinstance(values, dict):
-        return TomlTable(findings, file, name, values, KNOWN[name])
-    # One error for the missing table is enough: its keys are not reported as missing.
-    return TomlTable(Findings(), file, name, {}, KNOWN[name])
+    return top.inner(name, KNOWN[name], optional=optional, fix="Add it, as in data/paper-like.")
 
 
 def check_format(top: TomlTable, expected: str) -> None:
@@ -173,36 +164,34 @@ def _check_sensor(table: TomlTable, sensor: SensorSpec) -> None:
 
 def surface_from(table: TomlTable) -> SurfaceSpec:
     """Return ``[surface]``."""
-    kind = table.choice("kind", ("cylinder", "plane", "mesh"))
-    radius = (
-        table.length_m("radius_m", "the cylinder's radius [m]", low=1e-4, high=1.0)
-        if kind == "cylinder"
-        else None
-    )
-    if kind == "plane":
-        table.absent("radius_m", "a plane has no radius")
-    return SurfaceSpec(kind, radius, _mesh_file(table, kind), table.extra)
+    return SurfaceSpec(*_shape(table, SURFACES), table.extra)
 
 
 def indenter_from(table: TomlTable) -> IndenterSpec:
     """Return ``[indenter]``."""
-    kind = table.choice("kind", ("sphere", "flat", "mesh"))
-    what = "the sphere's radius [m]" if kind == "sphere" else "the punch's radius [m]"
-    radius = table.length_m("radius_m", what, low=5e-5, high=1.0) if kind in ("sphere", "flat") else None
-    return IndenterSpec(kind, radius, _mesh_file(table, kind), table.extra)
+    return IndenterSpec(*_shape(table, INDENTERS), table.extra)
 
 
-def _mesh_file(table: TomlTable, kind: str) -> str | None:
-    if kind == "mesh":
-        return table.text("file", "the name of the mesh file") or None
-    if kind:
-        table.absent("file", f'kind = "{kind}" has none')
-    return None
+def _shape(table: TomlTable, kinds: Mapping[str, Kind]) -> tuple[str, float | None, str | None]:
+    """Return the kind, and its radius [m] or the name of its mesh file."""
+    name = table.choice("kind", tuple(kinds))
+    if name not in kinds:
+        return "", None, None
+    kind, radius, file = kinds[name], None, None
+    if kind.radius:
+        radius = table.length_m("radius_m", kind.radius, low=kind.least_m, high=1.0)
+    else:
+        table.absent("radius_m", f'kind = "{name}" has none')
+    if kind.mesh:
+        file = table.text("file", "the name of the mesh file") or None
+    else:
+        table.absent("file", f'kind = "{name}" has none')
+    return name, radius, file
 
 
-def mount_from(table: TomlTable, surface: str) -> MountSpec:
-    """Return ``[mount]``; ``surface`` is the kind of the surface, '' if unknown."""
-    plane = surface == "plane"
+def mount_from(table: TomlTable, surface: SurfaceSpec) -> MountSpec:
+    """Return ``[mount]`` of a sensor on a surface."""
+    plane = surface.is_plane
     for key in ("beta_deg", "beta_range_deg") if plane else ("x_m", "x_range_m"):
         table.absent(
             key,
@@ -210,7 +199,7 @@ def mount_from(table: TomlTable, surface: str) -> MountSpec:
         )
     y, y_range = _centre(table, "y")
     x, x_range = _centre(table, "x") if plane else (None, None)
-    beta, beta_range = _angle(table, "beta") if surface and not plane else (None, None)
+    beta, beta_range = _angle(table, "beta") if surface.kind and not plane else (None, None)
     alpha, alpha_range = _angle(table, "alpha")
     return MountSpec(
         y_m=y,

@@ -5,16 +5,18 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
+from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
+from skincal.dataset.spec import IndenterSpec, MountSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.tables import TaxelPositions
+from skincal.units import rad
 
 if TYPE_CHECKING:
-    from skincal.model import Converter, Indenter, Surface, TaxelLayout
+    from skincal.model import Converter, Indenter, SensorPose, Surface, TaxelLayout
 
 
 def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayout:
@@ -33,15 +35,7 @@ def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayo
 
 def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
     """Return the surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
-    from skincal.model import Cylinder, MeshSurface, Plane
-
-    if spec.kind == "mesh":
-        assert spec.file is not None
-        return MeshSurface(*mesh_arrays(meshes[spec.file], spec.file))
-    if spec.kind == "plane":
-        return Plane()
-    assert spec.radius_m is not None
-    return Cylinder(spec.radius_m)
+    return _built(SURFACES[spec.kind], spec.radius_m, spec.file, meshes)
 
 
 def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float | None = None) -> Indenter:
@@ -52,14 +46,29 @@ def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float
         meshes: content of mesh files by name.
         radius_m: radius [m] that overrides that of ``spec``; None or NaN: that of ``spec``.
     """
-    from skincal.model import FlatPunch, MeshIndenter, Sphere
-
-    if spec.kind == "mesh":
-        assert spec.file is not None
-        return MeshIndenter(*mesh_arrays(meshes[spec.file], spec.file))
     radius = spec.radius_m if radius_m is None or np.isnan(radius_m) else float(radius_m)
-    assert radius is not None
-    return Sphere(radius) if spec.kind == "sphere" else FlatPunch(radius)
+    return _built(INDENTERS[spec.kind], radius, spec.file, meshes)
+
+
+def _built(kind: Kind, radius_m: float | None, file: str | None, meshes: Mapping[str, bytes]) -> Any:
+    """Return the model's object of a kind."""
+    import skincal.model
+
+    make = getattr(skincal.model, kind.model)
+    if kind.mesh:
+        assert file is not None
+        return make(*mesh_arrays(meshes[file], file))
+    if kind.radius:
+        assert radius_m is not None
+        return make(radius_m)
+    return make()
+
+
+def pose_of(mount: MountSpec) -> SensorPose:
+    """Return the pose that ``[mount]`` takes as nominal."""
+    from skincal.model import SensorPose
+
+    return SensorPose(mount.y_m, rad(mount.alpha_deg), rad(mount.beta_deg or 0.0), mount.x_m or 0.0)
 
 
 def converter_of(sensor: SensorSpec) -> Converter:

@@ -28,22 +28,20 @@ def patch_coordinates(
         surface: the surface.
         pose: pose of the patch on the surface.
         points_m: contact points, fingertip frame [m], shape (K, 3); those off the surface are projected.
-        reach_m: on a mesh, largest distance of a point from the patch's centre [m].
+        reach_m: on a surface that cannot be unrolled, largest distance of a point from the patch's centre [m].
 
     Returns:
         ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. Exact on a cylinder and a plane; on a mesh
         as accurate as its facets.
     """
-    from skincal.model import Cylinder, Plane
-
     points = np.asarray(points_m, dtype=np.float64)
-    if isinstance(surface, Cylinder):
-        turn = np.arctan2(points[:, 0], points[:, 2]) - pose.beta_rad
-        across = surface.radius_m * (np.mod(turn + np.pi, 2 * np.pi) - np.pi)
-        return _turned_back(pose, across, points[:, 1] - pose.y_m)
-    if isinstance(surface, Plane):
-        return _turned_back(pose, points[:, 0] - pose.x_m, points[:, 1] - pose.y_m)
-    return _nearest(surface, pose, points, reach_m)
+    if not surface.is_uniform:
+        return _nearest(surface, pose, points, reach_m)
+    (across, along), radius = surface.unrolled(points), surface.arc_radius_m
+    if radius is None:
+        return _turned_back(pose, across - pose.x_m, along - pose.y_m)
+    turn = across / radius - pose.beta_rad
+    return _turned_back(pose, radius * (np.mod(turn + np.pi, 2 * np.pi) - np.pi), along - pose.y_m)
 
 
 def _turned_back(pose: SensorPose, across: FloatArray, along: FloatArray) -> FloatArray:

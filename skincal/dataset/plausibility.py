@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.columns import POSITION, TARGET
+from skincal.covariates import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.sliding import SMALLEST_M, sample_noise_m, slide_m
@@ -168,7 +168,7 @@ def pressed_area_m2(dataset: Dataset) -> float:
     if not np.isfinite(radii).any():
         return patch
     own = float(np.pi * np.median(radii[np.isfinite(radii)]) ** 2)
-    everywhere = dataset.meta.indenter.kind == "flat" and dataset.meta.surface.kind == "plane"
+    everywhere = dataset.meta.indenter.kind == "flat" and dataset.meta.surface.is_plane
     return own if everywhere else min(own, patch)
 
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.columns import ANY, POSITIVE, ColumnReader
+from skincal.covariates import ANY, POSITIVE
+from skincal.dataset.columns import ColumnReader
 from skincal.dataset.spec import SensorSpec
 from skincal.dataset.table_file import RawTable
 from skincal.dataset.tables import TaxelPositions

@@ -7,15 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from skincal.dataset.columns import (
-    ANY,
-    CORRECT_OR_EMPTY,
-    NORMAL,
-    OPTIONAL,
-    POSITION,
-    TIMES,
-    ColumnReader,
-)
+from skincal.covariates import ANY, NORMAL, POSITION, TIMES
+from skincal.dataset.columns import CORRECT_OR_EMPTY, NO_FORCE, OPTIONAL, ColumnReader
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable
@@ -40,7 +33,7 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
     presses = Presses(
         press=press,
         position_m=np.column_stack([reader.checked(name, ANY, may_be_nan=unknown) for name in POSITION]),
-        force_n=reader.checked("force_n", ANY, may_be_nan=False),
+        force_n=reader.checked("force_n", ANY, may_be_nan=False, if_empty=NO_FORCE),
         counts=counts,
         normals=_normals(reader),
         columns=dict(

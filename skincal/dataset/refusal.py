@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from skincal.dataset.dataset import Dataset
 from skincal.errors import WorkError
+from skincal.units import in_unit
 
 
 def refusal(dataset: Dataset, reason: str) -> WorkError:
@@ -14,4 +15,5 @@ def refusal(dataset: Dataset, reason: str) -> WorkError:
         reason: what is wrong and what to do, in one or a few sentences.
     """
     end = "" if reason.endswith((".", "?")) else "."
-    return WorkError(f"{dataset.folder or 'the dataset'}: {reason}{end}")
+    text = in_unit(reason, dataset.meta.sensor.unit)
+    return WorkError(f"{dataset.folder or 'the dataset'}: {text}{end}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.dataset.columns import NORMAL
+from skincal.covariates import NORMAL
 from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet

@@ -16,6 +16,9 @@ ACTIVE_COUNTS = 5.0
 ACTIVE_SIGMAS = 6.0
 """The same in standard deviations of the noise at rest, for values that are not counts."""
 
+ACTIVE_SHARE = 0.04
+"""And as a part of the largest value above rest, as in the fit."""
+
 REST_IN_DOUBT = (
     "Without idle frames the level at rest is estimated from the presses, and some taxels then rest far above the "
     "others: if all presses load the same taxels equally, add frames at rest (phase idle), or press at other places"
@@ -95,13 +98,16 @@ def _low_spread(counts: NDArray[np.float64]) -> np.floating:
 def active_threshold(dataset: Dataset) -> float:
     """Return the threshold above the level at rest from which a taxel is active: five counts, less for small values.
 
-    Values in volts, or in shares of full scale, never reach five: for them it is six sigmas of the noise at rest.
+    Values in volts, or in shares of full scale, never reach five. For values that are not whole numbers the threshold
+    is a part of the largest one, at most five counts, and at least six sigmas of the noise at rest.
     """
+    sensor = dataset.meta.sensor
     apart = dataset.presses.counts - rest_levels(dataset)
     top = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
-    if top > ACTIVE_COUNTS or dataset.meta.sensor.unit == "counts":
+    if sensor.unit == "counts" or (sensor.integer and top > ACTIVE_COUNTS):
         return ACTIVE_COUNTS
-    return max(ACTIVE_SIGMAS * noise_at_rest(dataset), 1e-3 * max(top, 0.0))
+    most = ACTIVE_COUNTS if sensor.unit is None else np.inf
+    return max(ACTIVE_SIGMAS * noise_at_rest(dataset), min(ACTIVE_SHARE * max(top, 0.0), most))
 
 
 def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:

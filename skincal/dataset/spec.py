@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from datetime import date, datetime
 from typing import Any, Literal
 
+from skincal.dataset.kinds import SURFACES
+
 FORMAT = "skincal-dataset/1"
 
-SurfaceKind = Literal["cylinder", "plane", "mesh"]
-IndenterKind = Literal["sphere", "flat", "mesh"]
 Baseline = Literal["raw", "subtracted"]
 Pair = tuple[float, float]
 
@@ -61,23 +61,31 @@ class SensorSpec:
 
 
 @dataclass(frozen=True)
-class SurfaceSpec:
-    """The surface that carries the sensor: a cylinder (radius [m]), the plane z = 0 or a mesh (file)."""
+class _Shape:
+    """A kind, with its radius [m] or its mesh file; '' for a kind that could not be read."""
 
-    kind: SurfaceKind
+    kind: str
     radius_m: float | None = None
     file: str | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class IndenterSpec:
-    """The indenter: a sphere or a flat punch (radius [m]), or a mesh (file)."""
+class SurfaceSpec(_Shape):
+    """The surface that carries the sensor: a kind of ``skincal.dataset.kinds``."""
 
-    kind: IndenterKind
-    radius_m: float | None = None
-    file: str | None = None
-    extra: Mapping[str, Any] = field(default_factory=dict)
+    @property
+    def is_plane(self) -> bool:
+        """Return whether the sensor's position is ``x_m``, ``y_m`` instead of ``beta_deg``, ``y_m``."""
+        return self.kind in SURFACES and SURFACES[self.kind].plane
+
+    @property
+    def across(self) -> str:
+        """Key of the sensor's position across: ``beta_deg``, on a plane ``x_m``."""
+        return "x_m" if self.is_plane else "beta_deg"
+
+
+class IndenterSpec(_Shape):
+    """The indenter: a kind of ``skincal.dataset.kinds``."""
 
 
 @dataclass(frozen=True)

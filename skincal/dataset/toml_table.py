@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.spec import Pair
@@ -46,6 +49,39 @@ class TomlTable:
         for key in list(self.extra)[:MOST_UNKNOWN]:
             self._report_unknown(key, missing or known, known)
 
+    def inner(
+        self,
+        name: str,
+        known: Sequence[str],
+        *,
+        optional: bool = False,
+        open_keys: bool = False,
+        fix: str = "",
+    ) -> TomlTable:
+        """Return a table inside this one; an empty one, which reports nothing more, if it is missing or no table.
+
+        Args:
+            name: its key.
+            known: the keys that it may have.
+            optional: whether it may be missing.
+            open_keys: whether it may have further keys, without a warning; they are in ``extra``.
+            fix: what to do where it is missing.
+        """
+        values, place = self.raw(name), f"{self._name}.{name}" if self._name else name
+        if isinstance(values, dict):
+            table = TomlTable(
+                self._findings, self._file, place, values, tuple(values) if open_keys else known
+            )
+            if open_keys:
+                table.extra = {key: value for key, value in values.items() if key not in known}
+            return table
+        where, expected = f"{self._file}, [{place}]", f"a table [{place}]"
+        if values is not None:
+            self._findings.error(where, expected, values, f"Write [{place}] on its own line.")
+        elif not optional:
+            self._findings.error(where, expected, "nothing", fix)
+        return TomlTable(Findings(), self._file, place, {}, known)
+
     def place(self, key: str) -> str:
         """Return the place of a key."""
         return f"{self._file}, {f'[{self._name}] ' if self._name else ''}{key}"
@@ -74,9 +110,9 @@ class TomlTable:
             return math.nan
         if not self.has(key):
             return value
-        if _is_number(value) and math.isinf(value) and value > 0 and inf:
+        if inf and value == math.inf:
             return value
-        if not _is_number(value) or not math.isfinite(value) or not low <= value <= high:
+        if not is_number(value) or not low <= value <= high:
             fix = "" if default is NOT_SET else f"Leave {key} out where it is not known."
             return self._wrong(key, expected, value, math.nan, fix)
         return value
@@ -95,7 +131,7 @@ class TomlTable:
         value = self._get(key, NOT_SET, expected)
         if value is NOT_SET:
             return math.nan
-        if not _is_number(value) or math.isnan(value) or (positive and value <= 0):
+        if not is_number(value, infinite=True) or (positive and value <= 0):
             return self._wrong(key, expected, value, math.nan)
         return self._plausible_length(key, float(value), expected, low, high, inf)
 
@@ -127,7 +163,7 @@ class TomlTable:
         if value is NOT_SET:
             return None
         pair = value if isinstance(value, list) else [value, value]
-        if len(pair) != 2 or not all(_is_number(v) and math.isfinite(v) and v > 0 for v in pair):
+        if len(pair) != 2 or not all(is_number(v) and v > 0 for v in pair):
             return self._wrong(key, expected, value, None)
         for length in pair if isinstance(value, list) else pair[:1]:
             if math.isnan(self._plausible_length(key, float(length), expected, low, high, inf=False)):
@@ -140,7 +176,11 @@ class TomlTable:
         nothing = (math.nan, math.nan)
         if value is NOT_SET:
             return nothing
-        if not isinstance(value, list) or len(value) != 2 or not all(_is_number(v) for v in value):
+        if (
+            not isinstance(value, list)
+            or len(value) != 2
+            or not all(is_number(v, infinite=True) for v in value)
+        ):
             return self._wrong(key, expected, value, nothing)
         low, high = float(value[0]), float(value[1])
         if not (math.isfinite(low) and math.isfinite(high)) or low > high:
@@ -171,6 +211,36 @@ class TomlTable:
         if value is NOT_SET:
             return ""
         return value if isinstance(value, str) else self._wrong(key, expected, value, "")
+
+    def names(self, key: str, expected: str) -> tuple[str, ...]:
+        """Return a list of names, each once; an empty one, with an error, if it is missing or wrong."""
+        value = self.raw(key)
+        names = value if isinstance(value, list) else []
+        if not names or not all(isinstance(one, str) and one for one in names) or len({*names}) < len(names):
+            self.error(key, expected, "nothing" if value is None else value)
+            return ()
+        return tuple(names)
+
+    def array(
+        self, key: str, count: int, *, low: float = -math.inf, single: bool = True
+    ) -> NDArray[np.float64]:
+        """Return finite numbers of at least ``low``, shape (count,); NaN if they are missing or wrong.
+
+        Args:
+            key: the key.
+            count: how many.
+            low: the smallest.
+            single: whether one number may stand for all.
+        """
+        value, expected = self.raw(key), f"a number, or a list of {count}" if single else f"a list of {count}"
+        numbers = value if isinstance(value, list) else [value] * count if single else []
+        if value is None or len(numbers) != count or not all(is_number(one) for one in numbers):
+            self.error(key, f"{expected} finite numbers", "nothing" if value is None else value)
+        elif any(one < low for one in numbers):
+            self.error(key, f"numbers of at least {low:g}", value)
+        else:
+            return np.array(numbers, dtype=np.float64)
+        return np.full(count, np.nan)
 
     def raw(self, key: str) -> Any:
         """Return the value as it is; None if it is missing."""
@@ -222,5 +292,8 @@ def _is_text_of_number(text: str) -> bool:
     return True
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def is_number(value: object, *, infinite: bool = False) -> TypeGuard[float]:
+    """Return whether a value of a file is a number: finite, or, where allowed, inf or -inf; ``true`` is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return not math.isnan(value) if infinite else math.isfinite(value)

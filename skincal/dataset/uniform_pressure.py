@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.dataset.dataset import Dataset
-from skincal.model import FlatPunch, Plane
+from skincal.model import FlatPunch
 
 FLAT_M = 20e-6
 """A patch is flat if it leaves its tangent plane by no more than this [m]: far less than the depth of a press."""
@@ -53,7 +53,7 @@ def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
         points, _ = surface.wrap(dataset.nominal_pose(), corners)
         centre, normal = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))
     except ValueError:
-        return isinstance(surface, Plane), None
+        return dataset.meta.surface.is_plane, None
     off = np.abs((points - centre) @ normal[0])
     return bool(np.isfinite(off).all() and off.max() <= FLAT_M), centre[0] if known else None
 
@@ -74,7 +74,7 @@ def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[
         margin_m: margin of the modelled skin beyond the taxels [m].
     """
     whole = np.ones(len(dataset.presses))
-    if not (uniform_pressure(dataset) and isinstance(dataset.surface(), Plane)):
+    if not (uniform_pressure(dataset) and dataset.meta.surface.is_plane):
         return whole
     low, high = dataset.layout().bounds_m
     skin_m2 = float(np.prod(high - low + 2 * margin_m))

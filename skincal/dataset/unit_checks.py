@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -130,30 +131,28 @@ def _some(frames: Frames, phase: int | None = None) -> IntArray:
 
 def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Findings) -> bool:
     names = list(dataset.meta.sensor.taxel_columns())
-    wrapped = find_wrapped(counts, expected_load(dataset) if counts is dataset.presses.counts else None)
-    if wrapped is not None:
-        size = 2**wrapped.bits
-        mapping = f'[taxels] word = "{wrapped.word}"'
-        mend = f"add {size} to negative ones" if counts[np.isfinite(counts)].min() < 0 else (
-            f"add {size} to those that came out low" if wrapped.word.startswith("u") else f"take {size} off high ones"
-        )  # fmt: skip
-        between = "with nothing between, " if wrapped.apart else "where the load is largest, "
-        findings.warn(
-            file, "readings within the range of their words",
-            f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from "
-            f"{named(names, wrapped.taxels)}",
-            f"The words have overflowed: {mend}, or import again with {mapping}.",
-            code="counter_wrapped", modulus=size, mapping=mapping,
-            taxels=[names[j] for j in wrapped.taxels],
-        )  # fmt: skip
-        return True
-    if bytes_swapped(counts):
-        mapping = "[taxels] swap_bytes = true"
+    word = bytes_swapped(counts)
+    if word:
+        mapping = "[taxels] swap_bytes = true" + (', word = "int16"' if word == "int16" else "")
         findings.warn(
             file, "readings whose high byte changes with load, and whose low byte is the fine part",
             "low bytes that hardly change, while high bytes are spread over their whole range",
             f"The two bytes of each reading are exchanged: import again with {mapping}.",
             code="bytes_swapped", mapping=mapping,
+        )  # fmt: skip
+        return True
+    wrapped = find_wrapped(counts, expected_load(dataset) if counts is dataset.presses.counts else None)
+    if wrapped is not None:
+        size = 2**wrapped.bits
+        mapping = f'[taxels] word = "{wrapped.word}"'
+        between = "with nothing between, " if wrapped.apart else "where the load is largest, "
+        findings.warn(
+            file, "readings within the range of their words",
+            f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from "
+            f"{named(names, wrapped.taxels)}",
+            f"The words have overflowed: {wrapped.mend}, or import again with {mapping}.",
+            code="counter_wrapped", modulus=size, mapping=mapping,
+            taxels=[names[j] for j in wrapped.taxels],
         )  # fmt: skip
         return True
     return False
@@ -213,9 +212,11 @@ def value_step(counts: FloatArray) -> float | None:
 
 def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
     """Check that counts grow with load: readings far from rest lie above it."""
-    noise = noise_at_rest(dataset)
-    rest = rest_levels(dataset)
     counts = dataset.presses.counts
+    # Of a falling sensor, the readings at rest are the high ones.
+    turned = replace(dataset, presses=replace(dataset.presses, counts=-counts))
+    noise = min(noise_at_rest(dataset), noise_at_rest(turned))
+    rest = rest_levels(dataset)
     if (
         dataset.frames is not None
         and (dataset.frames.phase == IDLE).any()

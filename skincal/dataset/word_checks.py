@@ -37,10 +37,11 @@ class Wrapped:
 
     Attributes:
         bits: size of the words.
-        word: type to read them as: ``uint16``, ``int16``, …
+        word: type to read them as: ``uint16``, ``int16``, …; the level at rest may be another in it.
         taxels: flat indices of the taxels concerned.
         readings: number of wrapped readings.
         apart: whether a gap separates them from the others; else the load shows them.
+        mend: correction in words.
     """
 
     bits: int
@@ -48,6 +49,7 @@ class Wrapped:
     taxels: NDArray[np.int64]
     readings: int
     apart: bool = True
+    mend: str = ""
 
 
 def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
@@ -68,7 +70,13 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
             # Signed words above half of their range continued at the lower end.
             found = [_signed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
             if sum(found) >= FEWEST_CELLS:
-                return Wrapped(bits, f"uint{bits}", np.flatnonzero(found), sum(found))
+                return Wrapped(
+                    bits,
+                    f"uint{bits}",
+                    np.flatnonzero(found),
+                    sum(found),
+                    mend=f"add {size:g} to negative ones",
+                )
             negative = finite & (counts < -size / 16)
             if (
                 load is not None
@@ -79,15 +87,19 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
                 word = f"uint{bits}"
                 if correlation(as_word(counts, word), load) > correlation(counts, load) + GAINED:
                     return Wrapped(
-                        bits, word, np.flatnonzero(negative.any(axis=0)), int(negative.sum()), apart=False
-                    )
+                        bits, word, np.flatnonzero(negative.any(axis=0)), int(negative.sum()), apart=False,
+                        mend=f"add {size:g} to negative ones",
+                    )  # fmt: skip
         elif low >= 0 and high < size:
             found = [_overflowed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
             if sum(found) >= FEWEST_CELLS:
-                return Wrapped(bits, f"uint{bits}", np.flatnonzero(found), sum(found))
+                # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
+                mend = f"add {size:g} to those that came out low"
+                return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found), mend=mend)
             found = [_fell_below(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
             if np.count_nonzero(found) > counts.shape[1] / 2:
-                return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found))
+                mend = f"take {size:g} off high ones"
+                return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found), mend=mend)
     return None
 
 
@@ -123,8 +135,8 @@ def swapped(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), (words & 255) * 256.0 + (words >> 8), np.nan)
 
 
-def bytes_swapped(counts: FloatArray) -> bool:
-    """Return whether readings of 16 bits have swapped bytes.
+def bytes_swapped(counts: FloatArray) -> str:
+    """Return the word type of readings of 16 bits whose bytes are swapped; '' if they are not.
 
     Args:
         counts: readings as stored, shape (n, J).
@@ -132,20 +144,22 @@ def bytes_swapped(counts: FloatArray) -> bool:
     finite = np.isfinite(counts)
     values = counts[finite]
     if len(counts) < 8 or not values.size or values.min() < -32768 or not 256 <= values.max() < 65536:
-        return False
+        return ""
     if (values != np.rint(values)).any():
-        return False
+        return ""
     words = np.where(finite, np.mod(np.where(finite, counts, 0), 65536), np.nan)
     low = np.mod(words, 256)[finite]
     # Values of 8 bits shifted up have no meaningful low byte: the two orders cannot be told apart.
-    if not low.any():
-        return False
     alive = finite.sum(axis=0) >= 8
-    if not alive.any():
-        return False
-    range_now, range_swapped = _range(words[:, alive]), _range(swapped(counts)[:, alive])
+    if not low.any() or not alive.any():
+        return ""
+    right = swapped(counts)[:, alive]
+    range_now = np.minimum(_range(words[:, alive]), _range(as_word(words[:, alive], "int16")))
+    ranges = {word: _range(as_word(right, word)) for word in ("uint16", "int16")}
     moves = range_now > 0
-    return bool(moves.any()) and float(np.median(range_swapped[moves] / range_now[moves])) < SHRINKS
+    word = min(ranges, key=lambda name: float(np.median(ranges[name])))
+    shrinks = moves.any() and float(np.median(ranges[word][moves] / range_now[moves])) < SHRINKS
+    return word if shrinks else ""
 
 
 def _range(values: FloatArray) -> FloatArray:

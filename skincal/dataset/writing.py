@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.columns import NORMAL, POSITION
+from skincal.covariates import NORMAL, POSITION
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.meta_file import FILE, write_meta
 from skincal.dataset.position_table import position_columns

@@ -24,7 +24,8 @@ class DeployOptions:
         settle_s: time at rest before the policy begins [s].
         rest_s: time over which torques and taxels at rest are taken [s].
         lost_s: the object counts as lost when neither finger has pressed on anything for so long [s].
-        late_s: a step of the policy that begins so much too late ends the run [s].
+        late_s: a step of the policy that begins so much too late ends the run: two steps and a half, less than what the
+            guard takes for a hand that is lost [s].
     """
 
     low_pass_hz: float = 8.0
@@ -37,4 +38,4 @@ class DeployOptions:
     settle_s: float = 0.3
     rest_s: float = 0.3
     lost_s: float = 0.3
-    late_s: float = 0.1
+    late_s: float = 0.25

@@ -11,9 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.errors import InputError, Problem
 
-KNOWN = ("image", "desired", "measured", "error", "target", "movement")
-"""Parts that a hand can show."""
-
 
 class PolicyObservation:
     """The stack of what a policy sees, in the order that its description names.
@@ -30,9 +27,9 @@ class PolicyObservation:
     def __init__(self, parts: Sequence[Mapping[str, Any]], sizes: Mapping[str, int], file: str) -> None:
         self._order = [(str(part["name"]), int(part.get("steps_ago", 0))) for part in parts]
         problems = [
-            Problem(file, f"a policy that sees {', '.join(KNOWN)}", f'"{part["name"]}"')
+            Problem(file, f"a policy that sees {', '.join(sizes)}", f'"{part["name"]}"')
             for part in parts
-            if part["name"] not in KNOWN
+            if part["name"] not in sizes
         ]
         problems += [
             Problem(
@@ -41,7 +38,7 @@ class PolicyObservation:
                 f"{part['size']}; the policy is for another hand or task",
             )
             for part in parts
-            if part["name"] in KNOWN and int(part["size"]) != sizes[part["name"]]
+            if part["name"] in sizes and int(part["size"]) != sizes[part["name"]]
         ]
         if problems:
             raise InputError(list(dict.fromkeys(problems)))

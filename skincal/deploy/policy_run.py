@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,8 @@ class Deployed:
     Attributes:
         record: states, and where the object was.
         targets: (T, d) what was asked at each step of the policy [m].
-        steps: steps of the policy that were made.
+        steps: steps of the targets that have passed.
+        missed: those of them at which the policy did not act, as no state came in time.
         lost_s: time at which the object was lost [s]; None: it was held to the end.
         error_m: (T,) distance of the object from the target, where the hand knows it; else NaN.
         period_s: (T,) time between steps of the policy, on the hand's clock [s].
@@ -44,6 +46,7 @@ class Deployed:
     record: Record
     targets: FloatArray
     steps: int
+    missed: int
     lost_s: float | None
     error_m: FloatArray
     period_s: FloatArray
@@ -67,6 +70,7 @@ def deploy(
     options: DeployOptions | None = None,
     guard: GuardOptions | None = None,
     watch: Watch | None = None,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Deployed:
     """Let a policy move an object between the fingers of a hand.
 
@@ -80,6 +84,7 @@ def deploy(
         options: times, speeds, forces.
         guard: limits.
         watch: called with every state.
+        clock: ours [s].
 
     Returns:
         What happened, also where the object was lost on the way.
@@ -99,7 +104,7 @@ def deploy(
         raise InputError([Problem(policy.file, expected, f"one for {policy.description.actions}")])
     kinematics = Kinematics(pinch.description)
     postures, forces = Postures.of(pinch, kinematics), PinchForces(pinch, kinematics)
-    with GuardedHand(driver, guard, contact_force=forces.largest_n) as hand:
+    with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
         motion = Motion(hand, driver.object_position_m, watch)
         state = motion.look()
         if seen.sees_image and not np.isfinite(state.taxels).any():
@@ -117,8 +122,8 @@ def deploy(
 class _PolicyLoop:
     """The 10 Hz loop inside the hand's faster one.
 
-    Steps begin on a grid of the hand's clock. Between them the commanded angles approach the policy's through a
-    first-order low-pass.
+    Steps begin on a grid of the hand's clock; those that no state came for in time are missed, and the hand goes on to
+    where it was sent. Between steps the commanded angles approach the policy's through a first-order low-pass.
     """
 
     def __init__(
@@ -136,9 +141,8 @@ class _PolicyLoop:
         self._policy, self._seen, self._motion, self._targets = policy, seen, motion, targets
         self._step_rad, self._options = speed_rad_per_s / POLICY_HZ, options
         self._limits = pinch.description.limits
-        self._share = -math.expm1(-2 * math.pi * options.low_pass_hz * motion.period_s)
         self.lost_s: float | None = None
-        self._first = 0
+        self._first, self._missed = 0, 0
         self._errors: list[float] = []
         self._begun: list[float] = []
         self._own: list[float] = []
@@ -150,23 +154,34 @@ class _PolicyLoop:
         motion.doing = "acting"
         desired, sent = command_rad.copy(), command_rad.copy()
         start_s, self._first = motion.now.time_s, len(motion.states) - 1
-        empty_s = 0.0
-        for k in range(len(self._targets) - 1):
+        empty_s, sent_s, k = 0.0, start_s - motion.period_s, 0
+        while k < len(self._targets) - 1:
             desired = self._clipped(desired + self._step_rad * self._action(k, desired))
             end_s = start_s + (k + 1) / POLICY_HZ
             while motion.now.time_s < end_s - 0.5 * motion.period_s:
-                sent = sent + self._share * (desired - sent)
+                # A slow link takes longer than a period.
+                passed_s, sent_s = motion.now.time_s - sent_s, motion.now.time_s
+                sent = sent + self._share(passed_s) * (desired - sent)
                 motion.step(sent)
-                empty_s = 0.0 if self._held() else empty_s + motion.period_s
-            if motion.now.time_s > end_s + self._options.late_s:
+                empty_s = 0.0 if self._held() else empty_s + motion.now.time_s - sent_s
+            late_s = motion.now.time_s - end_s
+            if late_s > self._options.late_s:
                 raise WorkError(
                     f"policy loop: expected step {k + 1} at {end_s:.3f} s of the hand's clock; got to it at "
                     f"{motion.now.time_s:.3f} s. The hand was stopped. Is the link to the hand too slow?"
                 )
-            self._errors.append(self._error(k + 1))
+            missed = min(int(max(late_s, 0.0) * POLICY_HZ), len(self._targets) - 2 - k)
+            self._errors += [math.nan] * missed
+            self._missed += missed
+            k += 1 + missed
+            self._errors.append(self._error(k))
             if empty_s >= self._options.lost_s:
                 self.lost_s = motion.now.time_s - start_s - empty_s
                 break
+
+    def _share(self, passed_s: float) -> float:
+        """Share of the way to the policy's angles that the low-pass lets through in a time."""
+        return -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
 
     def found(self) -> Deployed:
         """What came of it."""
@@ -174,6 +189,7 @@ class _PolicyLoop:
             Record.of(self._motion, self._first, self._forces),
             self._targets,
             len(self._errors),
+            self._missed,
             self.lost_s,
             np.array(self._errors),
             np.diff(self._begun),

@@ -10,20 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibration import MARGIN_M
+from skincal.covariates import TIMES
 from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.dataset.uniform_pressure import at_centre, uniform_pressure
 from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.inference.session import Binning, GapSession, binned, of_holds
-from skincal.model import Contacts, Indenter
-from skincal.prediction.session_samples import frame_column, last_press, pose_names, pose_numbers
+from skincal.model import Contacts
+from skincal.prediction.session_samples import frame_column, last_press, pose_names, recorded_covariates
 from skincal.prediction.sites import met_forces, sites
 from skincal.prediction.touches import frame_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
 
 
 def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
@@ -63,7 +62,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     row, of_press = row[use], owner[use]
     measured = frame_normals(dataset)
     normals = None if measured is None else np.asarray(measured[use], dtype=np.float64)
-    indenters, kinds = _indenters(dataset)
+    indenters, kinds = dataset.indenters()
     samples = Samples.of(
         _contacts(dataset, place[use], force[use], normals),
         (indenters, kinds[of_press]),
@@ -72,7 +71,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         time_s=frames.time_s[use],
         phase=frames.phase[use],
         met_n=met_forces(dataset, of_press),
-        **_covariates(column, pose_names(dataset)),
+        **recorded_covariates(column, pose_names(dataset)),
     )
     return binned(samples, row, frames.counts[use], dataset.surface(), binning)
 
@@ -84,7 +83,7 @@ def _of_presses(dataset: Dataset) -> GapSession:
     order = np.argsort(given[0], kind="stable") if clock and given[0] is not None else np.arange(len(presses))
     use = order[np.isfinite(presses.position_m[order]).all(axis=1) & (presses.force_n[order] > 0)]
     times = hold_times(len(use), *(None if g is None or not clock else g[use] for g in given))
-    indenters, kinds = _indenters(dataset)
+    indenters, kinds = dataset.indenters()
 
     def column(name: str) -> NDArray[Any] | None:
         of = presses.column(name)
@@ -97,7 +96,7 @@ def _of_presses(dataset: Dataset) -> GapSession:
         touching=True,
         press=presses.press[use],
         met_n=met_forces(dataset, use),
-        **_covariates(column, pose_names(dataset)),
+        **recorded_covariates(column, pose_names(dataset)),
     )
     branch = column("branch")
     played = hold_session(holds, times, down=None if branch is None else branch == "down")
@@ -115,30 +114,6 @@ def _contacts(dataset: Dataset, place: Floats, force: Floats, normals: Floats | 
         measured = known & np.isfinite(normals).all(axis=1)
         out[measured] = normals[measured] / np.linalg.norm(normals[measured], axis=1, keepdims=True)
     return Contacts(points, out, force)
-
-
-def _covariates(column: Any, poses: tuple[str, ...]) -> dict[str, Any]:
-    """Covariates that are there, as :meth:`Samples.of` takes them; poses by their numbers among all of the dataset."""
-    names = ("speed_m_per_s", "cycle", "temperature_c", "shear_u_n", "shear_v_n")
-    found = {name: values for name in names if (values := column(name)) is not None and _any(values)}
-    if not {"shear_u_n", "shear_v_n"} <= set(found):
-        found = {name: values for name, values in found.items() if not name.startswith("shear")}
-    pose = column("pose")
-    if pose is not None:
-        found["pose"] = pose_numbers(pose, poses)
-    return found
-
-
-def _any(values: NDArray[Any]) -> bool:
-    return bool(np.isfinite(values).any())
-
-
-def _indenters(dataset: Dataset) -> tuple[tuple[Indenter, ...], Ints]:
-    radii = np.round(dataset.indenter_radii_m(), 7)
-    if np.isnan(radii).all():
-        return (dataset.indenter(),), np.zeros(len(radii), dtype=np.int64)
-    different, kinds = np.unique(radii, return_inverse=True)
-    return tuple(dataset.indenter(float(r)) for r in different), kinds.reshape(-1).astype(np.int64)
 
 
 def repeats(dataset: Dataset) -> tuple[Ints, Ints]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skincal.calibrate.rig_advice import has_joints
 from skincal.collect import Plan
 from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
@@ -15,7 +16,7 @@ from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.ladder import WORDS, factors_of, ladder_plan
 from skincal.diagnosis.observed import Observed, forward_of
 from skincal.diagnosis.pool import imagined, pool_plan
-from skincal.diagnosis.reasons import cures, facts_of
+from skincal.diagnosis.reasons import cures, facts_of, on_a_stage
 from skincal.diagnosis.rig import Rig
 from skincal.diagnosis.where import Share
 from skincal.inference.fit import Beforehand, Fitted, Fitter
@@ -132,9 +133,11 @@ def _unseen(observed: Observed, audit: AuditReport, other_cap_m: float | None) -
     groups: dict[tuple[str, ...], list[str]] = {}
     for name in audit.cannot_see:
         groups.setdefault(cures(audit.effects[name], facts), []).append(name)
+    by_hand = has_joints(observed.dataset)
     for cure, names in groups.items():
-        yield f"to see {', '.join(names)}: {'; '.join(cure)}"
-    if other_cap_m is not None and len(groups) >= _MANY:
+        said = cure if by_hand else tuple(map(on_a_stage, cure))
+        yield f"to see {', '.join(names)}: {'; '.join(said)}"
+    if by_hand and other_cap_m is not None and len(groups) >= _MANY:
         yield (
             f"skincal collect --protocol full --second-indenter-mm {1e3 * other_cap_m:g} does all of this in one "
             "session, but for tangential forces"

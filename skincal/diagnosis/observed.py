@@ -24,7 +24,7 @@ from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
-from skincal.model import Cylinder, Plane, Surface, TaxelLayout
+from skincal.model import Surface, TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
 from skincal.model.patch import Rule
 from skincal.model.rest import rest_from_presses
@@ -118,7 +118,7 @@ def resolution_of(layout: TaxelLayout, surface: Surface) -> tuple[float, Rule]:
     across, along = np.diff(layout.bounds_m, axis=0).ravel().tolist()
     fewest = (across * along / _CELLS) ** 0.5
     finest = max(_FINEST_M, min(fewest, float(layout.sizes_m.min()) / 4))
-    return finest, "gauss" if isinstance(surface, Cylinder | Plane) else "midpoint"
+    return finest, "gauss" if surface.is_uniform else "midpoint"
 
 
 def forward_of(

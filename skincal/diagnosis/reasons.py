@@ -14,7 +14,6 @@ from skincal.effects.samples import UNLOAD
 from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
-_COLUMNS = {"shear": "shear_u_n and shear_v_n"}
 _SAME_SPEED = 1.2
 _SHEAR_N = 0.05
 _FORCE_RATIO = 2.0
@@ -137,13 +136,22 @@ class Rule:
     of: str = ""
 
 
+TWO_POSES: Final = "press in two hand poses"
+_THE_POSE: Final = "the hand's pose"
+_ON_A_STAGE: Final = {
+    TWO_POSES: "press with the sensor turned on its stage, too, as another pose",
+    _THE_POSE: "the sensor's turn on its stage",
+}
+"""Cures of a hand, and what they are on a rig without joints."""
+
+
 _NO_FRAMES = Rule(
     lambda f: not f.frames, "no frames: only the mean of each hold was recorded", "record every frame"
 )
 _NO_CLOCK = Rule(
     lambda f: not f.clock, "no times of the presses were recorded", "record when each press begins and ends"
 )
-_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", "press in two hand poses", "pose")
+_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", TWO_POSES, "pose")
 _ONE_FORCE = Rule(
     lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard", "press gently and hard"
 )
@@ -183,23 +191,11 @@ _RULES: Final[Mapping[str, Rule]] = MappingProxyType(
 """Kinds of presses that effects ask for (:attr:`skincal.effects.Effect.asks`)."""
 
 
-_CURES = {
-    "time": _NO_CLOCK.cure,
-    "phase": _NO_FRAMES.cure,
-    "pose": "press in two hand poses, and record which",
-    "speed": "load slowly and fast, and record how fast",
-    "cycle": "come back to sites, and record how often each was touched before",
-    "temperature": "record the temperature",
-    "shear": "press with tangential force, too, and record it",
-}
-"""What to record where a covariate is missing."""
-
-
 def why_not(found: EffectAudit, facts: Facts) -> str:
     """Why an effect cannot be seen: the covariates and kinds of press that are missing, else what hides it."""
     rules, lacking = _missing(found, facts)
     said = [rule.text for rule in rules]
-    columns = [_COLUMNS.get(name, COVARIATES[name]) for name in lacking]
+    columns = [str(COVARIATES[name]) for name in lacking]
     if columns:
         said.insert(0, f"no {' and no '.join(columns)} recorded")
     if said:
@@ -214,14 +210,21 @@ def why_not(found: EffectAudit, facts: Facts) -> str:
 def cures(found: EffectAudit, facts: Facts) -> tuple[str, ...]:
     """What to record so that an effect can be seen, a few words each."""
     rules, lacking = _missing(found, facts)
-    said = dict.fromkeys([*(rule.cure for rule in rules), *(_CURES[name] for name in lacking)])
+    said = dict.fromkeys([*(rule.cure for rule in rules), *(COVARIATES[name].cure for name in lacking)])
     if said:
         return tuple(said)
     if found.raw_distance < found.threshold:
         return ("press harder and on more taxels, and hold longer",)
     if found.lost_to_base > found.lost_to_presses:
-        return ("vary forces, sites and the hand's pose more, each apart from the others",)
+        return (f"vary forces, sites and {_THE_POSE} more, each apart from the others",)
     return ("measure places and forces better, or come back to the same sites",)
+
+
+def on_a_stage(cure: str) -> str:
+    """Return a cure for a rig without joints."""
+    for hand, stage in _ON_A_STAGE.items():
+        cure = cure.replace(hand, stage)
+    return cure
 
 
 def _missing(found: EffectAudit, facts: Facts) -> tuple[list[Rule], list[str]]:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from skincal.collect import FullProtocol, Mount, Plan, PlannedPress, read_plan
 from skincal.collect.collection import PLAN
+from skincal.covariates import TIMES
 from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
-from skincal.diagnosis.dataset_session import TIMES, pose_names
+from skincal.diagnosis.dataset_session import pose_names
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
 from skincal.model.arrays import as_floats

@@ -64,13 +64,11 @@ def _noise(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
     if not observed.session.has_frames:
         text = (
             f"no frames: the noise of a hold mean is that of taxels that are not pressed, "
-            f"{floor.mean_counts:.2f} counts"
+            f"{floor.mean_counts:.3g} counts"
         )
         yield Finding("noise_not_measured", "info", text, "Record frames; press a few sites twice.")
     if not len(repeats(observed.dataset)[0]):
-        text = (
-            "no press is an exact repeat of another: whether presses come back to the same image is not known"
-        )
+        text = "no press is an exact repeat of another: whether presses repeat their images is not known"
         yield Finding(
             "no_repeats",
             "info",
@@ -80,7 +78,7 @@ def _noise(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
     if floor.grows:
         text = (
             f"the noise grows with the signal, by {100 * floor.grows:.1f} % of it beside "
-            f"{floor.frame_counts:.2f} counts at rest; allowed for"
+            f"{floor.frame_counts:.3g} counts at rest; allowed for"
         )
         yield Finding("noise_grows", "info", text, "")
 
@@ -96,8 +94,8 @@ def _glitches(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding
     if len(wild):
         names = ", ".join(str(observed.dataset.presses.press[p]) for p in wild)
         text = (
-            f"press {names}: the image is out of all proportion to that of other presses; left "
-            f"out of the calibration"
+            f"press {names}: the image differs far more from the model than those of other presses; left out of the "
+            f"calibration"
         )
         yield Finding("glitch", "warning", text, _LOOK)
 
@@ -110,12 +108,12 @@ def _forces(observed: Observed, fit: Fitted) -> Iterator[Finding]:
         words = ", ".join(
             f"{observed.dataset.presses.press[p]} ({100 * np.expm1(own[p]):+.0f} %)" for p in far[:6]
         )
-        text = f"press {words}: fits best with a force so far from the measured one"
+        text = f"press {words}: fits best with a force that far from the measured one"
         yield Finding(
             "force",
             "warning",
             text,
-            "Few presses cannot tell why: look at their frames, press more like them.",
+            "Few presses cannot show why: look at their frames, and record more like them.",
         )
 
 
@@ -130,7 +128,7 @@ def _taxels(observed: Observed, effects: Sequence[NamedEffect]) -> Iterator[Find
         names = ", ".join(f"{taxel_name(layout, int(t))} ({noise.sigma[t]:.1f})" for t in noisy[:6])
         text = (
             f"{names}: a frame scatters by so many counts, those of other taxels by "
-            f"{noise.frame:.1f}; they have less say for it"
+            f"{noise.frame:.1f}; they are given less weight"
         )
         yield Finding("noisy_taxel", "warning", text, "Look at wiring, connectors and ground.")
     for one in effects:
@@ -159,14 +157,14 @@ def _spells(observed: Observed) -> Iterator[Finding]:
         last = [p for p in own[0].blocks.tolist() if p >= 0][-1]
         until = f"{end:.1f} s" if np.isfinite(end) else f"press {observed.dataset.presses.press[last]}"
         if stuck:
-            text = f"{names}: stuck at {level} counts from {at} to {until}; not looked at then"
+            text = f"{names}: stuck at {level} counts from {at} to {until}; ignored meanwhile"
             yield Finding(
                 "stuck_taxel", "warning", text, "Check wiring and electronics; leave it out where it is used."
             )
             continue
         back = "" if own[0].lasts else f" and back at {until}"
         heights = ", ".join(f"{one.counts:+.1f}" for one in own)
-        text = f"{names}: the level at rest steps at {at} by {heights} counts{back}; taken off"
+        text = f"{names}: the level at rest steps at {at} by {heights} counts{back}; corrected"
         yield Finding("jump", "warning", text, "Look for a loose connector or a restart of the electronics.")
 
 
@@ -197,12 +195,9 @@ def _clocks(effects: Sequence[NamedEffect], observed: Observed) -> Iterator[Find
 
 def _few(gap: Gap) -> Iterator[Finding]:
     if len(gap.errors) < FEWEST:
-        text = (
-            f"{len(gap.errors)} presses kept for the end: too few to be sure of the gap, or to "
-            f"take back what is named"
-        )
+        text = f"only {len(gap.errors)} test presses: too few to be sure of the gap, or to withdraw a name"
         yield Finding(
-            "few_of_the_end", "warning", text, "Press more often: about a sixth is kept for the end."
+            "few_of_the_end", "warning", text, "Record more presses: about a sixth of them are test presses."
         )
 
 
@@ -240,8 +235,8 @@ def _numbers(observed: Observed, calibration: Calibration, fit: Fitted) -> Itera
     off = [n for n, d, s in zip(names, now - begin, scale, strict=True) if abs(d) > s]
     if off:
         text = (
-            f"this session asks for another {', '.join(off)} than the calibration has, which "
-            f"was fitted to another session"
+            f"this session fits with another {', '.join(off)} than the calibration, which was fitted to another "
+            f"session"
         )
         yield Finding(
             "other_numbers",

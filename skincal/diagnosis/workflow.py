@@ -32,6 +32,12 @@ from skincal.model.arrays import FloatArray
 Heard = Callable[[str], None]
 
 
+ORDER_FIRST = (
+    "put the taxels in order, and import, fit and diagnose again; other presses tell nothing before",
+)
+"""What to do next where the taxels stand in another order than the data say."""
+
+
 def diagnose(
     dataset: Dataset,
     calibration: Calibration,
@@ -111,16 +117,21 @@ def diagnose(
     shown = found.fitted if effects else found.base
     findings = findings_of(observed, calibration, final, found.base, shown, effects, gap)
     if order is not None:
-        findings = (order, *findings)
+        # What else stands out is that of images in the wrong order.
+        findings = (order, *(one for one in findings if one.severity == "info"))
+    findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     heard("next presses")
     rivals = (
         [(n.name, found.fitted, other, fit) for n in found.named for other, fit in n.rivals]
         if effects
         else []
     )
-    words, plan = next_presses(
-        observed, audit, depends, rivals, pressed, unknown=verdict == "unknown", most=more
-    )
+    if order is None:
+        words, plan = next_presses(
+            observed, audit, depends, rivals, pressed, unknown=verdict == "unknown", most=more
+        )
+    else:
+        words, plan = ORDER_FIRST, None
     return Diagnosis(
         verdict, effects, unexplained, where_text(left, observed.session, dataset.layout()), gap, observed.floor, audit,
         found, observed, depends[:6], findings, final, seed, words, plan, taken_back,

@@ -1,5 +1,6 @@
 """Effects of a skin beyond the base model: one file per effect, one registry, whole sessions or sample by sample."""
 
+from skincal.covariates import COVARIATES
 from skincal.effects.applied import Applied
 from skincal.effects.effect import (
     Effect,
@@ -14,7 +15,7 @@ from skincal.effects.effect_skin import Contacted, EffectSkin
 from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times
 from skincal.effects.parameter import EffectParameter, Values
 from skincal.effects.registry import EFFECTS, effect
-from skincal.effects.samples import COVARIATES, Samples
+from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.effects.site_history import met_before
 from skincal.effects.stream import SkinStream

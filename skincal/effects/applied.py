@@ -9,10 +9,11 @@ from typing import Literal, TypeVar
 
 from numpy.typing import ArrayLike
 
+from skincal.covariates import COVARIATES
 from skincal.effects.effect import Effect
 from skincal.effects.parameter import Values
 from skincal.effects.registry import EFFECTS, effect
-from skincal.effects.samples import COVARIATES, Samples
+from skincal.effects.samples import Samples
 from skincal.errors import InputError, Problem
 
 Missing = Literal["error", "abstain"]
@@ -86,7 +87,7 @@ def at_work(
         if not lacking:
             found.append((number, one.effect, one.values))
         elif missing == "error":
-            columns = ", ".join(COVARIATES[name] for name in lacking)
+            columns = ", ".join(COVARIATES[name].attribute for name in lacking)
             place = f"effect {one.effect.name}"
             fix = "Give them, or let effects without their covariates abstain."
             raise InputError([Problem(place, f"samples with {columns}", "samples without", fix)])

@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skincal.covariates import COVARIATES
 from skincal.model import Contacts, Indenter
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats, check_shape, frozen
-
-COVARIATES: Final[dict[str, str]] = {
-    "time": "time_s",
-    "phase": "phase",
-    "speed": "speed_m_per_s",
-    "cycle": "cycle",
-    "met": "met_n",
-    "pose": "pose",
-    "temperature": "temperature_c",
-    "shear": "shear_n",
-}
-"""Names of covariates, each with the attribute of :class:`Samples` that holds it."""
-
-DERIVED: Final[dict[str, str]] = {"met": "cycle"}
-"""Covariates without a column in any table, each with the covariate that it is computed with."""
 
 UNKNOWN, IDLE, LOAD, HOLD, UNLOAD = range(-1, 4)
 """Phases of a sample; from idle on as in a dataset's table of frames."""
@@ -77,12 +63,13 @@ class Samples:
             self._set(name, np.asarray(getattr(self, name), dtype=kind), (count,))
         if len(self.indenter) and not 0 <= self.indenter.min() <= self.indenter.max() < len(self.indenters):
             raise ValueError(f"samples indenter: expected 0 to {len(self.indenters) - 1}")
-        for name in COVARIATES.values():
-            value = getattr(self, name)
+        for one in COVARIATES.values():
+            value = getattr(self, one.attribute)
             if value is not None:
-                whole = name in ("phase", "pose")
-                shape = (count, 2) if name == "shear_n" else (count,)
-                self._set(name, np.asarray(value, dtype=np.int64 if whole else np.float64), shape)
+                shape = (count, len(one.columns)) if len(one.columns) > 1 else (count,)
+                self._set(
+                    one.attribute, np.asarray(value, dtype=np.int64 if one.whole else np.float64), shape
+                )
         if self.time_s is not None and count:
             if not np.isfinite(self.time_s).all() or np.any(np.diff(self.time_s) < 0):
                 raise ValueError("samples time_s: expected finite times that never fall")
@@ -105,15 +92,7 @@ class Samples:
         *,
         touching: ArrayLike | None = None,
         press: ArrayLike | None = None,
-        time_s: ArrayLike | None = None,
-        phase: ArrayLike | None = None,
-        speed_m_per_s: ArrayLike | None = None,
-        cycle: ArrayLike | None = None,
-        met_n: ArrayLike | None = None,
-        pose: ArrayLike | None = None,
-        temperature_c: ArrayLike | None = None,
-        shear_u_n: ArrayLike | None = None,
-        shear_v_n: ArrayLike | None = None,
+        **covariates: ArrayLike | None,
     ) -> Samples:
         """Return samples from columns; one number stands for all rows.
 
@@ -123,49 +102,30 @@ class Samples:
             touching: (K,) True with contact; by default where the phase is known and not idle, or, if it is
                 unknown, where the force is above zero.
             press: (K,) number of the press; by default a new press starts where contact begins.
-            time_s: (K,) [s].
-            phase: (K,) as in the attribute.
-            speed_m_per_s: (K,) [m/s].
-            cycle: (K,).
-            met_n: (K,) [N].
-            pose: (K,) whole numbers.
-            temperature_c: (K,) [°C].
-            shear_u_n: (K,) along growing beta [N]; both components or none.
-            shear_v_n: (K,) along +y [N].
+            covariates: (K,) by the name of the attribute, or of the columns that are its components
+                (``shear_u_n`` and ``shear_v_n``: both or none).
+
+        Raises:
+            TypeError: a name that no covariate has.
         """
         count = len(contacts)
 
-        def column(value: ArrayLike | None) -> FloatArray | None:
-            return None if value is None else np.broadcast_to(as_floats(value), (count,))
+        def column(value: ArrayLike, kind: type[np.generic]) -> np.ndarray[tuple[int, ...], np.dtype[Any]]:
+            return np.broadcast_to(np.asarray(value, dtype=kind), (count,))
 
-        def whole(value: ArrayLike | None) -> IntArray | None:
-            return None if value is None else np.broadcast_to(np.asarray(value, dtype=np.int64), (count,))
-
+        own: dict[str, Any] = {}
+        for one in COVARIATES.values():
+            parts = one.columns if len(one.columns) > 1 else (one.attribute,)
+            given = [value for name in parts if (value := covariates.pop(name, None)) is not None]
+            if len(given) == len(parts):
+                values = [column(value, np.int64 if one.whole else np.float64) for value in given]
+                own[one.attribute] = values[0] if len(values) == 1 else np.stack(values, axis=1)
+        if covariates:
+            raise TypeError(f"samples: expected covariates; got {', '.join(covariates)}")
         things, which = indenter if isinstance(indenter, tuple) else ((indenter,), 0)
-        phases = whole(phase)
-        touches = _touching(contacts, phases) if touching is None else np.asarray(touching, dtype=np.bool_)
-        touches = np.broadcast_to(touches, (count,))
-        shear = None
-        if shear_u_n is not None and shear_v_n is not None:
-            u, v = column(shear_u_n), column(shear_v_n)
-            assert u is not None and v is not None
-            shear = np.stack([u, v], axis=1)
-        pressing = whole(press)
-        return cls(
-            contacts,
-            touches,
-            tuple(things),
-            np.broadcast_to(np.asarray(which, dtype=np.int64), (count,)),
-            _presses(touches) if pressing is None else pressing,
-            column(time_s),
-            phases,
-            column(speed_m_per_s),
-            column(cycle),
-            column(met_n),
-            whole(pose),
-            column(temperature_c),
-            shear,
-        )
+        touches = _touching(contacts, own.get("phase")) if touching is None else column(touching, np.bool_)
+        pressing = _presses(touches) if press is None else column(press, np.int64)
+        return cls(contacts, touches, tuple(things), column(which, np.int64), pressing, **own)
 
     def __len__(self) -> int:
         return len(self.touching)
@@ -174,13 +134,19 @@ class Samples:
         """Return some of the samples, in their order."""
         some = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
-            for name in ("touching", "indenter", "press", "apart_s", *COVARIATES.values())
+            for name in (
+                "touching",
+                "indenter",
+                "press",
+                "apart_s",
+                *(c.attribute for c in COVARIATES.values()),
+            )
         }
         return replace(self, contacts=self.contacts[rows], **some)
 
     def has(self, covariate: str) -> bool:
         """Return whether a covariate of ``COVARIATES`` was recorded."""
-        return getattr(self, COVARIATES[covariate]) is not None
+        return getattr(self, COVARIATES[covariate].attribute) is not None
 
     @property
     def elapsed_s(self) -> FloatArray:

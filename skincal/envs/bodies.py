@@ -46,7 +46,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def parts(self) -> tuple[Part, ...]:
-        """What it is made of, as it collides."""
+        """Return what it is made of, as it collides."""
 
     @abstractmethod
     def look(self, engine: Any, client: int) -> int:
@@ -60,7 +60,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def indenter(self) -> Indenter:
-        """What the skin feels."""
+        """Return what the skin feels."""
 
     @abstractmethod
     def contacts(

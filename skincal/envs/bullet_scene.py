@@ -1,4 +1,4 @@
-"""Two fingers and an object in a PyBullet client."""
+"""Two fingers and what they hold in a PyBullet client."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body
-from skincal.envs.grip import Frame, Grip
+from skincal.envs.grip import Frame, Grip, Placed
 from skincal.envs.pinch import Pinch
 from skincal.envs.pinch_urdf import pinch_urdf
 from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
@@ -65,9 +65,10 @@ class BulletScene(Scene):
         )
         engine.setGravity(0, 0, 0, physicsClientId=client)
         self._load_fingers(grip)
-        self._load_body(grip)
+        self.bodies = [self._load_body(placed, grip) for placed in grip.objects]
         self._begin_drives(grip)
-        self._hold(grip)
+        self._constraints = [self._hold(*pair) for pair in zip(self.bodies, grip.objects, strict=True)]
+        self.held = True
 
     def _load_fingers(self, grip: Grip) -> None:
         engine, client = self.engine, self.client
@@ -97,29 +98,31 @@ class BulletScene(Scene):
         for link in (self._skin_link, self._thumb_link):
             self._soften(self.fingers, link, grip, grip.finger_friction, 0.0, 0.0)
 
-    def _load_body(self, grip: Grip) -> None:
-        engine, client, body = self.engine, self.client, grip.body
-        self._centre_m = grip.position_m.tolist()
-        self._turn = quaternion(grip.rotation)
-        self.body: int = engine.createMultiBody(
+    @property
+    def body(self) -> int:
+        """PyBullet's number of the first object."""
+        return self.bodies[0]
+
+    def _load_body(self, placed: Placed, grip: Grip) -> int:
+        engine, client, body = self.engine, self.client, placed.body
+        made: int = engine.createMultiBody(
             body.mass_kg,
             self._shape(body),
             body.look(engine, client) if self._visible else -1,
-            self._centre_m,
-            self._turn,
+            placed.position_m.tolist(),
+            quaternion(placed.rotation),
             physicsClientId=client,
         )
         engine.changeDynamics(
-            self.body,
+            made,
             -1,
             linearDamping=0,
             angularDamping=0,
             localInertiaDiagonal=body.inertia_kg_m2,
             physicsClientId=client,
         )
-        self._soften(
-            self.body, -1, grip, grip.lateral_friction, grip.spinning_friction, grip.rolling_friction
-        )
+        self._soften(made, -1, grip, grip.lateral_friction, grip.spinning_friction, grip.rolling_friction)
+        return made
 
     def _soften(
         self, body: int, link: int, grip: Grip, lateral: float, spinning: float, rolling: float
@@ -137,22 +140,21 @@ class BulletScene(Scene):
             physicsClientId=self.client,
         )
 
-    def _hold(self, grip: Grip) -> None:
+    def _hold(self, body: int, placed: Placed) -> int:
         engine = self.engine
-        self._constraint = engine.createConstraint(
-            self.body,
+        return engine.createConstraint(
+            body,
             -1,
             -1,
             -1,
             engine.JOINT_FIXED,
             [0, 0, 0],
             [0, 0, 0],
-            self._centre_m,
+            placed.position_m.tolist(),
             [0, 0, 0, 1],
-            self._turn,
+            quaternion(placed.rotation),
             physicsClientId=self.client,
         )
-        self.held = True
 
     def _shape(self, body: Body) -> int:
         """A collision shape of round parts, each along +x of the body's frame."""
@@ -173,12 +175,13 @@ class BulletScene(Scene):
 
     def release(self) -> None:
         """See :meth:`Scene.release`."""
-        self.engine.removeConstraint(self._constraint, physicsClientId=self.client)
+        for constraint in self._constraints:
+            self.engine.removeConstraint(constraint, physicsClientId=self.client)
         self.held = False
 
     def run(self, steps: int) -> None:
         """See :meth:`Scene.run`."""
-        engine, client, fingers, body = self.engine, self.client, self.fingers, self.body
+        engine, client, fingers, bodies = self.engine, self.client, self.fingers, self.bodies
         joints, force, drive = self._joints, self.force_n, self.drives.step
         states, torques = engine.getJointStates, engine.setJointMotorControlArray
         where, push, move = (
@@ -191,12 +194,18 @@ class BulletScene(Scene):
             rows = states(fingers, joints, physicsClientId=client)
             torque = drive([row[0] for row in rows], [row[1] for row in rows])
             torques(fingers, joints, torque_control, forces=torque, physicsClientId=client)
-            push(body, -1, force, where(body, physicsClientId=client)[0], world_frame, physicsClientId=client)
+            for body in bodies:
+                centre = where(body, physicsClientId=client)[0]
+                push(body, -1, force, centre, world_frame, physicsClientId=client)
             move(physicsClientId=client)
 
-    def touches(self) -> tuple[Touching | None, Touching | None]:
+    def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
         """See :meth:`Scene.touches`."""
-        rows = self.engine.getContactPoints(self.fingers, self.body, physicsClientId=self.client) or ()
+        rows = [
+            row
+            for body in (self.bodies if which is None else [self.bodies[which]])
+            for row in self.engine.getContactPoints(self.fingers, body, physicsClientId=self.client) or ()
+        ]
         skin, thumb = ([_point(row) for row in rows if row[3] == link] for link in self._links)
         return merged(skin, LARGEST_FORCE_N), merged(thumb, LARGEST_FORCE_N)
 
@@ -220,19 +229,23 @@ class BulletScene(Scene):
         )
         return Frame(np.array(state[4]), self._matrix(state[5]))
 
-    def object_frame(self) -> Frame:
+    def object_frame(self, which: int = 0) -> Frame:
         """See :meth:`Scene.object_frame`."""
-        position, turn = self.engine.getBasePositionAndOrientation(self.body, physicsClientId=self.client)
+        place = self.engine.getBasePositionAndOrientation
+        position, turn = place(self.bodies[which], physicsClientId=self.client)
         return Frame(np.array(position), self._matrix(turn))
 
-    def object_motion(self) -> tuple[FloatArray, FloatArray]:
+    def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
         """See :meth:`Scene.object_motion`."""
-        linear, angular = self.engine.getBaseVelocity(self.body, physicsClientId=self.client)
+        linear, angular = self.engine.getBaseVelocity(self.bodies[which], physicsClientId=self.client)
         return np.array(linear), np.array(angular)
 
     def gap_m(self) -> float:
         """See :meth:`Scene.gap_m`."""
-        rows = self.engine.getClosestPoints(self.fingers, self.body, 0.05, physicsClientId=self.client)
+        near = self.engine.getClosestPoints
+        rows = [
+            row for body in self.bodies for row in near(self.fingers, body, 0.05, physicsClientId=self.client)
+        ]
         return min((row[8] for row in rows if row[3] in self._links), default=0.05)
 
     def close(self) -> None:

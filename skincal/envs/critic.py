@@ -19,7 +19,7 @@ _LEFT_OUT: Final = ("noise", "random_force", "position_m", "psi_deg", "theta_deg
 
 
 def constant_parts(nominal: Values) -> list[Part]:
-    """What an episode was drawn with, in the order of the names.
+    """Return what an episode was drawn with, in the order of the names.
 
     Args:
         nominal: values of an episode, for their names and sizes.

@@ -13,7 +13,7 @@ from skincal.effects import EFFECTS
 from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem
-from skincal.ranges import NAMES, PRESETS, Parameter, Ranges
+from skincal.ranges import NAMES, PRESETS, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX as _EFFECTS
 from skincal.ranges.names import find
 from skincal.ranges.sampling import Sample
@@ -100,7 +100,7 @@ class Drawer:
         randomize: Sequence[str] | None,
         given: Mapping[str, ArrayLike],
     ) -> Values:
-        """What is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
+        """Return what is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
         drawn = flat(self._step_draws(rng, episode))
         return {
             path: value if is_chosen(path, randomize) and path not in given else _copy(self._nominal[path])
@@ -138,7 +138,7 @@ class Drawer:
         joint = self.ranges.joint
         for path, parameter in self.ranges.items():
             if self._concerns(path):
-                found[path] = self._broadcast(path, _middle(parameter))
+                found[path] = self._broadcast(path, parameter.middle())
         if joint is not None:
             middle = joint.draws.mean(axis=0)
             found |= {path: float(v) for path, v in zip(joint.columns, middle, strict=True)}
@@ -182,18 +182,6 @@ def effects_of(values: Values) -> dict[str, dict[str, Value]]:
     return found
 
 
-def _middle(parameter: Parameter) -> FloatArray:
-    if parameter.distribution == "constant":
-        return np.asarray(parameter.value, dtype=np.float64)
-    if parameter.distribution == "normal":
-        return np.asarray(parameter.mean, dtype=np.float64)
-    low = np.asarray(parameter.low, dtype=np.float64)
-    high = np.asarray(parameter.high, dtype=np.float64)
-    if parameter.distribution == "log_uniform":
-        return np.sqrt(low * high)
-    return (low + high) / 2
-
-
 def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
     """What holds where ranges say nothing: the hand's own figures, the middle of the paper's, or nothing at all."""
     description, mount = pinch.description, pinch.description.meta.mount
@@ -219,7 +207,7 @@ def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
         if path == "skin.x_m" or (path.startswith("object.") and not path.startswith(f"object.{kind}.")):
             continue
         size = shapes[name.shape]
-        middle = own.get(path, _middle(published[path]) if path in published else 0.0)
+        middle = own.get(path, published[path].middle() if path in published else 0.0)
         values[path] = float(middle) if size is None else np.broadcast_to(middle, (size,)).astype(np.float64)
     return values
 
@@ -229,7 +217,7 @@ def _matches(path: str, name: str) -> bool:
 
 
 def is_chosen(path: str, randomize: Sequence[str] | None) -> bool:
-    """Whether a parameter is among those that are randomized; None: all are."""
+    """Return whether a parameter is among those that are randomized; None: all are."""
     return randomize is None or any(_matches(path, name) for name in randomize)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
-from skincal.envs.grip import Grip
+from skincal.envs.grip import Grip, Placed
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
@@ -77,7 +77,12 @@ class Grasp:
         return self._postures.middle_m
 
     def take(
-        self, scene: Scene, values: Values, body: Body, rotation: FloatArray, place_m: FloatArray
+        self,
+        scene: Scene,
+        values: Values,
+        body: Body,
+        rotation: FloatArray,
+        *places_m: FloatArray,
     ) -> FloatArray:
         """Begins an episode: the object is held midway between the tips until both touch it, then let go.
 
@@ -86,15 +91,21 @@ class Grasp:
             values: the episode's draws.
             body: the object.
             rotation: (3, 3) from its frame to the fingertip's.
-            place_m: (3,) what is added to its place, fingertip frame [m].
+            places_m: (3,) what is added to its place, fingertip frame [m]; one for each of several objects alike.
 
         Returns:
             (n,) the command at which it is held, as the joint sensors measure it [rad].
         """
-        return self._close(scene, self.open(scene, values, body, rotation, place_m), values)
+        width = self.open(scene, values, body, rotation, *places_m)
+        return self._close(scene, width, values, single=len(places_m) == 1)
 
     def open(
-        self, scene: Scene, values: Values, body: Body, rotation: FloatArray, place_m: FloatArray
+        self,
+        scene: Scene,
+        values: Values,
+        body: Body,
+        rotation: FloatArray,
+        *places_m: FloatArray,
     ) -> float:
         """Begin a scene with the tips open about an object that is held midway between them.
 
@@ -108,7 +119,8 @@ class Grasp:
         middle, tip = self._middle(self._postures.at(2 * body.radius_m) - offset)
         while True:
             command = self._postures.at(width)
-            scene.begin(self._grip(values, body, command - offset, middle + tip @ place_m, tip @ rotation))
+            objects = tuple(Placed(body, middle + tip @ place, tip @ rotation) for place in places_m)
+            scene.begin(self._grip(values, command - offset, objects))
             if scene.gap_m() > 0 or width >= self._postures.widths_m[-1]:
                 return width
             width += options.wider_m
@@ -128,8 +140,11 @@ class Grasp:
         face = end - self._pinch.thumb.radius_m * (skin.rotations[0] @ out)
         return (foot + face) / 2, skin.rotations[0]
 
-    def _close(self, scene: Scene, width_m: float, values: Values) -> FloatArray:
-        """Closes the tips until both touch, then squeezes; gives up at the narrowest posture."""
+    def _close(self, scene: Scene, width_m: float, values: Values, *, single: bool) -> FloatArray:
+        """Closes the tips until both touch, then squeezes; gives up at the narrowest posture.
+
+        Several objects are let go when they have been squeezed: the first that is touched would carry all alone.
+        """
         options, offset = self._options, array(values, "finger.joint_offset_rad")
         command, width = self._postures.at(width_m), width_m
         while scene.held and width > self._postures.widths_m[0]:
@@ -138,8 +153,11 @@ class Grasp:
             scene.drives.target_rad = (command - offset).tolist()
             scene.run(_LOOK_STEPS)
             if None not in scene.touches():
-                scene.release()
+                if single:
+                    scene.release()
                 command = self._squeeze(scene, command, offset)
+                if scene.held:
+                    scene.release()
         scene.run(round(options.settle_s * PHYSICS_HZ))
         return command
 
@@ -174,9 +192,8 @@ class Grasp:
         torque[chains.indenter.columns] = -chains.indenter.jacobian(thumb, end)[0].T @ force
         return torque
 
-    def _grip(
-        self, values: Values, body: Body, angles_rad: FloatArray, place_m: FloatArray, rotation: FloatArray
-    ) -> Grip:
+    def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
+        body = objects[0].body
         options, table = self._options, f"object.{type(body).__name__.lower()}"
         across = 1 / (1 / body.radius_m + 1 / require_cylinder(self._pinch))
         elasticity = number(values, "skin.elasticity_pa_per_m")
@@ -186,9 +203,7 @@ class Grasp:
             angles_rad=angles_rad,
             command_rad=angles_rad,
             drives=self._drives(values),
-            body=body,
-            position_m=place_m,
-            rotation=rotation,
+            objects=objects,
             finger_friction=number(values, "finger.lateral_friction"),
             lateral_friction=number(values, f"{table}.lateral_friction"),
             spinning_friction=number(values, f"{table}.spinning_friction"),

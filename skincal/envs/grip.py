@@ -14,6 +14,21 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class Placed:
+    """An object and where it is held.
+
+    Attributes:
+        body: the object.
+        position_m: (3,) where its centre of mass is held [m].
+        rotation: (3, 3) from its frame to the root's.
+    """
+
+    body: Body
+    position_m: FloatArray
+    rotation: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Grip:
     """What a scene begins with.
 
@@ -21,13 +36,11 @@ class Grip:
         angles_rad: (n,) angles of the links [rad].
         command_rad: (n,) what the drives hold to [rad].
         drives: what the drives are.
-        body: the object.
-        position_m: (3,) where its centre of mass is held [m].
-        rotation: (3, 3) from its frame to the root's.
+        objects: what is held: one object, or several.
         finger_friction: friction coefficient of the tips; that of a pair is the product.
-        lateral_friction: the object's, against sliding.
-        spinning_friction: the object's, against spinning about the normal [m].
-        rolling_friction: the object's, against rolling [m].
+        lateral_friction: the objects', against sliding.
+        spinning_friction: the objects', against spinning about the normal [m].
+        rolling_friction: the objects', against rolling [m].
         stiffness_n_per_m: spring constant of a contact [N/m].
         damping_ns_per_m: damping of a contact [N s/m].
     """
@@ -35,9 +48,7 @@ class Grip:
     angles_rad: FloatArray
     command_rad: FloatArray
     drives: DriveParameters
-    body: Body
-    position_m: FloatArray
-    rotation: FloatArray
+    objects: tuple[Placed, ...]
     finger_friction: float
     lateral_friction: float
     spinning_friction: float

@@ -36,7 +36,7 @@ def ranges_for(kind: ObjectName, ranges: Ranges | str | Path | None) -> Ranges:
 
 
 def expected_names(ranges: Ranges, kind: ObjectName) -> list[str]:
-    """What ranges must hold for a task: all that the preset they started from randomizes of it."""
+    """Return what ranges must hold for a task: all that the preset they started from randomizes of it."""
     name = ranges.provenance.get("preset", "iros24")
     base = PRESETS.get(name, PRESETS["iros24"])
     return [path for path in base if not path.startswith("object.") or path.startswith(f"object.{kind}.")]

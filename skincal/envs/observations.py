@@ -60,11 +60,11 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Return how many numbers."""
         return len(self.low)
 
     def slices(self) -> dict[str, slice]:
-        """Where each part stands."""
+        """Return where each part stands."""
         ends = np.cumsum([0, *(p.size for p in self.parts)]).tolist()
         return {p.name: slice(a, b) for p, a, b in zip(self.parts, ends[:-1], ends[1:], strict=True)}
 

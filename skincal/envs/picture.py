@@ -32,7 +32,7 @@ _TARGET, _PLACE = (90, 220, 120), (255, 255, 255)
 
 
 def display_there() -> bool:
-    """Whether a window can be opened. If not, that is said once: PyBullet itself would end the process."""
+    """Return whether a window can be opened. If not, that is said once: PyBullet itself would end the process."""
     there = sys.platform != "linux" or bool(os.environ.get("DISPLAY"))
     if not there:
         print("skincal: there is no display to open a window on (DISPLAY is not set)", file=sys.stderr)

@@ -108,14 +108,10 @@ def _read(values: Any, description: HandDescription, urdf: Urdf, findings: Findi
     top = TomlTable(findings, file, "", values, ("format", "pinch", "thumb"))
     check_format(top, FORMAT)
     known = ("angles_deg", "gravity_m_per_s2", "cylinder_m", "remove_links")
-    pinch = TomlTable(findings, file, "pinch", _table(top, "pinch"), known)
-    thumb = _thumb(
-        TomlTable(
-            findings, file, "thumb", _table(top, "thumb"), ("tip_link", "radius_m", "length_m", "tip_from_m")
-        )
-    )
+    pinch = top.inner("pinch", known)
+    thumb = _thumb(top.inner("thumb", ("tip_link", "radius_m", "length_m", "tip_from_m")))
     _check_fingers(description, findings)
-    angles = np.radians(_numbers(pinch, "angles_deg", len(description.joints)))
+    angles = np.radians(pinch.array("angles_deg", len(description.joints), single=False))
     _check_angles(pinch, angles, description)
     removed = _links(pinch, urdf)
     finger = _finger(description, urdf, thumb, findings)
@@ -123,7 +119,7 @@ def _read(values: Any, description: HandDescription, urdf: Urdf, findings: Findi
         description=replace(description, indenter_finger=finger),
         thumb=thumb,
         angles_rad=angles,
-        gravity_m_per_s2=_numbers(pinch, "gravity_m_per_s2", 3),
+        gravity_m_per_s2=pinch.array("gravity_m_per_s2", 3, single=False),
         cylinder_m=pinch.range("cylinder_m", "a pair [from, to] along the finger [m]", limit=0.5),
         remove_links=removed,
     )
@@ -136,26 +132,6 @@ def _thumb(table: TomlTable) -> Thumb:
         length_m=table.length_m("length_m", "a length [m]", low=1e-3, high=0.5),
         tip_from_m=table.length_m("tip_from_m", "a place along the tip [m]", low=0, high=0.5, positive=False),
     )
-
-
-def _table(top: TomlTable, name: str) -> dict[str, Any]:
-    value = top.raw(name)
-    if isinstance(value, dict):
-        return cast("dict[str, Any]", value)
-    top.error(f"[{name}]", f"a table [{name}]", "nothing" if value is None else value)
-    return {}
-
-
-def _numbers(table: TomlTable, key: str, count: int) -> FloatArray:
-    value = table.raw(key)
-    numbers = cast("list[Any]", value) if isinstance(value, list) else []
-    plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers)
-    if len(numbers) != count or not plain or not np.isfinite(numbers).all():
-        table.error(
-            key, f"a list of {count} finite numbers", "nothing" if value is None else str(cast(object, value))
-        )
-        return np.zeros(count)
-    return np.array(numbers, dtype=np.float64)
 
 
 def _links(table: TomlTable, urdf: Urdf) -> tuple[str, ...]:

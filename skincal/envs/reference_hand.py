@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -58,13 +59,17 @@ class ReferenceHand(HandDriver):
         truth_path: file for the truth (JSON), written when the hand is connected.
         rate_hz: states and commands [Hz].
         engine: the physics: ``pybullet`` or ``mujoco``.
+        real_time: whether its clock keeps pace with ours, as that of a real hand does; else it goes on by one period
+            whenever a state is asked for.
+
+    Attributes:
+        clock: that it keeps pace with, by ``monotonic`` and ``sleep``; None: none.
 
     Raises:
         InputError: a task, an effect, ranges or a rate that do not exist or do not fit.
     """
 
     name = "reference"
-    real_time = False
 
     def __init__(
         self,
@@ -78,6 +83,7 @@ class ReferenceHand(HandDriver):
         truth_path: Annotated[Path | None, "file for the truth (JSON)"] = None,
         rate_hz: Annotated[int, "states and commands per second"] = 100,
         engine: Annotated[str, "physics engine: pybullet or mujoco"] = "pybullet",
+        real_time: Annotated[bool, "whether its clock keeps pace with ours, as a real hand's does"] = False,
     ) -> None:
         kind: ObjectName | None = next((name for name in _OBJECTS if name == task), None)
         if kind is None:
@@ -86,7 +92,8 @@ class ReferenceHand(HandDriver):
             expected = f"a divisor of the physics' {PHYSICS_HZ} Hz"
             raise InputError([Problem('driver "reference", option rate_hz', expected, str(rate_hz))])
         check_engine(engine, 'driver "reference", option engine')
-        self._engine = engine
+        self._engine, self.real_time = engine, real_time
+        self.clock: Any = time if real_time else None
         self._kind, self._seed, self._orientation_deg = kind, seed, orientation_deg
         self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
         self._pinch = read_pinch(hand)
@@ -151,7 +158,9 @@ class ReferenceHand(HandDriver):
         self._skin.begin(values, self._sensor.pose, self._body, float(self._rng.uniform(0.0, 600.0)))
         # A driver's guard gives observe() little time, and compiling takes seconds.
         self._skin.prepare()
-        self._scene, self._time_s, self._touched_s = scene, 0.0, 0.0
+        self._scene, self._periods, self._touched_s = scene, 0, 0.0
+        if self.clock is not None:
+            self._began_s = self.clock.monotonic()
         if self._truth_path is not None:
             text = json.dumps({"format": TRUTH_FORMAT, "seed": self._seed, "values": self.truth}, indent=1)
             with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
@@ -175,44 +184,61 @@ class ReferenceHand(HandDriver):
         return self._scene
 
     def observe(self) -> HandState:
-        """Move on by one period and say what the sensors say."""
+        """Move on by one period, or to the present of a clock that it keeps pace with; say what the sensors say."""
         scene = self._connected
-        with self._moving:
-            if self._halted.is_set():
-                self._hold(scene)
-            scene.run(self._steps)
-        self._time_s += self.period_s
-        self._let_go(scene)
+        self._move_on(scene, least=1)
+        time_s = self._periods * self.period_s
         noise = self._drawer.step(self._rng, self._sample, None, {})
         weight = self._body.mass_kg * self._pinch.gravity_m_per_s2
         push = noise.get(f"object.{self._kind}.random_force_n", 0.0)
         scene.force_n = np.broadcast_to(weight + push, 3).tolist()
         self._view = view(scene, self._sensor)
         taxel_noise = np.asarray(noise.get("skin.taxel_noise_counts", 0.0))
-        image = self._skin.image(self._view.felt(self._body), self._time_s, taxel_noise)
+        image = self._skin.image(self._view.felt(self._body), time_s, taxel_noise)
         offset = array(self._truth, "finger.joint_offset_rad")
         drives = scene.drives
         return HandState(
-            time_s=self._time_s,
+            time_s=time_s,
             q_rad=np.array(drives.motor_rad) + offset + noise.get("finger.joint_noise_rad", 0.0),
             dq_rad_per_s=np.array(drives.speed_rad_per_s),
             tau_nm=np.array(drives.torque_nm),
             q_desired_rad=self._desired.copy(),
             taxels=image,
-            taxel_time_s=np.full(len(image), self._time_s),
+            taxel_time_s=np.full(len(image), time_s),
         )
 
-    def _let_go(self, scene: Scene) -> None:
+    def _move_on(self, scene: Scene, least: int) -> None:
+        """Move on by so many periods at least: as many as have passed of the clock that it keeps pace with."""
+        periods = max(least, self._due())
+        with self._moving:
+            if self._halted.is_set():
+                self._hold(scene)
+            scene.run(periods * self._steps)
+        if self.clock is not None:
+            self.clock.sleep(max(0.0, (self._periods + periods) * self.period_s - self._passed_s()))
+        self._periods += periods
+        self._let_go(scene, periods * self.period_s)
+
+    def _due(self) -> int:
+        """Whole periods that have passed of the clock, and have not been simulated."""
+        return 0 if self.clock is None else int(self._passed_s() / self.period_s + 1e-6) - self._periods
+
+    def _passed_s(self) -> float:
+        return self.clock.monotonic() - self._began_s
+
+    def _let_go(self, scene: Scene, passed_s: float) -> None:
         """The person who holds the object lets go when both fingers have it."""
         if not scene.held:
             return
-        self._touched_s = self._touched_s + self.period_s if None not in scene.touches() else 0.0
+        self._touched_s = self._touched_s + passed_s if None not in scene.touches() else 0.0
         if self._touched_s >= _RELEASE_S:
             scene.release()
 
     def act(self, command: HandCommand) -> None:
         """Hold to other angles from now on; a hand that has been stopped stays so until it is connected again."""
         scene = self._connected
+        # What came before this command went by another.
+        self._move_on(scene, least=0)
         if not self._halted.is_set():
             self._desired = np.array(command.q_desired_rad, dtype=np.float64)
             offset = array(self._truth, "finger.joint_offset_rad")

@@ -9,7 +9,7 @@ from skincal.errors import InputError, Problem
 
 
 def falling(x: float, width: float) -> float:
-    """What a deviation is rewarded with: 1 at none, along a cosine to 0 at a width and beyond.
+    """Return what a deviation is rewarded with: 1 at none, along a cosine to 0 at a width and beyond.
 
     The paper's figure rew(x; width) is printed with its outer cases exchanged: being far away would pay most.
     """

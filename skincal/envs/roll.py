@@ -71,7 +71,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         **single: Any,
     ) -> None:
         # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
-        EzPickle.__init__(self, policy, ranges, hand, render_mode, options, **single)
+        EzPickle.__init__(self, policy, ranges, hand, render_mode, options, engine, **single)
         if policy not in KINDS:
             raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
         check_engine(engine, "environment engine")
@@ -115,7 +115,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     @abstractmethod
     def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
-        """How the object is turned at first (3, 3), in the fingertip's frame."""
+        """Return how the object is turned at first (3, 3), in the fingertip's frame."""
 
     @abstractmethod
     def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
@@ -304,11 +304,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     @property
     def truth(self) -> View:
-        """What is true at this moment."""
+        """Return what is true at this moment."""
         return self._view
 
     def _orientation(self) -> FloatArray:
-        """What the critic is told of how the object lies (4,); nothing of a marble."""
+        """Return what the critic is told of how the object lies (4,); nothing of a marble."""
         return np.zeros(4)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the tasks ask of a physics engine: two fingers and an object, and nothing else of it."""
+"""What the tasks ask of a physics engine: two fingers and one object or several, and nothing else of it."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _FAR_M = 10.0
 
 
 class Scene(ABC):
-    """Two fingers and an object in one engine; nothing here is shared between objects or processes.
+    """Two fingers and what they hold in one engine; nothing here is shared between scenes or processes.
 
     Attributes:
         drives: of the joints; their targets are set from outside.
-        force_n: acts on the object's centre all the time, frame of the URDF's root (3,) [N].
-        held: whether the object is still held in place.
+        force_n: acts on each object's centre all the time, frame of the URDF's root (3,) [N].
+        held: whether the objects are still held in place.
     """
 
     drives: Drives
@@ -41,19 +41,19 @@ class Scene(ABC):
 
     @abstractmethod
     def begin(self, grip: Grip) -> None:
-        """Builds the world anew, so that nothing of an earlier episode is left; the object is held in place."""
+        """Builds the world anew, so that nothing of an earlier episode is left; objects are held in place."""
 
     @abstractmethod
     def release(self) -> None:
-        """Lets go of the object."""
+        """Lets go of all objects."""
 
     @abstractmethod
     def run(self, steps: int) -> None:
         """Moves on by some physics steps."""
 
     @abstractmethod
-    def touches(self) -> tuple[Touching | None, Touching | None]:
-        """What the tip with the skin and the thumb feel of the object."""
+    def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
+        """Return what the tip with the skin and the thumb feel of one object; None: of all of them together."""
 
     @abstractmethod
     def joints(self) -> tuple[FloatArray, FloatArray]:
@@ -64,16 +64,16 @@ class Scene(ABC):
         """The frames of the tip with the skin and of the thumb's."""
 
     @abstractmethod
-    def object_frame(self) -> Frame:
-        """The object's frame."""
+    def object_frame(self, which: int = 0) -> Frame:
+        """The frame of an object."""
 
     @abstractmethod
-    def object_motion(self) -> tuple[FloatArray, FloatArray]:
-        """The object's velocity [m/s] and angular velocity [rad/s], each (3,)."""
+    def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
+        """An object's velocity [m/s] and angular velocity [rad/s], each (3,)."""
 
     @abstractmethod
     def gap_m(self) -> float:
-        """Smallest distance between a tip and the object [m], negative inside; at most 0.05 m."""
+        """Smallest distance between a tip and an object [m], negative inside; at most 0.05 m."""
 
     @abstractmethod
     def close(self) -> None:
@@ -121,7 +121,7 @@ def check_engine(engine: str, place: str) -> None:
 
 
 def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:
-    """Whether angles and velocities of the joints and the object's place (3,) are finite and not absurd."""
+    """Return whether angles and velocities of the joints and the object's place (3,) are finite and not absurd."""
     # A comparison with NaN is false.
     moves = float(np.abs(dq_rad_per_s).max()) < np.inf
     there = float(np.abs(place_m).max()) < _FAR_M

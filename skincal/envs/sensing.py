@@ -102,11 +102,11 @@ class View:
 
     @property
     def dropped(self) -> bool:
-        """Whether a finger has lost the object."""
+        """Return whether a finger has lost the object."""
         return not self.sound or (not self.held and (self.skin is None or self.thumb is None))
 
     def right_contact(self, pinch: Pinch) -> bool:
-        """Whether the tip of the thumb and the cylindrical part of the finger touch it."""
+        """Return whether the tip of the thumb and the cylindrical part of the finger touch it."""
         if self.skin is None or self.thumb is None:
             return False
         low, high = pinch.cylinder_m
@@ -130,17 +130,18 @@ class View:
         return Felt(contacts, float(across), float(friction[1]))
 
 
-def view(scene: Scene, sensor: Sensor) -> View:
+def view(scene: Scene, sensor: Sensor, which: int = 0) -> View:
     """Looks at a scene.
 
     Args:
         scene: as it is.
         sensor: where the patch is.
+        which: object that is looked at.
     """
     q, dq = scene.joints()
-    skin, thumb = scene.touches()
-    (tip, thumb_tip), body = scene.tips(), scene.object_frame()
-    velocity, spin = scene.object_motion()
+    skin, thumb = scene.touches(which)
+    (tip, thumb_tip), body = scene.tips(), scene.object_frame(which)
+    velocity, spin = scene.object_motion(which)
     believed = sound(q, dq, body.origin_m)
     return View(
         q_rad=q,

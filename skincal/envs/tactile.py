@@ -149,7 +149,7 @@ class TactileSkin:
         return replace(samples, start_s=0.0)
 
     def _phase(self, felt: Felt | None, time_s: float) -> int:
-        """Whether the force rises, falls or stays."""
+        """Return whether the force rises, falls or stays."""
         before, self._before = (
             self._before,
             (time_s, 0.0 if felt is None else float(felt.contacts.force_n[0])),

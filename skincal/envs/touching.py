@@ -83,7 +83,7 @@ def merged(points: Sequence[Point], largest_n: float) -> Touching | None:
 
 
 def _sound(point: Point, largest_n: float) -> bool:
-    """Whether a point carries a force that can be believed; a comparison with NaN is false."""
+    """Return whether a point carries a force that can be believed; a comparison with NaN is false."""
     x, y, z = point.normal
     finite = all(map(math.isfinite, (*point.place_m, *point.friction_n)))
     unit = abs(x * x + y * y + z * z - 1.0) <= 2e-3

@@ -48,6 +48,9 @@ _NAMING: Final = (("sensor", "positions"), ("surface", "file"), ("indenter", "fi
 _MOST: Final = 1 << 20
 """Largest number of bytes of a list or a description that are read."""
 
+_ANY_ENDING: Final = re.compile(r"[^*?\[\]]+\.\*")
+"""The only pattern in a list; a list that came with a dataset may hold others, which would match anybody's files."""
+
 _ANYWHERE = (NAME, ".DS_Store", ".nfs*")
 """The list itself, and files that a file manager or a file server adds to any folder."""
 
@@ -91,7 +94,7 @@ def holds(folder: Path, path: Path) -> bool:
 def _is_known(name: PurePosixPath, known: Sequence[str]) -> bool:
     return (
         str(name) in known
-        or any(fnmatchcase(str(name), one) for one in known)
+        or any(fnmatchcase(str(name), one) for one in known if _ANY_ENDING.fullmatch(one))
         or any(fnmatchcase(name.name, one) for one in _ANYWHERE)
     )
 

@@ -26,7 +26,9 @@ def recover(path: Path) -> None:
     named = re.compile(TEMPORARY.format(name=re.escape(path.name)))
     left: list[Path] = []
     with suppress(OSError):
-        left = sorted(one for one in path.parent.iterdir() if named.fullmatch(one.name))
+        left = sorted(
+            one for one in path.parent.iterdir() if named.fullmatch(one.name) and not one.is_symlink()
+        )
     parts = [one for one in left if one.suffix == ".part"]
     swept = [part for part in parts if _remove_abandoned(part)]
     if len(swept) < len(parts):

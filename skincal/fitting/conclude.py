@@ -75,7 +75,8 @@ def conclude(
     bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
     losses = _grid_result(grid, slabs, fixed, found.grid_mse_counts2)
     if fixed is None:
-        clouds = _clouds(chosen, found.law, problem.rig.force_scale_sigma, rng)
+        told = as_told(problem, chosen, rng)
+        clouds = _clouds(told, found.law, problem.rig.force_scale_sigma, rng)
     else:
         clouds = [choose(losses, options.draws, rng)]
     rest, half = _rest(problem, level=options.level)
@@ -120,6 +121,23 @@ def _grid_result(
     slack = np.stack([s.slack_rms_m for s in slabs])
     inside = np.zeros(losses.shape, dtype=bool) if fixed_counts2 is None else losses <= fixed_counts2
     return GridResult(grid, losses, scale, slack, inside, at_best_counts2)
+
+
+def as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Floats:
+    """Draws (N, 11) with what presses leave open whatever they are: the mean gain, and which contacts the pose is of.
+
+    Presses tell the scale times the mean gain (:meth:`skincal.fitting.shared.Shared.directions`); that of J taxels is
+    off by sigma_g / sqrt(J). Where positions err smoothly, the pose that they tell is another for other contacts: at
+    any force from half of the hold's to all of it, and where those of another sample of as many presses last othersly
+    long (exponential times: a variance of 2 / K of the field's).
+    """
+    taxels, many = max(int(problem.alive.sum()), 1), len(draws)
+    shared = problem.shared
+    others = np.sqrt((shared.field.reshape(2, -1) ** 2).sum(axis=1) * 2 / len(problem))
+    out = draws.copy()
+    out[:, 4] -= np.exp(draws[:, 9]) / np.sqrt(taxels) * rng.standard_normal(many)
+    out[:, :2] += rng.random((many, 1)) * shared.half_force_m + others * rng.standard_normal((many, 2))
+    return out
 
 
 def _clouds(

@@ -52,6 +52,9 @@ LOCAL_STEPS = GridSteps(1.25e-3, 1.0e-3, math.radians(5.0), 12)
 """Where the grid takes the surface to look everywhere as at the sensor's nominal place, and only has to find where the
 skin model itself is asked."""
 
+STEPS = {"fast": GridSteps(), "general": LOCAL_STEPS, "nlopt": GENERAL_STEPS}
+"""Steps of the grid by the method of the fit, where none are given."""
+
 
 @dataclass(frozen=True)
 class FitOptions:

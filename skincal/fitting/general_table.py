@@ -21,16 +21,11 @@ from scipy.ndimage import convolve1d, maximum_filter
 from scipy.special import ive
 
 from skincal.fitting.general_skin import RESOLUTION_M
-from skincal.fitting.lookup import keys_weights
-from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Seen, offsets, to_patch, turned_slopes
+from skincal.fitting.lookup import Tables
 from skincal.fitting.types import Bools, Floats, Ints
 
 _SILENT = 1e-7
 """A taxel with less than this share of the force at a place is not looked up there."""
-
-_PAIRS = 20_000
-"""Taxels looked up at a time, to bound memory."""
 
 
 @dataclass(frozen=True)
@@ -83,18 +78,14 @@ class SkinTable:
     centre: Floats
     reach: TableReach
 
-    def see(self, problem: FitProblem, macro: Floats, press: Ints, nuisance: Floats) -> Seen:
-        """See :meth:`skincal.fitting.seen.Images.see`."""
-        across, along, log_ratio = offsets(problem, macro, press, nuisance)
-        alpha = macro[:, 2]
-        uv = to_patch(across, along, alpha)
-        slot = self.slot[problem.rows[press]]
-        weights = self._weights(macro, log_ratio - self.log_ratio[slot])
-        value, by_u, by_v, by_alpha, by_ratio, by_east, by_north = self._look_up(slot, uv, weights)
-        by_contact = turned_slopes(by_u, by_v, alpha)
-        by_alpha = by_alpha + by_u * uv[:, 1:] - by_v * uv[:, :1]
-        by_centre = np.stack([by_east, by_north], axis=-1) - by_contact
-        return Seen(uv, value, by_contact, by_centre, by_alpha, by_ratio)
+    def tables(self) -> Tables:
+        """See :meth:`skincal.fitting.seen.Images.tables`."""
+        turns, levels = turns_of(self.reach), levels_of(self.reach)
+        return Tables(
+            np.zeros((0, 0, 0, 0, 0, 0), dtype=np.float32), np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0.0,
+            (0.0, 1.0), (0.0, 1.0), self.shares, self.lit, self.plane, self.anchor_m, self.log_ratio, self.slot,
+            self.centre, turns, _spline(turns), levels, _spline(levels), self.reach.step_m,
+        )  # fmt: skip
 
     def holds(self, macro: Floats) -> bool:
         """Whether macro variables (5,) lie well within the table; the ratio F/E is left to its wide margin."""
@@ -113,48 +104,6 @@ class SkinTable:
         variance = np.full(2, (width_m / self.reach.step_m) ** 2)
         shares = smoothed(self.shares, variance)
         return replace(self, shares=shares, lit=lit_nodes(shares))
-
-    def _weights(self, macro: Floats, ratio: Floats) -> Floats:
-        """Weights (n, C, 5) of the channels for the value, and for its derivatives by alpha, ratio and centre."""
-        turn_weight, turn_slope = _spline_weights(turns_of(self.reach), macro[:, 2] - self.centre[2])
-        level_weight, level_slope = _spline_weights(levels_of(self.reach), ratio)
-        out = np.zeros((len(macro), self.shares.shape[-1], 5), dtype=np.float32)
-        for n, (a, b) in enumerate(
-            ((turn_weight, level_weight), (turn_slope, level_weight), (turn_weight, level_slope))
-        ):
-            out[:, :-2, n] = _outer(a, b)
-        out[:, -2:, 0] = macro[:, :2] - self.centre[:2]
-        out[:, -2:, 3:] = np.eye(2)
-        return out
-
-    def _look_up(self, slot: Ints, uv_m: Floats, weights: Floats) -> Floats:
-        """Value and derivatives by u, v, alpha, ratio and centre (7, n, J)."""
-        side, step = self.shares.shape[1], self.reach.step_m
-        place = (uv_m - self.anchor_m[slot]) / step + (side - 1) / 2
-        near = np.clip(np.rint(place), 0, side - 1).astype(np.intp)
-        plane = self.plane[slot]
-        lit = (plane >= 0) & self.lit[plane, near[:, :1], near[:, 1:]]
-        n, j = np.nonzero(lit)
-        out = np.zeros((7, len(slot), plane.shape[1]))
-        flat = self.shares.reshape(-1, self.shares.shape[-1])
-        for start in range(0, len(n), _PAIRS):
-            i, t = n[start : start + _PAIRS], j[start : start + _PAIRS]
-            rows, row_weight, row_slope = keys_weights(place[i, 0].astype(np.float32), side)
-            cols, col_weight, col_slope = keys_weights(place[i, 1].astype(np.float32), side)
-            corner = (plane[i, t] * side + rows - 1) * side + cols - 1
-            taps = flat[corner[:, None] + (side * np.arange(4)[:, None] + np.arange(4)).ravel()]
-            spots = np.stack(
-                [
-                    _outer(row_weight.T, col_weight.T),
-                    _outer(row_slope.T, col_weight.T),
-                    _outer(row_weight.T, col_slope.T),
-                ],
-                axis=1,
-            )
-            got = np.matmul(spots, taps)
-            out[:3, i, t] = np.einsum("nsc,nc->sn", got, weights[i, :, 0]) / [[1.0], [step], [step]]
-            out[3:, i, t] = np.matmul(got[:, :1], weights[i, :, 1:])[:, 0].T
-        return out
 
 
 def turns_of(reach: TableReach) -> Floats:
@@ -190,12 +139,6 @@ def smoothed(shares: Floats, variance: Floats) -> Floats:
     return shares
 
 
-def _spline_weights(knots: Floats, at: Floats) -> tuple[Floats, Floats]:
-    """Weights (n, K) of values at knots for a cubic spline (three knots: a parabola) at (n,), and their slopes."""
-    spline = CubicSpline(knots, np.eye(len(knots)))
-    inside = np.clip(at, knots[0], knots[-1])
-    return spline(inside), spline(inside, 1)
-
-
-def _outer(a: Floats, b: Floats) -> Floats:
-    return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
+def _spline(knots: Floats) -> Floats:
+    """Coefficients (4, K - 1, K) of the cubic splines (three knots: parabolas) that are 1 at one knot each."""
+    return np.ascontiguousarray(CubicSpline(knots, np.eye(len(knots))).c)

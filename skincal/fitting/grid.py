@@ -11,6 +11,7 @@ from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.slab import place
 from skincal.fitting.types import Floats
+from skincal.model.press.jit import telling
 
 _SEARCH_STEP_M = 0.25e-3
 """Lattice on which the slack's square is searched before Gauss-Newton takes over."""
@@ -174,22 +175,23 @@ def place_presses(
     weight = np.where(problem.saturated, 0.0, problem.weight)
     shape = (len(problem), len(grid.across_m), len(grid.y_m))
     slack, shares = np.zeros((*shape, 2)), np.empty((*shape, problem.rig.layout.taxels))
-    place(
-        level.planes,
-        images.size_of,
-        problem.rig.layout.centres_m,
-        images.lattice,
-        weight,
-        problem.values * weight,
-        search.across_m,
-        search.along_m,
-        problem.across_m[:, None] - grid.across_m,
-        problem.along_m[:, None] - grid.y_m,
-        (search.slack_across_m, search.slack_along_m),
-        search.stride,
-        (float(np.cos(alpha_rad)), float(np.sin(alpha_rad))),
-        (1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m),
-        slack,
-        shares,
-    )
+    with telling():
+        place(
+            level.planes,
+            images.size_of,
+            problem.rig.layout.centres_m,
+            images.lattice,
+            weight,
+            problem.values * weight,
+            search.across_m,
+            search.along_m,
+            problem.across_m[:, None] - grid.across_m,
+            problem.along_m[:, None] - grid.y_m,
+            (search.slack_across_m, search.slack_along_m),
+            search.stride,
+            (float(np.cos(alpha_rad)), float(np.sin(alpha_rad))),
+            (1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m),
+            slack,
+            shares,
+        )
     return slack, shares

@@ -8,33 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fitting.kernel import KernelTable, build_table, taxel_sizes
-from skincal.fitting.lookup import mixed
-from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Seen, offsets, to_patch, turned_slopes
+from skincal.fitting.lookup import Tables
 from skincal.fitting.types import Floats, Ints
 from skincal.model import Indenter, Surface, TaxelLayout
 
 RATIO_STEP = 0.05
 """Spacing of the tabled logarithms of F/E. Linear interpolation between them is good to 3e-4 of a load share."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shares:
-    """Load shares of all taxels, and their derivatives.
-
-    Attributes:
-        value: (n, J) share of the normal force that each taxel reports.
-        by_u: (n, J) derivative by the contact's u [1/m].
-        by_v: (n, J) derivative by the contact's v [1/m].
-        by_alpha: (n, J) derivative by the turn of the patch at fixed u, v [1/rad].
-        by_log_ratio: (n, J) derivative by log(F/E).
-    """
-
-    value: Floats
-    by_u: Floats
-    by_v: Floats
-    by_alpha: Floats
-    by_log_ratio: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,50 +70,33 @@ class KernelImages:
         """Step and half the width of the planes [m]."""
         return self.table.step_m, self.table.half_m
 
-    def shares(self, uv_m: Floats, alpha_rad: Floats, log_ratio: Floats, indenter: Ints) -> Shares:
-        """Load shares of contacts.
-
-        Args:
-            uv_m: (n, 2) contact positions in patch coordinates [m].
-            alpha_rad: (n,) turns of the patch; beyond the tabled span the nearest is taken.
-            log_ratio: (n,) log(F/E), E in [Pa/m]; beyond the tabled span the nearest is taken.
-            indenter: (n,) which of the indenters.
-
-        Returns:
-            Shares of all taxels with derivatives.
-        """
+    def tables(self) -> Tables:
+        """See :meth:`skincal.fitting.seen.Images.tables`."""
         table = self.table
-        out = np.zeros((5, len(uv_m), self.layout.taxels))
-        turn, ratio = _bracket(alpha_rad, table.alphas_rad), _bracket(log_ratio, table.log_ratios)
-        mixed(
-            table.shares, self.size_of, self.layout.centres_m, self.lattice, uv_m, indenter, turn, ratio, out
-        )
-        return Shares(*out)
-
-    def see(self, problem: FitProblem, macro: Floats, press: Ints, nuisance: Floats) -> Seen:
-        """See :meth:`skincal.fitting.seen.Images.see`: only where the contact lies from the centre matters."""
-        across, along, log_ratio = offsets(problem, macro, press, nuisance)
-        alpha = macro[:, 2]
-        uv = to_patch(across, along, alpha)
-        got = self.shares(uv, alpha, log_ratio, problem.indenter[press])
-        by_contact = turned_slopes(got.by_u, got.by_v, alpha)
-        by_alpha = got.by_alpha + got.by_u * uv[:, 1:] - got.by_v * uv[:, :1]
-        return Seen(uv, got.value, by_contact, -by_contact, by_alpha, got.by_log_ratio)
+        none, line, whole = np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=np.intp)
+        return Tables(
+            table.shares, self.size_of, self.layout.centres_m, table.half_m, _first_and_step(table.alphas_rad),
+            _first_and_step(table.log_ratios), np.zeros((0, 0, 0, 0), dtype=np.float32),
+            np.zeros((0, 0, 0), dtype=bool), whole.reshape(0, 0), none, line, whole, line, line, np.zeros((4, 0, 0)),
+            line, np.zeros((4, 0, 0)), table.step_m,
+        )  # fmt: skip
 
     def level(self, alpha: int, log_ratio: Floats, indenter: Ints) -> Level:
         """The kernels of K presses at the tabled turn number ``alpha`` and at log(F/E) ``log_ratio`` (K,)."""
-        low, part, _ = _bracket(log_ratio, self.table.log_ratios)
+        low, part = _bracket(log_ratio, self.table.log_ratios)
         shares = self.table.shares[:, :, alpha]
         part = part.astype(np.float32)[:, None, None, None]
         between = shares[indenter, :, low] * (1 - part) + shares[indenter, :, low + 1] * part
         return Level(between.astype(np.float32, copy=False))
 
 
-def _bracket(at: Floats, knots: Floats) -> tuple[Ints, Floats, float]:
-    """Index of the knot below, the part of the step above it, and the step."""
-    if len(knots) == 1:
-        return np.zeros(len(at), dtype=np.intp), np.zeros(len(at)), 1.0
+def _first_and_step(knots: Floats) -> tuple[float, float]:
+    return float(knots[0]), float(knots[1] - knots[0]) if len(knots) > 1 else 1.0
+
+
+def _bracket(at: Floats, knots: Floats) -> tuple[Ints, Floats]:
+    """Index of the knot below, and the part of the step above it."""
     step = float(knots[1] - knots[0])
     position = np.clip((at - knots[0]) / step, 0.0, len(knots) - 1.0)
     low = np.minimum(position.astype(np.intp), len(knots) - 2)
-    return low, position - low, step
+    return low, position - low

@@ -1,4 +1,4 @@
-"""Cubic look-ups in stacks of planes, with derivatives: the cubic convolution of Keys (1981, a = -1/2), compiled.
+"""Cubic look-ups in tables, with derivatives: the cubic convolution of Keys (1981, a = -1/2), compiled.
 
 It is exact for quadratics and has a continuous slope. Values are single precision, as the tables are; sums of them are
 double.
@@ -6,22 +6,42 @@ double.
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import sys
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.fitting.types import Bools, Floats, Ints
+from skincal.model.press.jit import cached
+
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_SETTINGS: dict[str, Any] = {
+    "nogil": True,
+    "no_cfunc_wrapper": True,
+    "error_model": "numpy",
+    "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+}
+_INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **_SETTINGS}
+_STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdigest()[:16]
+"""A digest of this module, whose functions are compiled into those of others."""
 
 
 def compiled(function: _Function) -> _Function:
     """Compile a function of the fit; the compilation is cached for all processes after the first."""
-    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", _SETTINGS))
 
 
-@compiled
+def inlined(function: _Function) -> _Function:
+    """Compile a function into those that call it, Python never: see :func:`skincal.model.press.jit.device`."""
+    return cast(_Function, numba.njit(**_INLINED)(function))
+
+
+@inlined
 def keys(at: float, side: int) -> Any:  # pragma: no cover - compiled
     """First of the four taps round a position, how much each counts, and the derivatives of that."""
     at = min(max(at, 1.0), side - 2.001)
@@ -42,7 +62,7 @@ def keys(at: float, side: int) -> Any:  # pragma: no cover - compiled
     return low - 1, weight, slope
 
 
-@compiled
+@inlined
 def taps(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compiled
     """Value of a plane (N, N) and its derivatives along both axes, for what :func:`keys` says of a row and a column."""
     r0, rw, rs = rows
@@ -80,7 +100,7 @@ def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cov
     return out
 
 
-@compiled
+@inlined
 def at_level(
     planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, out: Any
 ) -> None:  # pragma: no cover - compiled
@@ -109,73 +129,183 @@ def at_level(
             out[0, j] = out[1, j] = out[2, j] = 0.0
 
 
-@compiled
-def mixed(
-    shares: Any, size_of: Any, centres: Any, lattice: Any, uv: Any, kind: Any, turn: Any, ratio: Any, out: Any
-) -> None:  # pragma: no cover - compiled
-    """Fill ``out`` (5, n, J): load shares, and their slopes by u, v, turn and log(F/E).
+class Tables(NamedTuple):
+    """Load shares that are looked up: kernels, or images press by press; what belongs to the others is empty.
 
-    Args:
-        shares: (I, M, A, L, N, N) as in a kernel table.
+    Attributes:
+        kernels: (I, M, A, L, N, N) as in :class:`skincal.fitting.kernel.KernelTable`.
         size_of: (J,) which size each taxel has.
         centres: (J, 2) of the taxels [m].
-        lattice: step and half the width of the planes [m].
-        uv: (n, 2) contacts in patch coordinates [m].
-        kind: (n,) indenter.
-        turn: (n,) tabled turn below, (n,) part of the step above it, and the step [rad].
-        ratio: the same of log(F/E).
-        out: zeros.
+        half_m: half the width of the planes [m].
+        turns: first tabled turn and the step [rad].
+        ratios: the same of log(F/E).
+        images: (P, S, S, C) as in :class:`skincal.fitting.general_table.SkinTable`.
+        lit: (P, S, S) where there is anything to look up.
+        plane: (K, J) which of the P planes belongs to a taxel of a press, or -1.
+        anchor: (K, 2) middle of each press's lattice [m].
+        middle: (K,) log(F/E) in the middle of the tabled ratios.
+        slot: (M,) for every press of the session its row in these, or -1.
+        centre: (3,) tabled centre across and along [m], and turn [rad].
+        turn_knots: (3,) from the middle one [rad].
+        turn_spline: (4, 2, 3) coefficients of the splines that are 1 at one knot and 0 at the others.
+        level_knots: (L,) the same of log(F/E).
+        level_spline: (4, L - 1, L) the same.
+        step_m: lattice step [m].
     """
-    step, half = lattice
-    reach, side = half - 1.5 * step, shares.shape[4]
-    a_low, a_part, a_step = turn
-    r_low, r_part, r_step = ratio
-    turns = 2 if shares.shape[2] > 1 else 1
-    for i in range(len(uv)):
-        a, r = a_low[i], r_low[i]
-        wa, wr = a_part[i], r_part[i]
-        for j in range(len(centres)):
-            du, dv = uv[i, 0] - centres[j, 0], uv[i, 1] - centres[j, 1]
-            if not (abs(du) < reach and abs(dv) < reach):
-                continue
-            rows, cols = keys((du + half) / step, side), keys((dv + half) / step, side)
-            for over in range(turns):
-                tables = shares[kind[i], size_of[j], a + over]
-                below, below_u, below_v = taps(tables[r], rows, cols)
-                above, above_u, above_v = taps(tables[r + 1], rows, cols)
-                part = wa if over else 1.0 - wa
-                value = (1.0 - wr) * below + wr * above
-                out[0, i, j] += part * value
-                out[1, i, j] += part * ((1.0 - wr) * below_u + wr * above_u) / step
-                out[2, i, j] += part * ((1.0 - wr) * below_v + wr * above_v) / step
-                out[4, i, j] += part * (above - below) / r_step
-                if turns > 1:
-                    out[3, i, j] += (value if over else -value) / a_step
+
+    kernels: NDArray[np.float32]
+    size_of: Ints
+    centres: Floats
+    half_m: float
+    turns: tuple[float, float]
+    ratios: tuple[float, float]
+    images: NDArray[np.float32]
+    lit: Bools
+    plane: Ints
+    anchor: Floats
+    middle: Floats
+    slot: Ints
+    centre: Floats
+    turn_knots: Floats
+    turn_spline: Floats
+    level_knots: Floats
+    level_spline: Floats
+    step_m: float
 
 
-def keys_weights(
-    at: NDArray[np.float32], side: int
-) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
-    """The four taps round each position and how much each counts.
+@inlined
+def _bracket(at: float, first: float, step: float, count: int) -> Any:  # pragma: no cover - compiled
+    """Number of the knot below, and the part of the step above it."""
+    position = min(max((at - first) / step, 0.0), count - 1.0)
+    low = min(int(position), max(count - 2, 0))
+    return low, position - low
+
+
+@inlined
+def _in_kernels(
+    tables: Any, kind: int, u: float, v: float, alpha: float, log_ratio: float, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Look up kernels: see :func:`look_up`; linear between turns and between ratios."""
+    shares, step = tables.kernels, tables.step_m
+    reach, side = tables.half_m - 1.5 * step, shares.shape[4]
+    a, wa = _bracket(alpha, tables.turns[0], tables.turns[1], shares.shape[2])
+    r, wr = _bracket(log_ratio, tables.ratios[0], tables.ratios[1], shares.shape[3])
+    # Corners of the interpolation: the turn below and above, the ratio below and above; there may be one turn.
+    corners = 4 if shares.shape[2] > 1 else 2
+    for j in range(len(tables.centres)):
+        du, dv = u - tables.centres[j, 0], v - tables.centres[j, 1]
+        if not (abs(du) < reach and abs(dv) < reach):
+            continue
+        rows, cols = keys((du + tables.half_m) / step, side), keys((dv + tables.half_m) / step, side)
+        for corner in range(corners):
+            over, above = corner // 2, corner % 2
+            plane = shares[kind, tables.size_of[j], a + over, r + above]
+            value, by_u, by_v = taps(plane, rows, cols)
+            turn, ratio = wa if over else 1.0 - wa, wr if above else 1.0 - wr
+            out[0, j] += turn * ratio * value
+            out[1, j] += turn * ratio * by_u / step
+            out[2, j] += turn * ratio * by_v / step
+            out[4, j] += (turn if above else -turn) * value / tables.ratios[1]
+            if corners > 2:
+                out[3, j] += (ratio if over else -ratio) * value / tables.turns[1]
+
+
+@inlined
+def _splines(knots: Any, spline: Any, at: float, out: Any) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (2, L) with the splines of all knots at a place, and their slopes; the ends hold beyond."""
+    last = len(knots) - 1
+    at = min(max(at, knots[0]), knots[last])
+    piece = min(int((at - knots[0]) / (knots[last] - knots[0]) * last), last - 1)
+    t = at - knots[piece]
+    for k in range(len(knots)):
+        a, b, c, d = spline[0, piece, k], spline[1, piece, k], spline[2, piece, k], spline[3, piece, k]
+        out[0, k] = ((a * t + b) * t + c) * t + d
+        out[1, k] = (3.0 * a * t + 2.0 * b) * t + c
+
+
+@inlined
+def _in_images(
+    tables: Any, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Look up images: see :func:`look_up`; splines of turns and ratios, and the slope by the centre's place."""
+    shares, step = tables.images, tables.step_m
+    weights, sums, spots, turn, level = room
+    slot = tables.slot[row]
+    side, channels = shares.shape[1], shares.shape[3]
+    _splines(tables.turn_knots, tables.turn_spline, macro[2] - tables.centre[2], turn)
+    _splines(tables.level_knots, tables.level_spline, log_ratio - tables.middle[slot], level)
+    levels = len(tables.level_knots)
+    for c in range(channels - 2):
+        a, b = c // levels, c % levels
+        weights[0, c] = turn[0, a] * level[0, b]
+        weights[1, c] = turn[1, a] * level[0, b]
+        weights[2, c] = turn[0, a] * level[1, b]
+    for d in range(2):
+        c = channels - 2 + d
+        weights[0, c], weights[1, c], weights[2, c] = macro[d] - tables.centre[d], 0.0, 0.0
+    at_row = (u - tables.anchor[slot, 0]) / step + (side - 1) / 2
+    at_col = (v - tables.anchor[slot, 1]) / step + (side - 1) / 2
+    near_row, near_col = (
+        int(min(max(at_row, 0.0), side - 1.0) + 0.5),
+        int(min(max(at_col, 0.0), side - 1.0) + 0.5),
+    )
+    r0, rw, rs = keys(at_row, side)
+    c0, cw, cs = keys(at_col, side)
+    for r in range(4):
+        for q in range(4):
+            spots[0, 4 * r + q] = rw[r] * cw[q]
+            spots[1, 4 * r + q] = rs[r] * cw[q] / step
+            spots[2, 4 * r + q] = rw[r] * cs[q] / step
+    for j in range(tables.plane.shape[1]):
+        p = tables.plane[slot, j]
+        if p < 0 or not tables.lit[p, near_row, near_col]:
+            continue
+        for c in range(channels):
+            sums[0, c] = sums[1, c] = sums[2, c] = 0.0
+        for tap in range(16):
+            values = shares[p, r0 + tap // 4, c0 + tap % 4]
+            for c in range(channels):
+                sums[0, c] += spots[0, tap] * values[c]
+                sums[1, c] += spots[1, tap] * values[c]
+                sums[2, c] += spots[2, tap] * values[c]
+        for c in range(channels):
+            out[0, j] += weights[0, c] * sums[0, c]
+            out[1, j] += weights[0, c] * sums[1, c]
+            out[2, j] += weights[0, c] * sums[2, c]
+            out[3, j] += weights[1, c] * sums[0, c]
+            out[4, j] += weights[2, c] * sums[0, c]
+        out[5, j], out[6, j] = sums[0, channels - 2], sums[0, channels - 1]
+
+
+@inlined
+def look_up(
+    tables: Any, kind: int, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (7, J) with load shares and their slopes by u, v, turn, log(F/E), and the centre's place.
 
     Args:
-        at: (n,) positions on a line of nodes; clamped to where all four taps are.
-        side: number of nodes.
-
-    Returns:
-        Node below each position (n,), of which taps begin one before; weights and their derivatives (4, n).
+        tables: :class:`Tables`.
+        kind: which indenter.
+        row: of the press in its session.
+        macro: (5,) macro variables.
+        u: contact in patch coordinates [m].
+        v: the same.
+        log_ratio: log(F/E).
+        room: of :func:`room_for`.
+        out: filled.
     """
-    at = np.clip(at, 1.0, side - 2.001)
-    low = at.astype(np.intp)
-    t = (at - low).astype(np.float32)
-    weight = np.empty((4, len(at)), dtype=np.float32)
-    weight[0] = ((-0.5 * t + 1.0) * t - 0.5) * t
-    weight[1] = (1.5 * t - 2.5) * t * t + 1.0
-    weight[2] = ((-1.5 * t + 2.0) * t + 0.5) * t
-    weight[3] = (0.5 * t - 0.5) * t * t
-    slope = np.empty_like(weight)
-    slope[0] = (-1.5 * t + 2.0) * t - 0.5
-    slope[1] = (4.5 * t - 5.0) * t
-    slope[2] = (-4.5 * t + 4.0) * t + 0.5
-    slope[3] = (1.5 * t - 1.0) * t
-    return low, weight, slope
+    for i in range(7):
+        for j in range(out.shape[1]):
+            out[i, j] = 0.0
+    if tables.images.shape[0] > 0:
+        _in_images(tables, row, macro, u, v, log_ratio, room, out)
+    else:
+        _in_kernels(tables, kind, u, v, macro[2], log_ratio, out)
+
+
+@inlined
+def room_for(tables: Any) -> Any:  # pragma: no cover - compiled
+    """Room for the work of :func:`look_up`."""
+    channels = tables.images.shape[3]
+    turn, level = np.empty((2, len(tables.turn_knots))), np.empty((2, len(tables.level_knots)))
+    return np.empty((3, channels)), np.empty((3, channels)), np.empty((3, 16)), turn, level

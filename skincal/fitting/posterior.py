@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
@@ -28,10 +29,10 @@ from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
 
-FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.005, 0.01, 0.03
+FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
 """Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
 
-SPREADS = np.array([0.6, 1.0, 0.2, 1.0, 1.0, 1.0])
+SPREADS = np.array([0.6, 1.0, 0.2, 1.2, 1.2, 1.0])
 """Standard deviations of the priors of the sigmas, in their logarithm, in the order of ``HYPER``.
 
 Those of sigma_p and sigma_n are of what a rig declares and of what untouched taxels show; the others say that nobody
@@ -170,6 +171,7 @@ def _shared_integral(
         problem.shared,
         press,
         problem.shared.precision(sigmas[:, 4], sigmas[:, 5]),
+        problem.alive,
     )
 
 
@@ -245,17 +247,27 @@ def climb(
         if converged and np.abs(step).max() < _SIGMAS_REST:
             break
     assert places is not None
+    macro, problem = _scale_of_the_mean(problem, macro)
     states, best = _at(problem, images, places, macro, sigmas)
     curvature = _reduced(problem, states, best, sigmas, _trust(states, best)).curvature
     # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
     curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
-    covariance = _inverse(curvature)
+    way = block_diag(np.eye(5), problem.shared.directions(problem.alive))
+    covariance = _inverse(way.T @ curvature @ way)
     point = np.concatenate([macro, np.log(sigmas)])[None]
     places = _moved(places, states)
     density = float(log_posterior(problem, images, places, bounds, point)[0])
     chosen = PressStates(*(array[best] for array in vars(states).values()))
     theta = problem.shared.theta
     return Peak(macro, sigmas, theta, covariance[:5, :5], places, best, chosen, density)
+
+
+def _scale_of_the_mean(problem: FitProblem, macro: Floats) -> tuple[Floats, FitProblem]:
+    """The same point told with gains whose mean over the taxels is one."""
+    theta, alive = problem.shared.theta.copy(), np.flatnonzero(problem.alive)
+    mean = float(theta[alive].mean()) if len(alive) else 0.0
+    theta[alive] -= mean
+    return macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), problem.with_shared(theta)
 
 
 def _far_sigmas(problem: FitProblem) -> Floats:

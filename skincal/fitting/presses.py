@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.residuals import add_up
+from skincal.fitting.residuals import Found, Presses, search
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
+from skincal.model.press.jit import telling
 
 MACRO = ("across_m", "y_m", "alpha_rad", "log_elasticity", "log_scale")
 HYPER = (
@@ -77,39 +77,8 @@ def evaluate(
         press: (n,) number of the press.
         nuisance: (n, 3) slack and force error.
     """
-    got = images.see(problem, macro, press, nuisance)
-    readings, shared, count, taxels = (
-        problem.observation,
-        problem.shared,
-        len(press),
-        problem.rig.layout.taxels,
-    )
-    state = PressStates(
-        nuisance,
-        np.empty(count),
-        np.empty((count, 3, 3)),
-        got.uv_m,
-        np.empty((count, taxels)),
-        np.empty((count, taxels)),
-        np.empty((count, taxels, 5)),
-        np.empty((count, taxels, 3)),
-        np.empty((count, taxels)),
-    )
-    link = readings.link
-    add_up(
-        (got.value, got.by_contact, got.by_centre, got.by_alpha, got.by_log_ratio),
-        np.exp(macro[:, 4] + nuisance[:, 2]) * problem.force_n[press],
-        np.exp(shared.log_gain),
-        readings.offset + shared.level,
-        (readings.target, readings.share, readings.signal, problem.used, problem.saturated),
-        (link.values, link.mean, link.slope),
-        press,
-        sigmas,
-        nuisance - problem.centre[press],
-        (state.objective, state.hessian, state.residual, state.simulated),
-        (state.macro_slope, state.nuisance_slope, state.level_slope),
-    )
-    return state
+    free = np.full(3, np.inf)
+    return _searched(problem, images, macro, sigmas, press, nuisance, free, 0, to_rest=False)
 
 
 def settle(
@@ -138,57 +107,49 @@ def settle(
         room: the slack is bounded at so many times what the rig declares.
     """
     bound = _bound(problem, room)
-    state = evaluate(problem, images, macro, sigmas, press, np.clip(start, -bound, bound))
-    now, rows = state, np.arange(len(press))
-    for number in range(iterations):
-        # Full steps, not only downhill ones: the images hold a press on a thin curved sheet, and a step along it
-        # first leaves the sheet and is brought back by the next. The best point seen is kept.
-        trial = np.clip(
-            now.nuisance + _step(problem, now, press[rows], sigmas[rows], 1e-6 if number < 6 else 1e-2),
-            -bound,
-            bound,
-        )
-        moving = (np.abs(trial - now.nuisance) / _MAX_STEP).max(axis=1) > 2e-4
-        rows = rows[moving]
-        if not len(rows):
-            break
-        now = evaluate(problem, images, macro[rows], sigmas[rows], press[rows], trial[moving])
-        better = now.objective < state.objective[rows]
-        _store(state, now, rows[better], better)
-    if to_rest and len(rows):
-        _descend(problem, images, macro, sigmas, press, state, rows, bound)
-    return state
+    return _searched(problem, images, macro, sigmas, press, start, bound, iterations, to_rest=to_rest)
 
 
-def _descend(
+def _searched(
     problem: FitProblem,
     images: Images,
     macro: Floats,
     sigmas: Floats,
     press: Ints,
-    state: PressStates,
-    rows: Ints,
+    start: Floats,
     bound: Floats,
-    iterations: int = 6,
-) -> None:
-    """Levenberg's steps, downhill only, for the rows that Gauss-Newton has not brought to rest.
+    iterations: int,
+    *,
+    to_rest: bool,
+) -> PressStates:
+    """See :func:`skincal.fitting.residuals.search`."""
+    readings, shared = problem.observation, problem.shared
+    count, taxels = len(press), problem.rig.layout.taxels
+    link = readings.link
+    presses = Presses(
+        np.column_stack([problem.across_m, problem.along_m, np.log(problem.force_n), problem.centre]),
+        np.column_stack([problem.indenter, problem.rows]),
+        np.array(
+            [readings.target, readings.share, readings.signal, problem.used, problem.saturated], np.float64
+        ),
+        np.array([np.exp(shared.log_gain), readings.offset + shared.level]),
+        np.array([link.values, link.mean, link.slope]),
+    )
+    shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
+    found = Found(*(np.empty((count, *shape)) for shape in shapes))
+    given = _plain(macro), _plain(sigmas), _whole(press), _plain(start), bound
+    with telling():
+        search(images.tables(), presses, *given, _MAX_STEP, iterations, to_rest, found)
+    return PressStates(*found)
 
-    Where the measured value is beyond what any place reaches, the residual does not vanish, and full steps go to and
-    fro across the place.
-    """
-    damping = np.full(len(rows), 0.3)
-    for _ in range(iterations):
-        here = PressStates(*(array[rows] for array in vars(state).values()))
-        step = _step(problem, here, press[rows], sigmas[rows], damping[:, None])
-        moving = (np.abs(step) / _MAX_STEP).max(axis=1) > 2e-4
-        if not moving.any():
-            return
-        rows, damping = rows[moving], damping[moving]
-        trial = np.clip(here.nuisance[moving] + step[moving], -bound, bound)
-        got = evaluate(problem, images, macro[rows], sigmas[rows], press[rows], trial)
-        better = got.objective < state.objective[rows]
-        _store(state, got, rows[better], better)
-        damping *= np.where(better, 0.2, 6.0)
+
+def _plain(values: Floats) -> Floats:
+    """Values as the compiled search takes them: one after the other, and its own to write to."""
+    return np.require(values, np.float64, ["C", "W"])
+
+
+def _whole(values: Ints) -> Ints:
+    return np.require(values, np.intp, ["C", "W"])
 
 
 def _bound(problem: FitProblem, room: float) -> Floats:
@@ -197,23 +158,6 @@ def _bound(problem: FitProblem, room: float) -> Floats:
     return np.array([slack, slack, 0.5])
 
 
-def _step(
-    problem: FitProblem, state: PressStates, press: Ints, sigmas: Floats, damping: float | Floats
-) -> Floats:
-    prior = 1.0 / sigmas[:, [0, 0, 1]] ** 2
-    gradient = np.einsum("njd,nj->nd", state.nuisance_slope, state.residual)
-    gradient += prior * (state.nuisance - problem.centre[press])
-    damped = state.hessian.copy()
-    damped[:, [0, 1, 2], [0, 1, 2]] *= 1.0 + damping
-    return np.clip(-solve_small(damped, gradient), -_MAX_STEP, _MAX_STEP)
-
-
 def solve_small(matrices: Floats, vectors: Floats) -> Floats:
     """Solves n small systems (n, d, d) for (n, d)."""
     return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0], dtype=np.float64)
-
-
-def _store(state: PressStates, got: PressStates, rows: Ints, which: NDArray[np.bool_]) -> None:
-    """Overwrites rows of a state that :func:`settle` owns."""
-    for old, new in zip(vars(state).values(), vars(got).values(), strict=True):
-        old[rows] = new[which]

@@ -10,9 +10,9 @@ from skincal.errors import WorkError
 from skincal.fitting.general_contacts import ContactMap
 from skincal.fitting.observe import Observed, Readout, observe
 from skincal.fitting.readings import Readings
-from skincal.fitting.shared import Shared
+from skincal.fitting.shared import Shared, smooth_field
 from skincal.fitting.types import Bools, Floats, Ints
-from skincal.model import Cylinder, Indenter, Surface, TaxelLayout
+from skincal.model import Indenter, Surface, TaxelLayout
 
 ACTIVE_COUNTS = 5.0
 """A taxel of a converter from 0 to 255 answers when it stands this far above its level at rest [counts] (paper)."""
@@ -72,7 +72,8 @@ class Rig:
     @property
     def arc_radius_m(self) -> float | None:
         """R of arc = R beta [m]: positions across are arcs; None on a plane, where they are x."""
-        return self.surface.radius_m if isinstance(self.surface, Cylinder) else self.mesh_radius_m
+        own = self.surface.arc_radius_m
+        return self.mesh_radius_m if own is None else own
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +88,7 @@ class PressTable:
         counts: (K, J) mean counts in the hold.
         indenter: (K,) index of the indenter.
         rest_mean_counts: (J,) mean counts of untouched taxels from idle frames; None where there are none.
+        joints_rad: (K, Q) joint angles in the hold; None where there are no joints.
     """
 
     press: Ints
@@ -96,6 +98,7 @@ class PressTable:
     counts: Floats
     indenter: Ints
     rest_mean_counts: Floats | None = None
+    joints_rad: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +172,11 @@ class FitProblem:
         return self.weight > 0
 
     @property
+    def alive(self) -> Bools:
+        """(J,) taxels of which any reading counts."""
+        return np.asarray(self.used.any(axis=0), dtype=np.bool_)
+
+    @property
     def noise_sigma_counts(self) -> float:
         """Noise of a hold mean of a taxel away from the bounds [counts], from the scatter of untouched taxels."""
         return self.observation.noise_counts
@@ -188,7 +196,7 @@ class FitProblem:
             **{name: getattr(self, name)[keep] for name in _BY_PRESS},
             status=tuple(status),
             observation=self.observation.subset(keep),
-            shared=self.shared.for_presses(self.across_m[keep], self.along_m[keep]),
+            shared=self.shared.for_presses(keep),
         )
 
     def with_shared(self, theta: Floats) -> FitProblem:
@@ -201,12 +209,16 @@ class FitProblem:
 
     def without_taxels(self, dead: Bools) -> FitProblem:
         """The problem with some taxels (J,) left out of every residual."""
+        return self.without_readings(np.broadcast_to(dead, self.values.shape))
+
+    def without_readings(self, lost: Bools) -> FitProblem:
+        """The problem with some readings (K, J) left out."""
         return replace(
             self,
-            values=np.where(dead[None, :], 0.0, self.values),
-            weight=np.where(dead[None, :], 0.0, self.weight),
-            saturated=self.saturated & ~dead[None, :],
-            lit=self.lit & ~dead[None, :],
+            values=np.where(lost, 0.0, self.values),
+            weight=np.where(lost, 0.0, self.weight),
+            saturated=self.saturated & ~lost,
+            lit=self.lit & ~lost,
         )
 
 
@@ -244,6 +256,7 @@ def pose_problem(
             f"above rest is {values.max():.3g}. Do the counts grow with load?"
         )
     across, along = presses.across_m[rows], presses.along_m[rows]
+    posture = np.empty((len(presses.press), 0)) if presses.joints_rad is None else presses.joints_rad
     return FitProblem(
         rig,
         across,
@@ -259,7 +272,12 @@ def pose_problem(
         active.astype(np.intp),
         seen,
         readings,
-        Shared.none(np.maximum(seen.level_sigma_counts, LEVEL_PART * readings.noise_counts), across, along),
+        Shared.none(
+            np.maximum(seen.level_sigma_counts, LEVEL_PART * readings.noise_counts),
+            *smooth_field(
+                np.column_stack([presses.across_m, presses.along_m]), presses.force_n, posture, rows
+            ),
+        ),
     )
 
 

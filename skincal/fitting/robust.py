@@ -13,6 +13,10 @@ MAX_GLITCHES = 0.2
 """At most this part of the presses is called a glitch; beyond it the model is wrong, not the presses."""
 
 
+LOST_SIGMAS, LOST_TIMES, MOST_LOST = 5.0, 8.0, 0.03
+"""A reading is lost that is so many standard deviations below the model, and so many times as far off as readings are;
+of more than this part of them the model is wrong, not the readings."""
+
 SILENT = 0.2
 """A taxel that shows less than this part of what it should does not answer."""
 
@@ -32,6 +36,18 @@ def glitches(problem: FitProblem, peak: Peak) -> Bools:
     if odd.sum() > allowed:
         return np.zeros(len(problem), dtype=bool)
     return odd
+
+
+def lost_readings(problem: FitProblem, peak: Peak) -> Bools:
+    """Single readings (K, J) that are far below what all others of their press agree on: a taxel dropped out."""
+    below, used = peak.states.residual, problem.used
+    typical = 1.4826 * float(np.median(np.abs(below[used]))) if used.any() else 0.0
+    odd = used & (below > max(LOST_SIGMAS, LOST_TIMES * typical))
+    # Where most of a press's lit taxels are off, it is the press that does not fit.
+    odd &= (odd & problem.lit).sum(axis=1, keepdims=True) * 2 <= problem.lit.sum(axis=1, keepdims=True)
+    if odd.sum() > MOST_LOST * used.sum():
+        return np.zeros_like(odd)
+    return np.asarray(odd, dtype=np.bool_)
 
 
 def weak_taxels(problem: FitProblem) -> Bools:

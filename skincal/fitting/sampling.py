@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import emcee  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
@@ -118,6 +117,8 @@ def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
         start: draws round which the walkers begin; their weights are tempered.
         rng: the only source of chance.
     """
+    import emcee  # pyright: ignore[reportMissingTypeStubs] - it loads scipy.stats, and few fits need it
+
     spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))
     scale = np.sqrt(spread.weight @ (start.points - spread.mean) ** 2)
     at, found = np.empty((0, start.points.shape[1])), 0

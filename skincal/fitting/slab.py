@@ -64,7 +64,15 @@ def mismatches(
 
 @compiled
 def descend(
-    tables: Any, weight: Any, observed: Any, at: Any, turn: Any, settings: Any, slack: Any, image: Any
+    tables: Any,
+    weight: Any,
+    observed: Any,
+    at: Any,
+    turn: Any,
+    settings: Any,
+    slack: Any,
+    image: Any,
+    shares: Any,
 ) -> float:  # pragma: no cover - compiled
     """Gauss-Newton from ``slack`` (2,), which is moved to the best point seen; returns Q there.
 
@@ -77,6 +85,7 @@ def descend(
         settings: 1 / sigma² [1/counts²], 1 / sigma_p² [1/m²], bound of the slack [m].
         slack: changed.
         image: (3, J) room for work.
+        shares: (J,) filled: weighted load shares at the best point.
     """
     planes, size_of, centres, lattice, press = tables
     cos, sin = turn
@@ -113,6 +122,8 @@ def descend(
         if q < best:
             best = q
             slack[0], slack[1] = x, y
+            for j in range(len(weight)):
+                shares[j] = image[0, j]
         xx, xy, yy = certain * xx + stiff, certain * xy, certain * yy + stiff
         rx, ry = certain * rx + stiff * x, certain * ry + stiff * y
         # Where the image says nothing and the prior is off, the damping keeps the step finite.
@@ -171,7 +182,6 @@ def place(
     certain, stiff, _ = settings
     mismatch = np.empty((across.shape[1], along.shape[1]))
     image = np.empty((3, len(centres)))
-    cos, sin = turn
     last_x, last_y = grid_across.shape[1] - 1, grid_along.shape[1] - 1
     for k in range(len(weight)):
         tables = planes, size_of, centres, lattice, k
@@ -189,8 +199,6 @@ def place(
                             least = q
                             own[0], own[1] = wide[i], long[o]
                 at = grid_across[k, x], grid_along[k, y]
-                descend(tables, weight[k], observed[k], at, turn, settings, own, image)
-                a, b = at[0] + own[0], at[1] + own[1]
-                at_level(planes, size_of, centres, lattice, a * cos + b * sin, b * cos - a * sin, k, image)
-                for j in range(len(centres)):
-                    shares[k, x, y, j] = weight[k, j] * image[0, j]
+                descend(
+                    tables, weight[k], observed[k], at, turn, settings, own, image, shares[k, x, y]
+                )  # fmt: skip

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skincal.fitting.conclude import Evidence, conclude
 from skincal.fitting.errors import FitError
-from skincal.fitting.fit_options import GENERAL_STEPS, LOCAL_STEPS, FitOptions, GridSteps, SearchBox
+from skincal.fitting.fit_options import STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
 from skincal.fitting.general_tabling import (
     NO_STORE,
@@ -27,7 +27,7 @@ from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import FitResult
-from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
+from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Draws, sample, walk
 from skincal.fitting.tasks import (
     ClimbTask,
@@ -90,8 +90,8 @@ class FitPlan:
 def default_steps(problem: FitProblem) -> GridSteps:
     """Steps of the macro grid that the way of the fit affords."""
     if problem.contacts is None:
-        return GridSteps()
-    return GENERAL_STEPS if problem.contacts.local is None else LOCAL_STEPS
+        return STEPS["fast"]
+    return STEPS["nlopt" if problem.contacts.local is None else "general"]
 
 
 def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPlan:
@@ -255,6 +255,10 @@ def _refine(
     if (dead ^ weak).any():
         peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
     progress("peak", 1, 2)
+    lost = lost_readings(problem, peak)
+    if lost.any():
+        problem = problem.without_readings(lost)
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
     keep = ~glitches(problem, peak)
     if not keep.all():
         problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -25,8 +26,8 @@ class Order:
 def named_orders(rows: int, cols: int) -> list[Order]:
     """Orders that have a reason, the one of the data first, each once.
 
-    The array is read by rows or by columns, straight or in a serpentine, from any of its corners; and its rows or
-    columns may be shifted, round the end.
+    The array is read by rows or by columns, straight or in a serpentine, from any of its corners. Its rows or columns
+    may be shifted, round the end; two of them may be exchanged; or the even ones come first, then the odd ones.
 
     Args:
         rows: of the layout.
@@ -64,7 +65,23 @@ def named_orders(rows: int, cols: int) -> list[Order]:
                 add(np.roll(image, shift, axis=axis), None)
     for shift in (1, -1):
         add(np.roll(flat, shift), None)
+    image = flat.reshape(rows, cols)
+    for axis, length in ((0, rows), (1, cols)):
+        for lines in _exchanged(length):
+            add(image.take(lines, axis=axis), None)
     return list(found.values())
+
+
+def _exchanged(length: int) -> list[Ints]:
+    """Orders of rows, or columns, with two exchanged, or read in two banks."""
+    plain = np.arange(length)
+    found = [np.concatenate([plain[::2], plain[1::2]]), np.concatenate([plain[1::2], plain[::2]])]
+    found += [np.argsort(one) for one in found]
+    for a, b in combinations(range(length), 2):
+        other = plain.copy()
+        other[[a, b]] = other[[b, a]]
+        found.append(other)
+    return found
 
 
 def mapping_of(order: Ints, rows: int, cols: int) -> str:

@@ -127,7 +127,7 @@ def _run(
     status, got = FAILED, ""
     try:
         try:
-            trial = Trial(make(), options, make)
+            trial = Trial.of(make, options)
             status, got = PASSED, check(trial) or ""
         except SkippedCheckError as why:
             status, got = SKIPPED, str(why)
@@ -135,11 +135,14 @@ def _run(
             got = str(why)
         except CallTimeoutError:
             got = f"a call that did not return within {options.call_s:g} s"
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             raised = error.__cause__ if isinstance(error, CallExitError) else error
             got = f"{type(raised).__name__}: {raised}"
-        if trial is not None:
-            trial.end()
+        trouble = "" if trial is None else trial.end()
+        if trouble:
+            status, got = FAILED, f"{got}. {trouble}".removeprefix(". ")
     except KeyboardInterrupt as interrupt:
         with held_back() as came:
             trouble = "" if trial is None else trial.end(HURRY_S)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from skincal.robot.description import HandDescription
 
 FloatArray = NDArray[np.float64]
+Description = TypeVar("Description")
+State = TypeVar("State")
+Command = TypeVar("Command")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +59,10 @@ class HandCommand:
     q_desired_rad: FloatArray
 
 
-class HandDriver(ABC):
-    """A hand: a context manager that is observed and commanded.
+class Driver(ABC, Generic[Description, State, Command]):
+    """A rig, hand or stage: it is observed and commanded.
 
-    A user's loop is ``state = hand.observe(); hand.act(command(state))``, once every :attr:`period_s` of the
-    hand's clock.
+    A user's loop is ``state = rig.observe(); rig.act(command(state))``, once every :attr:`period_s` of the rig's clock.
 
     Calls come from one thread, but :meth:`stop` may come from another while a call hangs.
     """
@@ -68,37 +70,52 @@ class HandDriver(ABC):
     name: str
     """The name under which the driver is registered."""
 
-    follows_commands: bool = True
-    """Whether the hand follows commands; one that plays a recording does not."""
-
     real_time: bool = True
-    """Whether the hand's clock runs as fast as ours; that of a simulated or recorded hand runs at any speed."""
+    """Whether the rig's clock runs as fast as ours; that of a simulated or recorded rig runs at any speed."""
 
     @property
     @abstractmethod
-    def description(self) -> HandDescription:
-        """The hand: joints, limits, kinematics, sensor. Known before connecting."""
+    def description(self) -> Description:
+        """The rig: limits, geometry, sensor. Known before connecting."""
 
     @property
     @abstractmethod
     def period_s(self) -> float:
-        """Time between two states [s], on the hand's clock."""
+        """Time between two states [s], on the rig's clock."""
 
     @abstractmethod
     def connect(self) -> None:
-        """Connect to the hand, which holds its present angles.
+        """Connect to the rig, which stays where it is: a hand holds its present angles.
 
         Raises:
-            WorkError: the hand does not respond.
+            WorkError: the rig does not respond.
         """
 
     @abstractmethod
-    def observe(self) -> HandState:
-        """Wait for the next state and return it. A simulated hand advances by one period."""
+    def observe(self) -> State:
+        """Wait for the next state and return it. A simulated rig advances by one period."""
 
     @abstractmethod
-    def act(self, command: HandCommand) -> None:
+    def act(self, command: Command, /) -> None:
         """Send a command; return without waiting for its effect."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Stop the rig, with no more force than it exerts now.
+
+        May be called twice, at any time, and from any thread.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the rig. May be called twice."""
+
+
+class HandDriver(Driver[HandDescription, HandState, HandCommand]):
+    """A hand, and a context manager that connects it, stops it and releases it."""
+
+    follows_commands: bool = True
+    """Whether the hand follows commands; one that plays a recording does not."""
 
     def object_position_m(self) -> FloatArray | None:
         """Return the true position of the object between the fingers, in patch coordinates of the sensor (2,) [m].
@@ -106,17 +123,6 @@ class HandDriver(ABC):
         None if the hand cannot see it, as most hands cannot.
         """
         return None
-
-    @abstractmethod
-    def stop(self) -> None:
-        """Stop the hand, with no more force than it exerts now.
-
-        May be called twice, at any time, and from any thread.
-        """
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release the hand. May be called twice."""
 
     def __enter__(self) -> Self:
         """Connect."""

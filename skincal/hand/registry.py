@@ -123,7 +123,9 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         driver = made(**values)
     except SkincalError:
         raise
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a driver may raise SystemExit, or CancelledError, which ends no process
         raise WorkError(f'driver "{name}" cannot be created: {type(error).__name__}: {error}') from error
     if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver or StageDriver"
@@ -164,7 +166,9 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
         raise WorkError(f'driver "{name}" needs the package {error.name}, which is not installed') from error
     except AttributeError as error:
         raise InputError([Problem(f'driver "{name}"', f"{attribute} in {module}", str(error))]) from error
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise WorkError(f'driver "{name}" cannot be imported: {type(error).__name__}: {error}') from error
     if not callable(value):
         raise InputError([Problem(f'driver "{name}"', "a class", type(value).__name__)])

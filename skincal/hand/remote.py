@@ -1,8 +1,8 @@
 """Driver of a hand on another computer, by the messages of :mod:`skincal.hand.messages`.
 
-A request without an answer is repeated with the same number; the server answers it again and does nothing twice.
-Answers to earlier requests are discarded. If nothing arrives for ``silence_s``, the hand is lost; the server's
-watchdog then stops it.
+A request without an answer is repeated with the same number, sooner the faster the link is; the server answers it
+again and does nothing twice. Answers to earlier requests are discarded. If nothing arrives for ``silence_s``, the hand
+is lost; the server's watchdog then stops it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,12 @@ from skincal.hand.messages import (
     refusal_of,
     state_of,
 )
+from skincal.hand.resend import ResendTimer
 from skincal.hand.sockets import checked_address, client_keys, prepared, zmq_module
 from skincal.robot.description import HandDescription
 
 if TYPE_CHECKING:
     import zmq
-
-RESEND_S = 0.2
-"""Time after which an unanswered request is repeated [s]."""
 
 CALL_S, CONNECT_S, STOP_S = 5.0, 30.0, 0.4
 """Longest duration of a call, of connecting and of stopping while the server reports that it is busy [s]."""
@@ -72,6 +70,7 @@ class RemoteDriver(HandDriver):
         self._session = ""
         self._gone = False
         self._number = 0
+        self._timers: dict[str, ResendTimer] = {}
         self._observed = 0
         self._period_s: float | None = None
         self._watchdog_s: float | None = None
@@ -184,23 +183,30 @@ class RemoteDriver(HandDriver):
         """Repeat a request until it is answered; return the answer."""
         start = heard = now = time.monotonic()
         silence_s = min(self._silence_s, limit_s)
-        data = encode(request)
+        data, sent = encode(request), 0
+        timer = self._timer(request.kind)
         while True:
             self._send(socket, data)
+            sent += 1
             left_s = min(heard + silence_s, start + limit_s) - now
-            reply = self._answer(socket, request, min(RESEND_S, left_s))
+            reply = self._answer(socket, request, expected, min(timer.wait_s, left_s))
             now = time.monotonic()
             if reply is not None and reply.kind == "refused":
                 raise refusal_of(reply)
             if reply is not None and reply.kind == expected:
+                if sent == 1:
+                    timer.answered(now - start)
                 return reply
+            timer.repeated()
             if reply is not None:
                 heard = now
-                # It is busy: repeating the request at once would only slow it down.
-                time.sleep(min(RESEND_S / 4, limit_s))
             if now - heard >= silence_s or now - start >= limit_s:
                 self._gone = request.kind != "stop"
                 raise self._lost(request.kind, now - heard)
+
+    def _timer(self, kind: str) -> ResendTimer:
+        """Return the timer of a kind of request; a stop comes from any thread and shares none."""
+        return ResendTimer() if kind == "stop" else self._timers.setdefault(kind, ResendTimer())
 
     def _send(self, socket: zmq.Socket[bytes], data: bytes) -> None:
         try:
@@ -209,9 +215,14 @@ class RemoteDriver(HandDriver):
             # The queue is full because nobody reads it: treat it as silence.
             return
 
-    def _answer(self, socket: zmq.Socket[bytes], request: Message, wait_s: float) -> Message | None:
-        """Return the answer to a request; discard earlier answers, and those of other sessions."""
-        deadline = time.monotonic() + wait_s
+    def _answer(
+        self, socket: zmq.Socket[bytes], request: Message, expected: str, wait_s: float
+    ) -> Message | None:
+        """Return the answer to a request, or after the wait a message that the server is busy with it.
+
+        Earlier answers, and those of other sessions, are discarded.
+        """
+        deadline, busy = time.monotonic() + wait_s, None
         while (left_s := deadline - time.monotonic()) > 0:
             if not socket.poll(max(1, int(left_s * 1e3))):
                 continue
@@ -222,9 +233,12 @@ class RemoteDriver(HandDriver):
                     f"{self._address} does not speak this protocol: {error}", "refused"
                 ) from error
             own = (reply.number, reply.session) == (request.number, request.session)
-            if own or reply.session == "-":
+            if not own and reply.session != "-":
+                continue
+            if reply.kind in (expected, "refused"):
                 return reply
-        return None
+            busy = reply
+        return busy
 
     def _lost(self, kind: str, silent_s: float) -> HandError:
         keys = "without keys" if self._keys is None else "with these keys"

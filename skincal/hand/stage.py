@@ -6,13 +6,13 @@ between the stage and these types; the guard (:mod:`skincal.hand.stage_guard`) h
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta
+from skincal.hand.driver import Driver
 
 FloatArray = NDArray[np.float64]
 
@@ -55,49 +55,5 @@ class StageState:
     taxels: FloatArray
 
 
-class StageDriver(ABC):
-    """A stage: it is observed, and commanded to the next position of the indenter's tip.
-
-    ``state = stage.observe(); stage.act(position)``, once every :attr:`period_s`. Calls come from one thread, but
-    :meth:`stop` may come from another.
-    """
-
-    name: str
-    """The name under which the driver is registered."""
-
-    real_time: bool = True
-    """Whether the clock of the stage runs as fast as ours; that of a simulated one does not."""
-
-    @property
-    @abstractmethod
-    def description(self) -> StageDescription:
-        """The rig; known before connecting."""
-
-    @property
-    @abstractmethod
-    def period_s(self) -> float:
-        """Time between two states [s]."""
-
-    @abstractmethod
-    def connect(self) -> None:
-        """Connect to the stage, which stays where it is.
-
-        Raises:
-            WorkError: the stage does not respond.
-        """
-
-    @abstractmethod
-    def observe(self) -> StageState:
-        """Wait for the next state and return it."""
-
-    @abstractmethod
-    def act(self, position_m: FloatArray) -> None:
-        """Set the target of the indenter's tip (3,) [m]; return without waiting."""
-
-    @abstractmethod
-    def stop(self) -> None:
-        """Stop the stage. May be called twice, at any time, and from any thread."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release the stage. May be called twice."""
+class StageDriver(Driver[StageDescription, StageState, FloatArray]):
+    """A stage; a command is the next position of the indenter's tip (3,) [m]."""

@@ -8,24 +8,26 @@ from collections.abc import Callable
 import numpy as np
 
 from skincal.hand.contract import FAILED, PASSED, SKIPPED, CheckResult, ContractReport
+from skincal.hand.guard_options import GuardOptions
 from skincal.hand.stage import StageDriver, StageState
-from skincal.hand.stage_guard import GuardedStage
+from skincal.hand.stage_guard import GuardedStage, check_stage
+from skincal.hand.worker import CallExitError, CallTimeoutError, Worker, call_and_leave
 
 STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
 """Motion of the tip [m]; number of states that are checked; longest duration of ``stop`` [s]."""
 
 
-def states(stage: StageDriver) -> str:
+def states(stage: StageDriver, guard: GuardOptions) -> str:
     """Finite states of the right shape, whose clock advances, within travel and force."""
-    with GuardedStage(stage) as guarded:
+    with GuardedStage(stage, guard) as guarded:
         seen = [guarded.observe() for _ in range(PERIODS)]
     periods = np.diff([state.time_s for state in seen])
     return f"{PERIODS} states, one every {1e3 * float(np.median(periods)):.3g} ms"
 
 
-def moves(stage: StageDriver) -> str:
+def moves(stage: StageDriver, guard: GuardOptions) -> str:
     """The tip makes a commanded step up, and one back."""
-    with GuardedStage(stage) as guarded:
+    with GuardedStage(stage, guard) as guarded:
         start = guarded.observe().position_m
         rig = stage.description
         high = np.minimum(start + np.array([0.0, 0.0, STEP_M]), rig.upper_m)
@@ -43,16 +45,16 @@ def moves(stage: StageDriver) -> str:
     return f"{1e3 * STEP_M:g} mm and back"
 
 
-def stops(stage: StageDriver) -> str:
+def stops(stage: StageDriver, guard: GuardOptions) -> str:
     """``stop`` returns at once, twice in a row, and nothing moves afterwards."""
-    with GuardedStage(stage) as guarded:
+    with GuardedStage(stage, guard) as guarded:
         before = guarded.observe()
         begin = time.monotonic()
         guarded.stop()
         guarded.stop()
         took = time.monotonic() - begin
         after: StageState = [guarded.observe() for _ in range(5)][-1]
-    stage.close()
+    call_and_leave(stage.close, guard.connect_timeout_s, "close again")
     if took > STOP_S:
         raise AssertionError(f"stop() took {took:.3g} s")
     moved = float(np.linalg.norm(after.position_m - before.position_m))
@@ -61,14 +63,11 @@ def stops(stage: StageDriver) -> str:
     return f"within {1e3 * took:.3g} ms"
 
 
-def describes(stage: StageDriver) -> str:
-    """A description with travel, speed and force above zero, and a flat sensor."""
+def describes(stage: StageDriver, guard: GuardOptions) -> str:
+    """A description with travel, speed and force above zero and no larger than those of a bench, and a flat sensor."""
     rig = stage.description
-    if not (rig.upper_m > rig.lower_m).all() or not min(rig.max_speed_m_per_s, rig.max_force_n) > 0:
-        raise AssertionError(
-            f"travel {rig.lower_m} to {rig.upper_m}, {rig.max_speed_m_per_s}, {rig.max_force_n}"
-        )
-    if rig.meta.surface.kind != "plane":
+    check_stage(rig, beyond=guard.beyond_limits)
+    if not rig.meta.surface.is_plane:
         raise AssertionError(f"a surface of kind {rig.meta.surface.kind}; a stage presses along z")
     return f"{rig.name}: never above {rig.max_force_n:g} N and {1e3 * rig.max_speed_m_per_s:g} mm/s"
 
@@ -78,6 +77,7 @@ def run_stage_checks(
     make: Callable[[], StageDriver],
     *,
     move: bool = True,
+    guard: GuardOptions | None = None,
     told: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
     """Run every check against a driver of a stage.
@@ -86,8 +86,10 @@ def run_stage_checks(
         name: the driver's name, for the report.
         make: creates a driver that is not connected; called once per check.
         move: whether to move the stage.
+        guard: limits and times.
         told: callback with every result.
     """
+    guard = guard or GuardOptions()
     results: list[CheckResult] = []
     for check in (describes, states, moves, stops):
         expected = (check.__doc__ or "").strip()
@@ -95,10 +97,19 @@ def run_stage_checks(
             results.append(CheckResult("moves", expected, SKIPPED, "--no-move"))
         else:
             begin = time.monotonic()
+            worker = Worker("make a driver")
             try:
-                status, got = PASSED, check(make())
-            except (Exception, SystemExit) as error:
-                status, got = FAILED, f"{type(error).__name__}: {error}"
+                stage = worker.call(make, timeout_s=guard.connect_timeout_s)
+                status, got = PASSED, check(stage, guard)
+            except KeyboardInterrupt:
+                raise
+            except CallTimeoutError:
+                status, got = FAILED, f"a call that did not return within {guard.connect_timeout_s:g} s"
+            except BaseException as error:
+                raised = error.__cause__ if isinstance(error, CallExitError) else error
+                status, got = FAILED, f"{type(raised).__name__}: {raised}"
+            finally:
+                worker.end()
             results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
         told(results[-1])
     return ContractReport(name, tuple(results))

@@ -20,7 +20,7 @@ ROUNDING_M = 1e-9
 """Tolerance of a command's limits, for rounding [m]."""
 
 BEYOND_M = 0.5e-3
-"""Tolerance of a measured position beyond the travel, for overshoot [m]."""
+"""Tolerance of a measured position beyond the travel, for overshoot, and of a step between two states [m]."""
 
 MOST_TRAVEL_M, MOST_SPEED_M_PER_S, MOST_FORCE_N = 1.0, 0.5, 200.0
 """Largest limits that are accepted by default: more travel than a bench has room for, twice the speed of an arm that
@@ -103,19 +103,22 @@ class StageStateCheck:
     """
 
     def __init__(self, driver: StageDriver, options: GuardOptions) -> None:
-        self._rig = driver.description
+        self._rig, self._options = driver.description, options
         self._limit_n = options.max_force_n or self._rig.max_force_n
         self._clock = ClockCheck(options, real_time=driver.real_time, period_s=driver.period_s)
-        self._last_s = -math.inf
+        self._last_s, self._answered_s = -math.inf, math.nan
+        self._last_m: FloatArray | None = None
 
     def __call__(self, state: StageState, now_s: float, waited_s: float = 0.0) -> Violation | None:
         """Return the violation of a state, or None; arguments as for a hand's state."""
+        last_s = self._last_s
         return (
             self._form(state)
             or self._goes_on(state)
             or self._clock(float(state.time_s), now_s, waited_s)
             or self._taxels(state)
             or self._limits(state)
+            or self._speed(state, float(state.time_s) - last_s)
         )
 
     def _form(self, state: object) -> Violation | None:
@@ -149,10 +152,32 @@ class StageStateCheck:
         if sensor.integer:
             good &= values == np.rint(values)
         if good.all():
-            return None
+            return self._silent(state)
         whole = "whole numbers " if sensor.integer else ""
         text = f"a taxel is {values[~good][0]:.6g}; the converter gives {whole}from {low:g} to {high:g}"
         return Violation("taxels", text)
+
+    def _silent(self, state: StageState) -> Violation | None:
+        time_s, limit_s = float(state.time_s), self._options.taxel_age_s
+        if math.isnan(self._answered_s) or not np.isnan(state.taxels).all():
+            self._answered_s = time_s
+        for_s = time_s - self._answered_s
+        if for_s <= limit_s:
+            return None
+        text = f"no taxel has responded for {for_s:.3g} s, the limit is {limit_s:g} s"
+        return Violation("taxels", text, value=for_s, limit=limit_s)
+
+    def _speed(self, state: StageState, passed_s: float) -> Violation | None:
+        """Check how far the tip has moved since the last state; it may be pushed, or lose its place."""
+        last_m, self._last_m = self._last_m, np.array(state.position_m, dtype=np.float64)
+        if last_m is None:
+            return None
+        moved_m = float(np.linalg.norm(self._last_m - last_m))
+        most_m = self._options.velocity_factor * self._rig.max_speed_m_per_s * passed_s + BEYOND_M
+        if moved_m <= most_m:
+            return None
+        text = f"the tip moved by {1e3 * moved_m:.3g} mm in {1e3 * passed_s:.3g} ms, {1e3 * most_m:.3g} mm is the most"
+        return Violation("velocity", text, value=moved_m, limit=most_m)
 
     def _limits(self, state: StageState) -> Violation | None:
         force_n, place = float(state.force_n), state.position_m

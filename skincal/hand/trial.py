@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from skincal.hand.checks import StateCheck
 from skincal.hand.commands import CommandCheck
@@ -44,6 +44,20 @@ class Trial:
         self._close_s = CONNECT_S
         self._check_state: StateCheck | None = None
         self._check_command: CommandCheck | None = None
+
+    @classmethod
+    def of(cls, make: Callable[[], HandDriver], options: ContractOptions) -> Self:
+        """Create a driver, which may hang, and return its trial.
+
+        Raises:
+            CallTimeoutError: it was not created in time.
+            CallExitError: it raised anything but an ``Exception``.
+        """
+        worker = Worker("make a driver")
+        try:
+            return cls(worker.call(make, timeout_s=CONNECT_S), options, make)
+        finally:
+            worker.end()
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
         """Make a call in the thread of the trial."""
@@ -96,7 +110,8 @@ class Trial:
 
     def halt(self) -> str:
         """Stop the hand; return the failure to do so, or ''."""
-        return halt(self.driver.stop, self.options.stop_s, self.driver.name)
+        name = getattr(self.driver, "name", type(self.driver).__name__)
+        return halt(self.driver.stop, self.options.stop_s, name)
 
     def end(self, close_s: float = CONNECT_S) -> str:
         """Stop the hand and release it, in whatever state it is; return the failure to stop, or ''."""

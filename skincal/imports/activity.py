@@ -39,6 +39,7 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
 
 def taxel_activity(images: FloatArray) -> FloatArray:
     """Return the sum over the taxels of their distance above rest, the lowest tenth of their values, shape (M,)."""
+    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
     rest = np.nanquantile(images, 0.1, axis=0)
     return np.nansum(np.maximum(images - rest, 0.0), axis=1)
 

@@ -1,14 +1,16 @@
-"""Binary files of arrays (MATLAB, NumPy, HDF5, Parquet) as named columns.
+"""Files of arrays (MATLAB, NumPy, HDF5, Parquet, Feather, JSON) as named columns.
 
 A one-dimensional array is a column with its name. A two-dimensional one gives the columns ``name[0]``, ``name[1]``, …,
-a three-dimensional one ``name[0,0]``, …; samples run along the first axis. Dots and slashes join nested names.
+a three-dimensional one ``name[0,0]``, …; samples run along the first axis. A list of equal arrays, one per sample, is
+such an array as well. Dots and slashes join nested names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,7 @@ def read_numpy(path: Path) -> Columns:
 
 
 def read_matlab(path: Path) -> Columns:
-    """Return the columns of a MATLAB file up to version 7.
+    """Return the columns of a MATLAB file of version 4 to 7.
 
     Raises:
         ValueError: the file is damaged.
@@ -63,9 +65,19 @@ def read_hdf5(path: Path) -> Columns:
     h5py: Any = library
     arrays: dict[str, Any] = {}
 
+    def content(name: str, item: Any, depth: int = 0) -> Any:
+        if not isinstance(item, h5py.Dataset) or depth > 4:
+            raise ValueError(f"{name} refers to no data; expected arrays, or cells of arrays")
+        if item.external or item.is_virtual:  # a dataset may lie in any file of this computer
+            raise ValueError(f"{name} lies in another file; expected data in {path.name} itself")
+        array = item[()]
+        if h5py.check_ref_dtype(item.dtype) is not None:  # cells of MATLAB
+            return [content(name, item.file[cell], depth + 1) for cell in np.ravel(array)]
+        return array.T if "MATLAB_class" in item.attrs else array
+
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-            arrays[name] = item[()].T if "MATLAB_class" in item.attrs else item[()]
+            arrays[name] = content(name, item)
 
     try:
         with h5py.File(path, "r") as file:
@@ -77,15 +89,52 @@ def read_hdf5(path: Path) -> Columns:
     return _columns(arrays)
 
 
-def read_parquet(path: Path) -> Columns:
-    """Return the columns of a Parquet file.
+def read_arrow(path: Path) -> Columns:
+    """Return the columns of a Parquet or Feather file; an index with a name is one of them.
 
     Raises:
         ValueError: the file is damaged.
     """
     import pandas as pd
 
-    return _columns({str(name): column.to_numpy() for name, column in pd.read_parquet(path).items()})
+    with open_input(path) as file:
+        feather = file.read(6) == b"ARROW1"
+    table: Any = pd.read_feather(path) if feather else pd.read_parquet(path)
+    named = [name for name in table.index.names if name is not None]
+    if named:
+        table = table.reset_index(level=named)
+    return _columns({str(name): column.to_numpy() for name, column in table.items()})
+
+
+def read_json(path: Path) -> Columns:
+    """Return the columns of a JSON file: one value per line, a list of samples, or a table of lists.
+
+    Samples without names are lists of numbers; their columns are ``1``, ``2``, ….
+
+    Raises:
+        ValueError: the text is not JSON, or its samples differ in form.
+    """
+    try:
+        return _of_json(path.read_text(encoding="utf-8-sig"))
+    except MemoryError:
+        raise
+    except Exception as error:  # what numbers and nesting without bounds lead to
+        raise ValueError(str(error) or type(error).__name__) from error
+
+
+def _of_json(text: str) -> Columns:
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError:
+        value = [json.loads(line) for line in text.splitlines() if line.strip()]
+    if isinstance(value, Mapping):
+        return _columns(cast("Mapping[str, Any]", value))
+    samples = cast("list[Any]", value) if isinstance(value, list) else []
+    if samples and all(isinstance(sample, Mapping) for sample in samples):
+        return _columns(_by_key(samples))
+    rows = np.array(samples, dtype=np.float64)
+    rows = rows.reshape(len(rows), -1)
+    return {str(i + 1): rows[:, i] for i in range(rows.shape[1])}
 
 
 def _columns(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
@@ -96,11 +145,13 @@ def _columns(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     }
     found: dict[str, NDArray[Any]] = {}
     for name, array in flat.items():
+        while array.ndim > 3 and array.shape[-1] == 1:
+            array = array[..., 0]
         if array.ndim == 2 and 1 in array.shape:
             found[name] = array.ravel()
         elif array.ndim == 1:
             found[name] = array
-        elif array.ndim in (2, 3):
+        else:
             if array.shape[0] not in lengths and array.shape[-1] in lengths:
                 array = np.moveaxis(array, -1, 0)
             for index in np.ndindex(*array.shape[1:]):
@@ -112,10 +163,45 @@ def _arrays(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NDArr
     for name, value in values.items():
         full = f"{prefix}{name}"
         if isinstance(value, Mapping):
-            yield from _arrays(value, f"{full}.")  # pyright: ignore[reportUnknownArgumentType]
+            yield from _arrays(cast("Mapping[str, Any]", value), f"{full}.")
             continue
-        array = np.asarray(value)
-        if array.dtype.names:
+        array = _array(value)
+        if isinstance(array, Mapping):
+            yield from _arrays(array, f"{full}.")
+        elif array.dtype.names:
             yield from _arrays({field: array[field] for field in array.dtype.names}, f"{full}.")
-        elif array.ndim and (array.dtype.kind in "biufMSUO"):
+        elif array.ndim and array.size and (array.dtype.kind in "biufMSUO"):
             yield full, array
+
+
+def _array(value: Any) -> NDArray[Any] | Mapping[str, Any]:
+    """Return a value as an array; a list with a table per sample as a table of lists."""
+    listed = isinstance(value, list) or getattr(getattr(value, "dtype", None), "kind", "") == "O"
+    if not listed:
+        return np.asarray(cast("Any", value))
+    items = list(cast("Sequence[Any]", value))
+    if items and all(isinstance(item, Mapping) for item in items):
+        return _by_key(items)
+    if any(isinstance(item, list | np.ndarray) for item in items):
+        try:
+            return np.stack([np.asarray(item) for item in items])
+        except ValueError:  # arrays of different shapes are no column
+            return np.zeros(0)
+    numbers = all(isinstance(item, bool | int | float | np.number) for item in items)
+    return np.array(items, dtype=None if numbers else object)
+
+
+def _by_key(samples: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Return the values of tables by their keys; NaN where a table lacks a number, '' where it lacks a text."""
+    keys = dict.fromkeys(key for sample in samples for key in sample)
+    blank = {key: next(_blank(sample[key]) for sample in samples if key in sample) for key in keys}
+    return {key: [sample.get(key, blank[key]) for sample in samples] for key in keys}
+
+
+def _blank(value: Any) -> Any:
+    """Return what stands for a missing value of the same form."""
+    if isinstance(value, Mapping):
+        return {}
+    if isinstance(value, list | np.ndarray):
+        return np.full(np.shape(cast("Any", value)), np.nan)
+    return "" if isinstance(value, str) else np.nan

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from skincal.covariates import POSITION
 from skincal.dataset import Dataset, check_dataset
-from skincal.dataset.columns import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.model_objects import surface_of

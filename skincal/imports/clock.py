@@ -15,16 +15,28 @@ from numpy.typing import NDArray
 from skincal.imports.recording import FloatArray
 
 BITS: Final = (8, 16, 24, 32)
-"""Widths of counters that are tried [bit]."""
+"""Usual widths of counters [bit]."""
+
+RARE_BITS: Final = (10, 12, 14, 15, 20, 28, 30, 31, 48)
+"""Other widths that are tried."""
 
 DAY_S: Final = 86400.0
 CLOCK_PERIODS_S: Final = {"24 h": DAY_S, "12 h": DAY_S / 2}
 """Periods of wall clocks."""
 
+RARE_PERIODS_S: Final = {"7 days": 7 * DAY_S, "60 min": 3600.0, "60 s": 60.0, "1 s": 1.0}
+"""Periods of clocks that give a part of the time."""
+
 LARGEST_STEP: Final = 20.0
 """A wrap is accepted if the step it leaves is at most this many usual steps (a tolerance), or this part of it:"""
 
 SMALL_PART: Final = 0.02
+
+PAUSES: Final = 2.0
+"""Or this many of the longest pauses elsewhere in the recording."""
+
+RARE_STEP: Final = 3.0
+"""Of the rare periods, the step may be this many usual ones: a restart then seldom looks like their wrap."""
 
 EPOCH_S: Final = (9.46e8, 4.1e9)
 """Seconds since 1970 of the years 2000 and 2100, which bound today's stamps."""
@@ -54,8 +66,9 @@ def steps_back(stamps: FloatArray) -> NDArray[np.int64]:
 def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     """Return the wraps that explain every step back of a clock; None without steps back, or without such a period.
 
-    A counter has wrapped if adding its period turns the step back into a small step forward. Of several such periods,
-    the one with the smallest steps is chosen.
+    A counter has wrapped if adding its period turns the step back into a small step forward, or, for a counter of usual
+    width, into a pause like those elsewhere in the recording. Of several such periods, the one with the
+    smallest steps is chosen.
 
     Args:
         stamps: stamps in the order of events, NaN where missing, shape (n,).
@@ -69,9 +82,12 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     usual = usual_step(stamps)
     best: tuple[float, float, str] | None = None
     span = float(np.nanmax(stamps) - np.nanmin(stamps))
-    for words, period in _periods(unit_s):
+    pause = float(np.diff(stamps[np.isfinite(stamps)]).max())
+    for words, period, rare in _periods(unit_s):
         step = period - fall
-        allowed = max(LARGEST_STEP * usual, SMALL_PART * period)
+        allowed = (
+            RARE_STEP * usual if rare else max(LARGEST_STEP * usual, SMALL_PART * period, PAUSES * pause)
+        )
         # A clock shows nothing beyond its period, and falls back by most of it.
         if (
             span < period < 2 * fall.min()
@@ -142,14 +158,19 @@ def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str 
     return next((name for name, factor in factors if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
 
 
-def _periods(unit_s: float) -> list[tuple[str, float]]:
-    """Return the kinds of clocks and their periods in the unit of the stamps."""
+def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
+    """Return the kinds of clocks, their periods in the unit of the stamps, and whether they are rare."""
     counters = [
-        (f"a counter of {bits} bits" + (f" divided by {divided}" if divided > 1 else ""), 2.0**bits / divided)
-        for bits in BITS
+        (f"a counter of {bits} bits" + (f" divided by {divided}" if divided > 1 else ""), 2.0**bits / divided,
+         bits in RARE_BITS)
+        for bits in (*BITS, *RARE_BITS)
         for divided in (1, 1000, 1_000_000)
+    ]  # fmt: skip
+    clocks = [
+        (f"a clock of {words}", period / unit_s, words in RARE_PERIODS_S)
+        for words, period in (CLOCK_PERIODS_S | RARE_PERIODS_S).items()
     ]
-    return counters + [(f"a clock of {words}", period / unit_s) for words, period in CLOCK_PERIODS_S.items()]
+    return counters + clocks
 
 
 def _last_given(stamps: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.imports.text_table import SourceSheet, TextTable
 
-Columns = Mapping[str, NDArray[Any]]
+Columns = dict[str, NDArray[Any]]
 """One-dimensional columns by name; their lengths may differ."""
 
 SHOWN = 12
@@ -34,6 +34,13 @@ def chosen(
         hint: advice if a column is missing and none has a similar name.
     """
     wanted = [*dict.fromkeys((*numbers, *texts))]
+    # MATLAB's structures have slashes in files of version 7.3, and dots in older ones.
+    dotted = {name.replace("/", "."): column for name, column in columns.items()}
+    columns = columns | {
+        name: dotted[name.replace("/", ".")]
+        for name in wanted
+        if name not in columns and name.replace("/", ".") in dotted
+    }
     missing = [name for name in wanted if name not in columns]
     if missing:
         shown = ", ".join(f'"{name}"' for name in [*columns][:SHOWN]) or "none"

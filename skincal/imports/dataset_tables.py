@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.covariates import NORMAL, POSITION, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses
-from skincal.dataset.columns import NORMAL, POSITION, TIMES
 from skincal.imports.recording import Column, FloatArray, Recording
 from skincal.imports.series import Cut, Series, Span
 from skincal.imports.targets import LABELS

@@ -1,8 +1,9 @@
 """Text that is not a table: blocks of rows, one per frame, and lines of ``name=value``.
 
 Tekscan's ASCII export and serial monitors write blocks: a line that names the frame, followed by its rows, perhaps
-with a name before each. Their cells are the columns ``1``, ``2``, … row by row. The line above a block is the column
-``label``, and numbers in it are columns too (``Frame 12, t = 0.24``: ``frame``, ``t``).
+with a name before each, or in brackets. Their cells are the columns ``1``, ``2``, … row by row. The line above a block
+is the column ``label``. Numbers in it are columns as well, by their names (``Frame 12, t = 0.24``: ``frame``, ``t``)
+and by their order (``label[0]``, ``label[1]``), and a time of day or date in it is the column ``moment``.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ from skincal.imports.mapping import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-NAMED = re.compile(rf"([A-Za-z_][\w.\[\]-]*)\s*[:=]?\s*({NUMBER})(?![\w.:])")
+NAMED = re.compile(rf"([A-Za-z_][\w.\[\]-]*)\s*[:=,]?\s*({NUMBER})(?![\w.:])")
 PAIR = re.compile(rf"([A-Za-z_][\w.\[\]-]*)\s*[:=]\s*({NUMBER})(?![\w.:])")
 STAMP = re.compile(
     r"^\s*\[?(\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{4}-\d{2}-\d{2}[T ][\d:.]+)\]?\s*(?:->|[,;|])?\s*"
 )
 """The time that serial monitors write before a line."""
 
-SHAPE = re.compile(r"^\W*shape\b\W*\d+\W+\d+\W*$", re.IGNORECASE)
+MOMENT = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?")
+"""A date with a time, or a time of day, in the line above a block."""
 
 
 @dataclass
@@ -50,7 +52,7 @@ def read_blocks(
     lines = text_lines(path, form, findings, blank=True)
     if lines is None:
         return None
-    blocks = _blocks(lines, form)
+    blocks = blocks_of(lines, form)
     if not blocks:
         findings.error(path.name, "blocks of rows of numbers", "none", "Is delimiter in [csv] the right one?")
         return None
@@ -61,7 +63,7 @@ def read_blocks(
         named = ", ".join(str(block.line) for block in odd[:SHOWN])
         got = ", ".join(f"{len(block.rows)} of {len(block.rows[0])}" for block in odd[:SHOWN])
         fix = "Was the file cut short, or are there lines to skip (skip_rows, comment)? Blocks without a line between "
-        fix += "them need block_rows."
+        fix += "them need block_rows, and words for cells without a value (Tekscan's B) need missing."
         findings.error(
             f"{path.name}, line {named}", f"a block of {shape[0]} rows of {shape[1]} cells as most", got, fix
         )
@@ -74,6 +76,12 @@ def read_blocks(
     ]
     for name in dict.fromkeys(key for values in named_values for key in values):
         columns.setdefault(name, np.array([values.get(name, np.nan) for values in named_values]))
+    moments = [MOMENT.search(block.label) for block in blocks]
+    if any(moments):
+        columns["moment"] = np.array([found[0] if found else "" for found in moments], dtype=object)
+    plain = [[float(value) for value in re.findall(rf"(?<![\w.]){NUMBER}", block.label)] for block in blocks]
+    for i in range(max(map(len, plain))):
+        columns[f"label[{i}]"] = np.array([values[i] if i < len(values) else np.nan for values in plain])
     at = np.array([block.line for block in blocks])
     hint = f"The frames are of {shape[0]} rows of {shape[1]} cells."
     return chosen(path.name, columns, numbers, texts, form.decimal, findings, at, hint)
@@ -102,35 +110,7 @@ def read_labelled(
     return chosen(path.name, columns, numbers, texts, form.decimal, findings, np.array(at))
 
 
-def layout_hint(path: Path, form: CsvFormat) -> str:
-    """Return the layout to set for a file that was read as a table but is none; '' if unknown."""
-    lines = text_lines(path, CsvFormat("series", delimiter=form.delimiter, encoding=form.encoding), Findings(),
-                       blank=True)  # fmt: skip
-    filled = [(number, line) for number, line in lines or [] if line.strip()][:4000]
-    if not filled:
-        return ""
-    if SHAPE.match(filled[0][1]) and (form.header or form.skip_rows < filled[0][0]):
-        return (
-            f'Line {filled[0][0]} gives the shape of flat frames ("{filled[0][1].strip()}"): set '
-            f"skip_rows = {filled[0][0]} and header = false in [csv]; without stamps, rate_hz too."
-        )
-    paired = sum(len(PAIR.findall(line)) >= 2 for _, line in filled)
-    if paired > 0.8 * len(filled):
-        return 'Its lines are pairs of name and value: set layout = "labelled" in [csv].'
-    blocks = _blocks([item for item in lines or [] if item[0] <= filled[-1][0]], form)
-    sizes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
-    if sizes:
-        (rows, cells), count = sizes.most_common(1)[0]
-        if count >= 3 and rows > 1 and count > 0.8 * len(blocks):
-            return (
-                f"It holds blocks of {rows} rows of {cells} cells, one per frame, from line {blocks[0].line} on: set "
-                f'layout = "blocks" in [csv]; taxels are then the columns "1" to "{rows * cells}". Without stamps, '
-                "rate_hz gives the frames per second."
-            )
-    return ""
-
-
-def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
+def blocks_of(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
     """Return the stretches of rows of numbers of one width; a repeated name before a row starts a new stretch."""
     blocks: list[Block] = []
     label, open_ = "", False
@@ -146,33 +126,49 @@ def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
             or len(cells) != len(last.rows[0])
             or (form.block_rows and len(last.rows) == form.block_rows)
             or (name and name == last.names[0])
+            or line.lstrip().startswith("[[")
         ):
             blocks.append(Block(number, label, [], []))
             label, open_ = "" if open_ else label, True
         blocks[-1].rows.append(cells)
         blocks[-1].names.append(name)
-    return blocks
+    return _labelled_by_number(blocks)
+
+
+def _labelled_by_number(blocks: list[Block]) -> list[Block]:
+    """Return the blocks, with every other one of a single number as the label of the next."""
+    single = [len(block.rows) == 1 and len(block.rows[0]) == 1 for block in blocks]
+    pairs = len(blocks) // 2
+    if not pairs or len(blocks) % 2 or not all(single[::2]) or any(single[1::2]):
+        return blocks
+    return [
+        Block(block.line, f"{above.label} {above.rows[0][0]!r}".strip(), block.rows, block.names)
+        for above, block in zip(blocks[::2], blocks[1::2], strict=True)
+    ]
 
 
 def _row(line: str, form: CsvFormat) -> tuple[str, list[float]] | None:
     """Return the name before a row, or '', and its cells; None if a line is not a row of numbers."""
-    text = line.strip()
+    text = line.strip().strip("[]").strip()
     mark = form.delimiter
     cells = text.split() if mark == "whitespace" or mark not in text else text.split(mark)
     cells = [cell.strip() for cell in cells]
     while cells and cells[-1] == "":
         cells.pop()
     name = ""
-    if cells and not re.fullmatch(NUMBER, cells[0].replace(form.decimal, ".")):
+    if cells and not _is_cell(cells[0], form):
         head = re.fullmatch(rf"([A-Za-z][\w-]*)\s*:?(?:\s*({NUMBER}))?", cells[0])
         if head is None or (len(cells) < 2 and head[2] is None):
             return None
         name = head[1]
         cells = ([head[2]] if head[2] is not None else []) + cells[1:]
     # A name with one number, "Frame 12", stands above a block.
-    if len(cells) < (2 if name else 1):
+    if len(cells) < (2 if name else 1) or not all(_is_cell(cell, form) for cell in cells):
         return None
-    try:
-        return name, [float(cell.replace(form.decimal, ".")) for cell in cells]
-    except ValueError:
-        return None
+    return name, [
+        np.nan if cell in form.missing else float(cell.replace(form.decimal, ".")) for cell in cells
+    ]
+
+
+def _is_cell(cell: str, form: CsvFormat) -> bool:
+    return cell in form.missing or bool(re.fullmatch(NUMBER, cell.replace(form.decimal, ".")))

@@ -54,7 +54,8 @@ def assigned(
         if not found[entry.name]:
             fix = "Give it on the command line, or put it next to the mapping."
             raise InputError([Problem(f"{entry.place} file", f"a file {entry.file}", "none", fix)])
-    return rest, found
+    # A file that holds both has a clock for each.
+    return rest or list(given), found
 
 
 def join_file(
@@ -90,7 +91,7 @@ def join_file(
             f"{entry.place} file", f"as many files as of the taxels ({len(recording.files)})", len(paths)
         )
         return recording
-    clock = read_clock(read, entry.time, entry.form, findings, own_clocks=own)
+    clock = read_clock(read, entry.time, entry.form, findings, own_clocks=own, slow=True)
     if findings.errors:
         return recording
     values = [[quantity_values(q, table) for q in quantities] for table in read]

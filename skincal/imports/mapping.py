@@ -43,6 +43,8 @@ class Quantity:
         words: meaning of words of the source; others are kept.
         wraps_at: period of the counter behind a time, in the source's numbers; None: found from the steps back.
         format: format of dates for ``strptime``; '' for ISO 8601.
+        parts: of a time in several columns, which are added up (seconds and nanoseconds, a date and a time of day),
+            the factor of each; empty: one column.
     """
 
     target: str
@@ -56,6 +58,7 @@ class Quantity:
     words: Map[str, str] = field(default_factory=dict[str, str])
     wraps_at: float | None = None
     format: str = ""
+    parts: tuple[float, ...] = ()
 
     def si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return numbers of the source in SI, of the same shape."""

@@ -10,7 +10,7 @@ from skincal.dataset.columns import JOINT
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.imports import targets, units
 from skincal.imports.mapping import Quantity
-from skincal.imports.strict import StrictTable, as_table
+from skincal.imports.strict import StrictTable, as_list, as_table
 from skincal.imports.units import Unit
 
 SHARED = ("value", "unit", "sign", "scale", "offset", "words")
@@ -72,7 +72,8 @@ def _check_target(table: StrictTable, target: str, rows: str) -> None:
 def read_quantities(entry: StrictTable, target: str, source: str) -> list[Quantity]:
     """Return the quantities of one entry: one, or the three of a vector."""
     parts = targets.VECTORS.get(target, (target,))
-    unit = _unit(entry, parts[0])
+    found = _units(entry, parts[0])
+    unit = found[0]
     constants = _constants(entry, target, parts, unit)
     names = [()] * len(parts) if constants is not None else _sources(entry, source, parts)
     sign = entry.number("sign", "1 or -1", default=1)
@@ -92,6 +93,7 @@ def read_quantities(entry: StrictTable, target: str, source: str) -> list[Quanti
             offset=sign * offset,
             words=_words(entry),
             wraps_at=entry.number("wraps_at", "what the counter counts to", default=None),
+            parts=_parts(entry, found, len(names[i])) if target == "time_s" else (),
             format=entry.text("format", 'how dates are written, like "%d.%m.%Y %H:%M:%S.%f"', default=""),
         )
         for i, part in enumerate(parts)
@@ -104,12 +106,20 @@ def _topic(entry: StrictTable, source: str) -> str:
     return entry.text("topic", "the topic's name")
 
 
-def _unit(entry: StrictTable, target: str) -> Unit:
+def _units(entry: StrictTable, target: str) -> tuple[Unit, ...]:
+    """Return the unit of a quantity; of a time in several columns, that of each."""
     kind = targets.quantity_of(target)
+    known = ", ".join(units.FACTORS[kind])
+    names = as_list(entry.raw("unit"))
+    if target == "time_s" and names and all(isinstance(name, str) for name in names):
+        return tuple(_unit(entry, kind, name) for name in names)
+    if not entry.has("unit") and not targets.needs_unit(target):
+        return (units.si_unit(kind),)
+    return (_unit(entry, kind, entry.text("unit", f"a unit of {kind}: {known}")),)
+
+
+def _unit(entry: StrictTable, kind: str, name: str) -> Unit:
     known = tuple(units.FACTORS[kind])
-    if kind == units.NONE and not entry.has("unit"):
-        return units.si_unit(kind)
-    name = entry.text("unit", f"a unit of {kind}: {', '.join(known)}")
     unit = units.unit_of(kind, name)
     if unit is None and name:
         other = units.other_kind(name)
@@ -117,6 +127,19 @@ def _unit(entry: StrictTable, target: str) -> Unit:
         fix = f"{name} is a unit of {other}." if other else f'Did you mean "{close}"?' if close else ""
         entry.error("unit", f"a unit of {kind}: {', '.join(known)}", f'"{name}"', fix)
     return unit or units.si_unit(kind)
+
+
+def _parts(entry: StrictTable, found: tuple[Unit, ...], columns: int) -> tuple[float, ...]:
+    """Return the factors, in the first unit, with which the columns of a time are added; none for a single one."""
+    dates = [unit.name == units.DATETIME for unit in found]
+    if columns < 2 and len(found) < 2:
+        return ()
+    if len(found) == 1 and dates[0]:
+        return (1.0,) * columns
+    if len(found) != columns or any(dates):
+        expected = 'a unit for each column, like ["s", "ns"], or "datetime" for a date and a time of day'
+        entry.error("unit", expected, entry.raw("unit"))
+    return tuple(unit.factor / found[0].factor for unit in found)
 
 
 def _constants(entry: StrictTable, target: str, parts: Sequence[str], unit: Unit) -> list[float | str] | None:

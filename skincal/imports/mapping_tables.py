@@ -143,7 +143,7 @@ def _joined(table: StrictTable, name: str, findings: Findings) -> JoinedFile:
     form = _layout(table)
     time = None
     if table.has("time"):
-        entry = table.table("time", ("column", "unit", "scale", "offset", *TIME_KEYS), findings)
+        entry = table.table("time", ("column", "columns", "unit", "scale", "offset", *TIME_KEYS), findings)
         time = read_quantities(entry, "time_s", "csv")[0]
     elif form.rate_hz is None:
         table.error(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skincal.dataset.columns import NORMAL, POSITION, TARGET
+from skincal.covariates import NORMAL, POSITION, TARGET
 from skincal.imports.mapping import Placement
 from skincal.imports.recording import FloatArray, Recording
 

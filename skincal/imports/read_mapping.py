@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from skincal.dataset import DatasetMeta
+from skincal.dataset.columns import NO_FORCE
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
@@ -128,6 +129,7 @@ def _check_required(
         vector = next((name for name, parts in targets.VECTORS.items() if target in parts), target)
         known = f" (or {vector})" if vector != target else ""
         fix = f"Add [columns.{vector}]" + (", or rate_hz in [csv]." if target == "time_s" else ".")
+        fix += f" {NO_FORCE}" if target == "force_n" else ""
         top.error("[columns]", f"the column {target}{known}", "nothing", fix)
     if not top.has("taxels"):
         top.error("[taxels]", "a table [taxels]", "nothing")
@@ -158,7 +160,7 @@ def _check_files(top: StrictTable, quantities: tuple[Quantity, ...], form: CsvFo
 
 
 def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
-    meta = meta_from(top, tables_of(top, findings, file))
+    meta = meta_from(top, tables_of(top))
     created = top.raw("created")
     if isinstance(created, str):
         with suppress(ValueError):

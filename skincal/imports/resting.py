@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.dataset.columns import POSITION
+from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
 from skincal.imports.mapping import Mapping

@@ -12,20 +12,22 @@ from typing import Final
 from skincal.dataset.findings import Findings
 from skincal.files import open_input, reason
 from skincal.imports.apart import apart
-from skincal.imports.array_files import read_hdf5, read_matlab, read_numpy, read_parquet
+from skincal.imports.array_files import read_arrow, read_hdf5, read_json, read_matlab, read_numpy
 from skincal.imports.columns_of import Columns, chosen
-from skincal.imports.frame_text import layout_hint, read_blocks, read_labelled
+from skincal.imports.frame_text import read_blocks, read_labelled
+from skincal.imports.layout_hints import layout_hint, units_row
 from skincal.imports.mapping import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
 
-FOREIGN: Final = (read_hdf5, read_matlab, read_parquet)
+FOREIGN: Final = (read_hdf5, read_json, read_matlab, read_arrow)
 """Formats whose libraries may crash, or take all memory, on a damaged file."""
 
 ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"\x89HDF\r\n\x1a\n": read_hdf5,
     b"MATLAB 5.0 MAT": read_matlab,
     b"MATLAB 7.3 MAT": read_hdf5,
-    b"PAR1": read_parquet,
+    b"PAR1": read_arrow,
+    b"ARROW1": read_arrow,
     b"\x93NUMPY": read_numpy,
 }
 """Readers of binary files by their first bytes."""
@@ -49,7 +51,7 @@ REFUSED: Final = {
 }
 """First bytes of unsupported files: their kind, and advice."""
 
-READ: Final = "text, .mat, .npz, .npy, HDF5 or Parquet"
+READ: Final = "text, JSON, .mat, .npz, .npy, HDF5, Parquet or Feather"
 
 
 def read_source_table(
@@ -71,16 +73,23 @@ def read_source_table(
         findings.error(str(path), "a file to read", reason(error))
         return None
     reader = next((reader for magic, reader in ARRAYS.items() if head.startswith(magic)), None)
+    if reader is None and path.suffix.lower() == ".mat" and b"\0" in head:
+        reader = read_matlab  # version 4 has no first bytes of its own
     if head.startswith(b"PK\x03\x04"):
         reader = None if path.suffix.lower() in (".xlsx", ".xlsm", ".ods", ".zip") else read_numpy
+    start = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
+    if form.layout == "table" and start in (b"{", b"["):
+        reader = read_json
     if reader is not None:
         try:
             columns = apart(reader, path) if reader in FOREIGN else reader(path)
         except (OSError, ValueError) as error:
-            got = " ".join(str(error).split())[:200]
-            findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
-            return None
-        return chosen(path.name, columns, numbers, texts, form.decimal, findings)
+            if start != b"[":
+                got = " ".join(str(error).split())[:200]
+                findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
+                return None
+        else:
+            return chosen(path.name, columns, numbers, texts, form.decimal, findings)
     kind = _refused(path, head, form)
     if kind:
         findings.error(path.name, READ, *kind)
@@ -91,11 +100,13 @@ def read_source_table(
         return read_labelled(path, form, numbers, texts, findings)
     before = len(findings.errors)
     table = read_text_table(path, form, numbers, texts, findings)
-    hint = layout_hint(path, form) if table is None else ""
-    if hint:
-        del findings.errors[before:]
-        findings.error(path.name, "a table: one row a sample, one column a taxel", "another layout", hint)
-    return table
+    wanted = [*numbers, *(name for name in texts if name not in numbers)]
+    hint = layout_hint(path, form, wanted) if table is None else units_row(table, [*numbers])
+    if not hint:
+        return table
+    del findings.errors[before:]
+    findings.error(path.name, "a table: one row a sample, one column a taxel", "another layout", hint)
+    return None
 
 
 def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Literal
 
 import numpy as np
@@ -12,7 +14,9 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings
 from skincal.imports import units
 from skincal.imports.clock import (
+    BITS,
     DAY_S,
+    LARGEST_STEP,
     Wraps,
     epoch_unit,
     find_wraps,
@@ -33,11 +37,23 @@ TIME_OF_DAY = r"\d{1,2}:\d{2}:\d{2}(?:\.\d+)?"
 DATE_MARKS = ("%d", "%j", "%x", "%c", "%D", "%F", "%s")
 """Directives of a format that give the date; without them it describes a time of day."""
 
+DATE_FORMATS = tuple(
+    (date + hours).strip()
+    for date in ("", "%d.%m.%Y ", "%d/%m/%Y ", "%m/%d/%Y ", "%d-%m-%Y ", "%d %b %Y ", "%d-%b-%Y ", "%Y%m%d ")
+    for hours in (
+        "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H-%M-%S.%f", "%H.%M.%S.%f",
+    )
+)  # fmt: skip
+"""Formats that are proposed."""
+
 DISPLACED = 20
 """Rows at most this many places from the order of their stamps were written late; farther, the clock was set."""
 
-FASTEST_HZ = 5e4
-"""Largest frame rate of a tactile sensor [Hz]: above it, the unit of the stamps is wrong."""
+FASTEST_HZ, SLOWEST_HZ = 2e4, 0.1
+"""Frame rates of a tactile sensor beyond which the unit of the stamps is wrong [Hz]."""
+
+USUAL_STEP_S = 0.01
+"""Of several units, the one whose usual step is nearest to this is proposed."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +80,7 @@ def read_clock(
     findings: Findings,
     *,
     own_clocks: bool = False,
+    slow: bool = False,
 ) -> Clock:
     """Return the clock of some files, in the order of the session.
 
@@ -73,6 +90,7 @@ def read_clock(
         form: their layout.
         findings: collects the errors.
         own_clocks: whether each file has its own clock; else a wrap may lie between two files.
+        slow: whether there may be minutes between two rows, as in a list of places.
     """
     sizes = [table.rows for table in tables]
     if time is None:
@@ -91,7 +109,7 @@ def read_clock(
         findings.error(time.place, "dates, or times of day, in all files", "both")
     kind = read[0][1]
     if kind == "number":
-        _check_unit([stamps for stamps, _ in read], time, findings)
+        _check_unit([stamps for stamps, _ in read], time, findings, slow=slow)
     groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
     rows = [_order(stamps, form) for stamps, _ in read]
     times: list[FloatArray] = []
@@ -120,10 +138,15 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
     """Return the stamps of a file in the source's numbers, or in seconds; NaN where missing."""
     name = time.sources[0]
     if time.unit.name != units.DATETIME:
-        return table.numbers(name), "number"
+        # The second part adds less than the steps of the first: seconds and nanoseconds.
+        factors = time.parts or (1.0,)
+        columns = (table.numbers(name) for name in time.sources)
+        return sum((f * c for f, c in zip(factors, columns, strict=True)), np.zeros(table.rows)), "number"
     import pandas as pd
 
     cells = pd.Series(table.text(name), dtype=object).astype(str).str.strip()
+    for other in time.sources[1:]:
+        cells = (cells + " " + pd.Series(table.text(other), dtype=object).astype(str).str.strip()).str.strip()
     given = cells.to_numpy() != ""
     day = cells.str.replace(",", ".").str.fullmatch(TIME_OF_DAY).to_numpy(dtype=bool)
     if not time.format and day.any() and (day | ~given).all():
@@ -138,13 +161,27 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         if time.format
         else "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
     )
-    fix = "" if time.format else 'Dates of another form need a format, like "%d.%m.%Y %H:%M:%S.%f".'
+    wrong = np.flatnonzero(given & ~good)
+    likely = str(cells.to_numpy()[wrong[0]]) if wrong.size else ""
+    fix = "" if time.format else _format_hint(likely)
     table.sheet.bad_rows(name, given & ~good, cells.to_numpy(), expected, fix)
     if time.format and not any(mark in time.format for mark in DATE_MARKS):
         within = dates - dates.dt.normalize()
         return np.asarray(within.dt.total_seconds(), dtype=np.float64), "day"
     since = (dates - pd.Timestamp("1970-01-01", tz="UTC")).dt.total_seconds()
     return np.asarray(since, dtype=np.float64), "date"
+
+
+def _format_hint(cell: str) -> str:
+    """Return the advice for a date that is not in ISO 8601: its format, where only one fits."""
+    fitting: list[str] = []
+    for form in DATE_FORMATS:
+        with suppress(ValueError):
+            datetime.strptime(cell, form)
+            fitting.append(form)
+    if not fitting:
+        return 'Dates of another form need a format, like "%d.%m.%Y %H:%M:%S.%f".'
+    return "Set " + " or ".join(f'format = "{form}"' for form in fitting) + "."
 
 
 def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
@@ -195,20 +232,55 @@ def _wraps(stamps: FloatArray, time: Quantity, kind: Kind) -> Wraps | None:
     return find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
 
 
-def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings) -> None:
-    """Check the unit of stamps that count from 1970, which their magnitude shows."""
+def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings, *, slow: bool) -> None:
+    """Check the unit of stamps by the steps between rows, and by their magnitude if they count from 1970."""
     together = np.concatenate(stamps) * abs(time.scale)
-    known = [(name, units.FACTORS[units.TIME][name]) for name in ("s", "ms", "us", "ns")]
-    found = epoch_unit(together, known)
+    known = {name: units.FACTORS[units.TIME][name] for name in ("s", "ms", "us", "ns")}
     factor = time.unit.factor
-    if found is None or found == time.unit.name:
+    raw = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale)
+    if raw == 0 and np.nanmin(together) == np.nanmax(together):
+        expected = "stamps that grow from row to row"
+        fix = "Single precision does not hold seconds since 1970. Set rate_hz in [csv] instead."
+        findings.error(time.place, expected, f"{np.nanmedian(together):.10g} in every row", fix)
         return
+    if any(_clock_digits(part) for part in stamps):
+        findings.error(
+            f"{time.place} unit", f'times in "{time.unit.name}"', "times of day written as HHMMSS",
+            'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).',
+        )  # fmt: skip
+        return
+    found = epoch_unit(together, [*known.items()])
     beyond = float(np.nanmedian(together)) * factor > DAY_S * 365 * 130
-    step = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale) * factor
-    if beyond or 0 < step < 1 / FASTEST_HZ:
-        got = f'"{time.unit.name}", and stamps of about {np.nanmedian(together):.0f}'
-        fix = f'As times since 1970 they are in "{found}".'
-        findings.error(f"{time.place} unit", "the unit of the stamps", got, fix)
+    wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
+    if not (wrong or (beyond and found)):
+        return
+    if found is None or found == time.unit.name:
+        if not wrong or time.unit.name not in known:
+            return
+        likely = min(known, key=lambda name: abs(np.log(raw * known[name] / USUAL_STEP_S)))
+        got = f'"{time.unit.name}", and steps of {raw * factor:.3g} s'
+        findings.error(f"{time.place} unit", "the unit of the stamps", got, f'They seem to be in "{likely}".')
+        return
+    got = f'"{time.unit.name}", and stamps of about {np.nanmedian(together):.0f}'
+    fix = f'As times since 1970 they are in "{found}".'
+    findings.error(f"{time.place} unit", "the unit of the stamps", got, fix)
+
+
+def _clock_digits(stamps: FloatArray) -> bool:
+    """Return whether stamps are times of day written as one number, HHMMSS: they jump by 40 at full minutes."""
+    given = stamps[np.isfinite(stamps)]
+    steps = np.diff(given)
+    over = np.where(steps > 4000, steps - 4000, steps) - 40  # a full hour, or a full minute
+    at = np.flatnonzero(((over > 0) & (over < 1 + LARGEST_STEP * usual_step(stamps))) | (steps < -235900))
+    digits = (given % 100 < 60).all() and (given // 100 % 100 < 60).all() and given.max() < 240000
+    return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
+
+
+def _likely_limit(time_s: FloatArray, time: Quantity) -> str:
+    """Return the limit of the usual counter that fits a clock, in brackets; '' if there is none."""
+    top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
+    bits = next((bits for bits in BITS if top < 2.0**bits), None)
+    return f" ({2**bits} for {bits} bits)" if bits is not None and top > 2.0**bits / 4 else ""
 
 
 def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> None:
@@ -225,12 +297,15 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
     single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
     fix = (
-        "These stamps alone are wrong: empty their cells; they are then placed between their neighbours."
+        'The last row is the first event: set order = "time".'
+        if back.size == len(time_s) - 1
+        else "These stamps alone are wrong: empty their cells; they are then placed between their neighbours."
         if single and moved > DISPLACED
         else 'If rows were written late and their stamps are right, set order = "time".'
         if moved <= DISPLACED
         else "The clock was set or restarted, and the order of the rows is that of the events: give wraps_at if it "
-        "counts to a limit, or split the file there and set own_clocks = true in [series]."
+        f"counts to a limit{_likely_limit(time_s, time)}, or split the file there and set own_clocks = true in "
+        "[series]."
     )
     got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s" + (
         f", and {back.size - 1} more steps back, of {largest:.3g} s at most" if back.size > 1 else ""

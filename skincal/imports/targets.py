@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from skincal.dataset.columns import JOINT, NORMAL, OPTIONAL, POSITION, TARGET, TEXT, TIMES, WHOLE
+from skincal.covariates import COLUMNS, NORMAL, POSITION, TARGET, TEXT, TIMES, WHOLE
+from skincal.dataset.columns import JOINT, OPTIONAL
 from skincal.imports import units
 
 VECTORS: Final = {"position": POSITION, "normal": NORMAL, "target": TARGET}
@@ -16,14 +17,18 @@ PRESSES, SERIES = "presses", "series"
 """Meaning of a row of the source: a whole press, or one sample of a time series."""
 
 _KINDS: Final = {
-    **dict.fromkeys((*POSITION, *TARGET, "indenter_radius_m"), units.LENGTH),
-    **dict.fromkeys(("force_n", "target_force_n", "shear_u_n", "shear_v_n"), units.FORCE),
+    **{name: column.quantity for name, column in COLUMNS.items()},
+    **dict.fromkeys(POSITION, units.LENGTH),
+    "force_n": units.FORCE,
     **dict.fromkeys((*TIMES, "time_s"), units.TIME),
-    "speed_m_per_s": units.SPEED,
-    "temperature_c": units.TEMPERATURE,
 }
 
-LABELS: Final = ("pose", "branch", "cycle", "indenter_radius_m", "target_force_n", *TARGET)
+_ENDS: Final = {
+    "_m_per_s": units.SPEED, "_m": units.LENGTH, "_n": units.FORCE, "_s": units.TIME, "_rad": units.ANGLE,
+}  # fmt: skip
+"""Kinds of quantities of other columns, by the unit at the end of their names."""
+
+LABELS: Final = tuple(name for name, column in COLUMNS.items() if column.of_press)
 """Columns that describe a whole press and are not averaged over its hold."""
 
 
@@ -32,7 +37,13 @@ def quantity_of(target: str) -> str:
     joint = JOINT.fullmatch(target)
     if joint:
         return units.ANGLE if joint[1] == "q" else units.TORQUE
-    return _KINDS.get(target, units.NONE)
+    by_name = next((kind for end, kind in _ENDS.items() if target.endswith(end)), units.NONE)
+    return _KINDS.get(target, units.NONE if target in OPTIONAL else by_name)
+
+
+def needs_unit(target: str) -> bool:
+    """Return whether the source of a column has to name its unit; columns of other names may."""
+    return target in _KINDS or JOINT.fullmatch(target) is not None
 
 
 def is_text(target: str) -> bool:

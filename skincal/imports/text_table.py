@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -15,6 +16,10 @@ from skincal.files import reason
 from skincal.imports.mapping import CsvFormat
 
 Column = NDArray[Any]
+
+COMMENT = ("#", "%")
+
+ELEMENT = re.compile(r"(.+)\[\d+\]")
 
 MOST_LOG_BYTES = 1 << 30
 """Largest size of a text file, which is read at once [byte]."""
@@ -89,15 +94,48 @@ def read_text_table(
     if lines is None:
         return None
     names, kept = _header(path.name, form, lines, findings)
+    # The elements of a list in a cell are columns "name[0]", "name[1]", ….
+    lists = {
+        name: found[1] for name in numbers if name not in names and (found := ELEMENT.fullmatch(name))
+        and found[1] in names
+    }  # fmt: skip
+    numbers = [name for name in numbers if name not in lists]
+    texts = [*dict.fromkeys((*texts, *lists.values()))]
     wanted = [*dict.fromkeys((*numbers, *texts))]
-    if not names or not _check_names(path.name, form, names, wanted, findings):
+    if not names or not _check_names(path.name, names, wanted, findings):
         return None
     body = "\n".join(" ".join(text.split()) if form.delimiter == "whitespace" else text for _, text in kept)
     numbered = np.array([number for number, _ in kept], dtype=np.int64)
     sheet = SourceSheet(findings, path.name, numbered)
     types = {**dict.fromkeys(texts, "text"), **{name: "number" for name in numbers if name not in texts}}
     columns = _parse(sheet, body, form, names, types, numbered)
-    return None if columns is None else TextTable(sheet, columns, len(kept), form.decimal)
+    if columns is None:
+        return None
+    columns |= _elements(sheet, columns, lists)
+    return TextTable(sheet, columns, len(kept), form.decimal)
+
+
+def _elements(sheet: SourceSheet, columns: dict[str, Column], lists: dict[str, str]) -> dict[str, Column]:
+    """Return the elements of columns whose cells are lists of numbers.
+
+    Args:
+        sheet: collects an error for every cell that is none.
+        columns: columns that were read.
+        lists: column of each element by the element's name.
+    """
+    found: dict[str, Column] = {}
+    for name in dict.fromkeys(lists.values()):
+        cells = [re.findall(r"[^\s,;\[\]()]+", cell) for cell in columns[name].tolist()]
+        for element in (element for element, source in lists.items() if source == name):
+            index = int(element[len(name) + 1 : -1])
+            words = np.array([cell[index] if index < len(cell) else "" for cell in cells], dtype=object)
+            values, bad = _parsed(words, ".")
+            bad |= np.array([index >= len(cell) for cell in cells])
+            if bad.any():
+                sheet.bad_rows(name, bad, columns[name], f"a list of {len(cells[0])} numbers")
+                return found
+            found[element] = values
+    return found
 
 
 def column_names(path: Path, form: CsvFormat) -> list[str]:
@@ -149,20 +187,26 @@ def _header(
         return [], []
     names = [cell.strip() for cell in cells] if form.header else [str(i + 1) for i in range(len(cells))]
     rows = lines[(1 if form.header else 0) + form.skip_after_header :]
+    if (
+        form.header and len(names) > 1 and names[0].startswith(COMMENT)
+    ):  # as numpy.savetxt and loggers write it
+        names[0] = names[0].lstrip("#% ")
+        names = names if names[0] else names[1:]
+    if names[-1] and rows and all(text.rstrip().endswith(form.delimiter) for _, text in rows):
+        names = [*names, ""]  # rows end in a delimiter, and the header does not
     if not rows:
         findings.error(file, "at least one row below the header", "none")
     return names if rows else [], rows
 
 
-def _check_names(file: str, form: CsvFormat, names: list[str], wanted: list[str], findings: Findings) -> bool:
+def _check_names(file: str, names: list[str], wanted: list[str], findings: Findings) -> bool:
     missing = [name for name in wanted if name not in names]
     for name in missing[:6]:
         close = did_you_mean(name, names)
         shown = ", ".join(f'"{n}"' for n in names[:12]) + (
             f", … ({len(names)} in all)" if len(names) > 12 else ""
         )
-        split = _other_delimiter(names, form)
-        fix = f'Did you mean "{close}"?' if close else f"Set delimiter in [csv] to {split}." if split else ""
+        fix = f'Did you mean "{close}"?' if close else ""
         findings.error(file, f'a column "{name}"', f"the columns {shown}", fix)
     if len(missing) > 6:
         findings.error(file, f"{len(missing) - 6} more columns, like {missing[6]}", "none of them")
@@ -170,12 +214,6 @@ def _check_names(file: str, form: CsvFormat, names: list[str], wanted: list[str]
     for name in doubled:
         findings.error(f'{file}, column "{name}"', "each column once", f"{names.count(name)} of that name")
     return not missing and not doubled
-
-
-def _other_delimiter(names: list[str], form: CsvFormat) -> str:
-    marks = {";": '";"', "\t": '"\\t"', ",": '","', "|": '"|"', " ": '"whitespace"'}
-    found = [shown for mark, shown in marks.items() if len(names) == 1 and mark in names[0]]
-    return found[0] if found and form.delimiter not in found[0] else ""
 
 
 def _parse(

@@ -47,7 +47,7 @@ _FORCES = {
     "N": 1.0, "kN": 1e3, "cN": 1e-2, "mN": 1e-3, "uN": 1e-6, "gf": 1e-3 * STANDARD_GRAVITY,
     "kgf": STANDARD_GRAVITY, "lbf": POUND_KG * STANDARD_GRAVITY,
 }  # fmt: skip
-_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, DATETIME: 1.0}
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, DATETIME: 1.0}
 
 FACTORS: Final[dict[str, dict[str, float]]] = {
     LENGTH: _LENGTHS,

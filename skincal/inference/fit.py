@@ -258,12 +258,7 @@ class Fitter:
 
     def turning_radius(self, state: State) -> float:
         """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
-        from skincal.model import Plane
-
-        if isinstance(self.forward.surface, Plane):
-            return 0.0
-        here = self.forward.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
-        return float(np.hypot(here[0], here[2]))
+        return self.forward.surface.arc_radius_at(state.pose) or 0.0
 
     def step(self, at: Fitted, *, most: float = 1.0) -> State:
         """Where a Gauss-Newton step leads, presses with it."""

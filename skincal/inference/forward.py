@@ -22,9 +22,7 @@ from skincal.inference.press_table import STEP_M, Presses, PressTable, press_tab
 from skincal.inference.session import GapSession
 from skincal.model import (
     Converter,
-    Cylinder,
     Patch,
-    Plane,
     SensorPose,
     Skin,
     SkinParameters,
@@ -405,7 +403,7 @@ class Forward:
         _, places = self._table(skin, seen.felt, s, self._middle(self._felt(skin)[1]) + s.move[:, :2])
         own = seen.table.at(self.row, x / e)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
-        alike = isinstance(self.surface, Cylinder | Plane)
+        alike = self.surface.is_uniform
         turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
@@ -435,7 +433,7 @@ class Forward:
         """(K, J) loads with the patch turned; where the surface is alike everywhere presses go along with it."""
         s = seen.state
         other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, "alpha", angle)))
-        if isinstance(self.surface, Cylinder | Plane):
+        if self.surface.is_uniform:
             far = self._from_centre(s, places)
             places = places + angle * np.stack([-far[:, 1], far[:, 0]], axis=1)
         e = float(np.exp(s.log_e))
@@ -446,7 +444,7 @@ class Forward:
         """(P, 2) how far presses are from the patch's centre, across and along [m]."""
         points = self.surface.project(self._measured.points_m)
         centre = self.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0]
-        at, zero = unrolled(points, self.surface), unrolled(centre, self.surface)
+        at, zero = self.surface.unrolled(points), self.surface.unrolled(centre)
         return np.nan_to_num(np.stack([at[0] - zero[0], at[1] - zero[1]], axis=1) + places)
 
     def press_columns(self, seen: Seen) -> FloatArray:
@@ -475,14 +473,4 @@ def moved_pose(surface: Surface, pose: SensorPose, name: str, step: float) -> Se
         return replace(pose, alpha_rad=pose.alpha_rad + step)
     if name == "y":
         return replace(pose, y_m=pose.y_m + step)
-    if isinstance(surface, Plane):
-        return replace(pose, x_m=pose.x_m + step)
-    here = surface.wrap(replace(pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
-    return replace(pose, beta_rad=pose.beta_rad + step / max(float(np.hypot(here[0], here[2])), 1e-4))
-
-
-def unrolled(points_m: FloatArray, surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Places (N,) of points of a cylinder or a plane, across and along [m]."""
-    if isinstance(surface, Cylinder):
-        return surface.radius_m * np.arctan2(points_m[:, 0], points_m[:, 2]), points_m[:, 1]
-    return points_m[:, 0], points_m[:, 1]
+    return surface.moved_pose(pose, step)

@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from skincal.covariates import COVARIATES
 from skincal.effects import HoldSession, Samples
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model import Contacts, Surface
@@ -141,7 +142,7 @@ def binned(
     part = frames[first]
     averaged = {
         name: None if (column := getattr(frames, name)) is None else mean(column)
-        for name in ("time_s", "speed_m_per_s", "cycle", "met_n", "temperature_c", "shear_n")
+        for name in (one.attribute for one in COVARIATES.values() if not one.whole)
     }
     contacts = _mean_contacts(frames, part, mean, surface)
     samples = replace(part, contacts=contacts, start_s=frames.start_s, **averaged)

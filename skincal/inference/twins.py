@@ -13,9 +13,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
-from skincal.inference.forward import Forward, State, unrolled
+from skincal.inference.forward import Forward, State
 from skincal.inference.press_table import NODES, Presses, PressTable, press_table
-from skincal.model import Cylinder, Patch, Plane, Sphere, StressLaw, Surface
+from skincal.model import Patch, Sphere, StressLaw, Surface
 from skincal.model.arrays import FloatArray
 
 THICKNESSES_M = (1e-3, 3e-3, 10e-3)
@@ -31,7 +31,7 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
     presses = f._measured.moved(f.surface, state.move[:, :2])
     things = f.samples.indenters
     tables: dict[str, PressTable] = {}
-    if isinstance(f.surface, Cylinder | Plane) and all(isinstance(i, Sphere) for i in things):
+    if f.surface.is_uniform and all(isinstance(i, Sphere) for i in things):
         for thick in THICKNESSES_M:
             table = _layer_table(f, skin.skin.patch, f.surface, presses, e, thick)
             if table is not None:
@@ -50,13 +50,13 @@ def _layer_table(
 ) -> PressTable | None:
     felt = np.flatnonzero(patch.taxel >= 0)
     points, areas, taxel = patch.points_m[felt], patch.areas_m2[felt], patch.taxel[felt]
-    arc, along = unrolled(points, surface)
+    arc, along = surface.unrolled(points)
     owner = np.zeros((len(felt), patch.layout.taxels))
     owner[np.arange(len(felt)), taxel] = areas
     most = presses.most_n / e
     out = np.zeros((1, len(most), NODES, patch.layout.taxels))
     share = np.linspace(0.0, 1.0, NODES)
-    radius = surface.radius_m if isinstance(surface, Cylinder) else float("inf")
+    radius = surface.arc_radius_m or float("inf")
     factor = 0.0
     for number, ball in enumerate(forward.samples.indenters):
         rows = np.flatnonzero((presses.indenter == number) & np.isfinite(presses.points_m).all(axis=1))
@@ -73,7 +73,7 @@ def _layer_table(
         if solved is None:
             return None
         forces, fields = solved
-        at_arc, at_along = unrolled(surface.project(presses.points_m[rows]), surface)
+        at_arc, at_along = surface.unrolled(surface.project(presses.points_m[rows]))
         loads = np.zeros((len(rows), len(forces) + 1, owner.shape[1]))
         for k, field in enumerate(fields):
             spot = field.felt_at(arc[None] - at_arc[:, None], along[None] - at_along[:, None])

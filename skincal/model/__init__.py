@@ -2,7 +2,6 @@
 
 from skincal.model.contact import Contacts, contact_rotations
 from skincal.model.converter import Converter
-from skincal.model.derivatives import LoadDerivatives, along_surface, load_derivatives, with_pose
 from skincal.model.equilibrium import solve_penetration
 from skincal.model.indenters import ClosedForm, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
 from skincal.model.law import ContactLaw, StressLaw
@@ -22,7 +21,6 @@ __all__ = [
     "Cylinder",
     "FlatPunch",
     "Indenter",
-    "LoadDerivatives",
     "MeshIndenter",
     "MeshSurface",
     "Patch",
@@ -38,10 +36,7 @@ __all__ = [
     "StressLaw",
     "Surface",
     "TaxelLayout",
-    "along_surface",
     "contact_rotations",
-    "load_derivatives",
     "patch_cells",
     "solve_penetration",
-    "with_pose",
 ]

@@ -9,24 +9,10 @@ import numpy as np
 from skincal.calibration import Calibration, Effect
 from skincal.dataset import IDLE, Dataset
 from skincal.effects import COVARIATES, EFFECTS
-from skincal.effects.samples import DERIVED
 from skincal.errors import Problem
-from skincal.prediction.session_samples import TIMES, pose_names, session_samples
+from skincal.prediction.session_samples import pose_names, session_samples
 from skincal.prediction.touches import CalibratedSkin, Touches
 
-_COLUMNS = {
-    **COVARIATES,
-    "met": "cycle and target_x_m, target_y_m, target_z_m of every press",
-    "time": f"{', '.join(TIMES)} of every press",
-    "shear": "shear_u_n and shear_v_n",
-}
-_PARTLY = {
-    "speed": ("speed_m_per_s",),
-    "temperature": ("temperature_c",),
-    "cycle": ("cycle",),
-    "shear": ("shear_u_n", "shear_v_n"),
-}
-"""Covariates whose cells may be empty, with their columns."""
 _LEFT_OUT = "The prediction leaves it out."
 
 
@@ -73,9 +59,8 @@ def abstaining_problems(
 
 def _columns(missing: tuple[str, ...]) -> str:
     # Phases come with the times, with or without frames; a site's largest force comes with the count of its touches.
-    told = {"phase": "time", **DERIVED}
-    named = [name for name in missing if told.get(name) not in missing]
-    return " and ".join(np.unique([_COLUMNS[name] for name in named]).tolist())
+    named = [name for name in missing if COVARIATES[name].comes_with not in missing]
+    return " and ".join(sorted({str(COVARIATES[name]) for name in named}))
 
 
 def _partly(
@@ -89,8 +74,8 @@ def _partly(
     one = EFFECTS[effect.name]
     at_work = {p.name for p in one.parameters if _moves(effect, p.name, p.neutral)}
     needs = {*one.covariates, *(need for p in one.parameters if p.name in at_work for need in p.needs)}
-    for name in sorted(needs & _PARTLY.keys()):
-        for column in _PARTLY[name]:
+    for name in sorted(needs):
+        for column in COVARIATES[name].columns:
             values = None if frames is None else frames.column(column)
             what = "frames under load"
             if values is not None and frames is not None:

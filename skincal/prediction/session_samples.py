@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.covariates import NUMBERS, TIMES
 from skincal.dataset import IDLE, Dataset
 from skincal.effects import HoldSession, Samples, hold_session, hold_times
 from skincal.effects.samples import UNKNOWN
@@ -22,9 +23,6 @@ from skincal.prediction.touches import Touches, frame_presses, touching
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.intp]
 Column = Callable[[str], NDArray[Any] | None]
-
-TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
-_NUMBERS = ("speed_m_per_s", "cycle", "temperature_c", "shear_u_n", "shear_v_n")
 
 
 def pose_names(dataset: Dataset) -> tuple[str, ...]:
@@ -183,14 +181,23 @@ def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) ->
 def _samples(
     touches: Touches, column: Column, met_n: Floats | None, poses: Sequence[str], **more: Any
 ) -> Samples:
-    known = {name: values for name in _NUMBERS if (values := column(name)) is not None and _any(values)}
-    if not {"shear_u_n", "shear_v_n"} <= set(known):
-        known = {name: values for name, values in known.items() if not name.startswith("shear")}
-    pose = column("pose")
-    if pose is not None and poses:
-        known["pose"] = pose_numbers(pose, poses)
+    known = recorded_covariates(column, poses)
     return Samples.of(touches.contacts(), touches.indenters(), met_n=met_n, **known, **more)
 
 
-def _any(values: NDArray[Any]) -> bool:
-    return bool(np.isfinite(values).any())
+def recorded_covariates(column: Column, poses: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return the covariates that columns hold, as :meth:`skincal.effects.Samples.of` takes them.
+
+    Args:
+        column: returns a column by its name, None where there is none.
+        poses: names of the hand poses in the order of their numbers.
+    """
+    found: dict[str, NDArray[Any]] = {}
+    for covariate in NUMBERS:
+        parts = {name: values for name in covariate.columns if (values := column(name)) is not None}
+        if len(parts) == len(covariate.columns) and all(np.isfinite(part).any() for part in parts.values()):
+            found |= parts
+    pose = column("pose")
+    if pose is not None and poses:
+        found["pose"] = pose_numbers(pose, poses)
+    return found

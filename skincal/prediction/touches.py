@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibration import MARGIN_M, Calibration, skin_of
+from skincal.covariates import NORMAL
 from skincal.dataset import IDLE, Dataset
-from skincal.dataset.columns import NORMAL
 from skincal.dataset.uniform_pressure import borne
 from skincal.effects import EffectSkin
 from skincal.errors import WorkError
@@ -117,10 +117,8 @@ class Touches:
         force = np.where(touching(dataset), frames.force_n * share, 0.0)
         normals = frame_normals(dataset)
         radii = dataset.indenter_radii_m()[frame_presses(dataset)]
-        if (
-            dataset.meta.indenter.kind != "mesh"
-            and (column := frames.column("indenter_radius_m")) is not None
-        ):
+        column = frames.column("indenter_radius_m")
+        if column is not None and dataset.meta.indenter.radius_m is not None:
             radii = np.where(np.isnan(column), radii, column)
         return cls(on, points, normals, force, radius_keys(radii))
 

@@ -70,7 +70,7 @@ def from_calibration(
     parameters = dict(presets.preset(preset))
     warnings: list[Problem] = []
     # On a plane the patch has no angle round the finger; on other surfaces it has no place across.
-    flat = calibration.surface.kind == "plane"
+    flat = calibration.surface.is_plane
     # A pad's y does not lie along a finger either, unlike the preset's.
     for path in ("skin.beta_deg", "skin.y_m", "skin.alpha_deg") if flat else ("skin.x_m",):
         parameters.pop(path, None)
@@ -101,10 +101,11 @@ def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None
     """Return the assumed range of S for a calibration that leaves S open."""
     if assumed is None:
         low, high = calibration.intervals[_SCALE]
+        unit = calibration.sensor.unit_label
         raise WorkError(
             f"{calibration.folder or 'the calibration'}: the data leave the scale S open (its interval is [{low:g}, "
             f"{high:g}]), and that of a preset belongs to another sensor and converter. Collect more presses and fit "
-            "again, or state a range to assume: --assume-scale LOW HIGH [counts per N]"
+            f"again, or state a range to assume: --assume-scale LOW HIGH [{unit} per N]"
         )
     low, high = assumed
     if not (0 < low < high and isfinite(high)):

@@ -26,18 +26,27 @@ class Narrowing:
     ratio: float
 
 
+_SCALE = "skin.scale_per_n"
+"""It belongs to a converter: volts or 12 bits per newton do not compare with counts of 8 bits per newton."""
+
 _POSE = ("skin.x_m", "skin.y_m", "skin.alpha_deg")
 """Parameters that place a flat pad on its bench; a preset's place a fingertip's patch on its finger."""
 
 
-def narrowing(ranges: Ranges, published: Ranges) -> tuple[Narrowing, ...]:
-    """Return every calibrated parameter with the preset's range of it, in the order of the names."""
+def narrowing(ranges: Ranges, published: Ranges, *, same_converter: bool = True) -> tuple[Narrowing, ...]:
+    """Return every calibrated parameter with the preset's range of it, in the order of the names.
+
+    Args:
+        ranges: ranges of a calibration.
+        published: ranges of a preset.
+        same_converter: whether the sensor counts as the published one does; else its S is not compared.
+    """
     rows: list[Narrowing] = []
     flat = "skin.x_m" in ranges
     for path in ranges.calibrated():
         # A preset that knows only an offset of the centre states the width of its range by that offset.
         other = published.get(path, published.get(path.replace("_m", "_offset_m")))
-        if flat and path in _POSE:
+        if (flat and path in _POSE) or (not same_converter and path == _SCALE):
             other = None
         width = other.width() if other is not None else math.nan
         ratio = ranges[path].width() / width if width > 0.0 else math.nan

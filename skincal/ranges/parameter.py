@@ -6,24 +6,21 @@ import math
 from dataclasses import dataclass, fields
 from typing import Final, Literal, get_args
 
-from skincal.errors import InputError, Problem
+import numpy as np
+from numpy.typing import NDArray
 
-Distribution = Literal["uniform", "log_uniform", "normal", "constant"]
+from skincal.errors import InputError, Problem
+from skincal.ranges.distributions import DISTRIBUTIONS
+
+FloatArray = NDArray[np.float64]
+
 Mode = Literal["episode", "step"]
 Source = Literal["calibrated", "assumed"]
 Numbers = float | tuple[float, ...]
 """One figure for all joints or taxels, or one for each."""
 
-DISTRIBUTIONS: Final[tuple[str, ...]] = get_args(Distribution)
 MODES: Final[tuple[str, ...]] = get_args(Mode)
 SOURCES: Final[tuple[str, ...]] = get_args(Source)
-FIGURES: Final[dict[str, tuple[str, ...]]] = {
-    "uniform": ("low", "high"),
-    "log_uniform": ("low", "high"),
-    "normal": ("mean", "sigma"),
-    "constant": ("value",),
-}
-"""The figures that each distribution needs. A normal may have ``sigma_from`` in place of ``sigma``."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,8 @@ class Parameter:
     :meth:`constant`.
 
     Attributes:
-        distribution: ``uniform`` and ``log_uniform`` in [low, high], ``normal``, or ``constant``.
+        distribution: ``uniform`` or ``log_uniform`` in [low, high], ``normal``, ``constant``, or another of
+            ``skincal.ranges.distributions``.
         mode: drawn once per ``episode``, or at every ``step`` of the skin and the policy.
         source: ``calibrated`` if a fit to data gave the figures, else ``assumed``.
         low: lower bound of a (log-)uniform distribution.
@@ -50,7 +48,7 @@ class Parameter:
         InputError: figures that the distribution needs are missing, superfluous or impossible; all at once.
     """
 
-    distribution: Distribution
+    distribution: str
     mode: Mode = "episode"
     source: Source = "assumed"
     low: Numbers | None = None
@@ -92,6 +90,22 @@ class Parameter:
         """Return the distribution that always gives the same value."""
         return cls("constant", mode, source, value=value)
 
+    def middle(self) -> FloatArray:
+        """Return the middle of the distribution, (): one number for all joints or taxels, or one for each."""
+        return DISTRIBUTIONS[self.distribution].middle(self.arrays())
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """Return the figures that are set, as arrays."""
+        return {name: np.asarray(numbers, dtype=np.float64) for name, numbers in self.figures().items()}
+
+    def __str__(self) -> str:
+        """The figures in a few characters, for tables."""
+        if self.size() is not None:
+            return f"{self.size()} {'values' if self.value is not None else 'ranges'}"
+        sigma = {} if self.sigma_from is None else {"sigma": self.sigma_from.rpartition(".")[2]}
+        text = DISTRIBUTIONS[self.distribution].text
+        return (text.replace("{sigma:g}", "`{sigma}`") if sigma else text).format(**self.figures(), **sigma)
+
     def figures(self) -> dict[str, Numbers]:
         """Return the figures that are set, by name."""
         pairs = {name: getattr(self, name) for name in ("low", "high", "mean", "sigma", "value")}
@@ -104,12 +118,12 @@ class Parameter:
 
     def width(self) -> float:
         """Return the width of the range (the widest of several): 4 sigma of a normal; nan if sigma is drawn itself."""
-        if self.distribution == "constant":
-            return 0.0
-        if self.distribution == "normal":
-            return 4.0 * max(as_tuple(self.sigma)) if self.sigma is not None else math.nan
-        lows, highs = _paired(self.low, self.high)
-        return max(high - low for low, high in zip(lows, highs, strict=True))
+        figures = self.arrays()
+        if "low" in figures:
+            return float(np.max(figures["high"] - figures["low"]))
+        if "mean" in figures:
+            return 4.0 * float(np.max(figures.get("sigma", np.nan)))
+        return 0.0
 
 
 FIELDS: Final[tuple[str, ...]] = tuple(f.name for f in fields(Parameter))
@@ -148,10 +162,11 @@ def _figure_problems(parameter: Parameter, place: str) -> list[Problem]:
     set_figures = set(parameter.figures())
     if parameter.sigma_from is not None:
         set_figures.add("sigma_from")
-    needed = set(FIGURES[parameter.distribution])
-    if parameter.distribution == "normal" and "sigma_from" in set_figures:
-        needed = {"mean", "sigma_from"}
-    expected = f"{' and '.join(FIGURES[parameter.distribution])} for a {parameter.distribution} distribution"
+    named = DISTRIBUTIONS[parameter.distribution].figures
+    needed = set(named)
+    if "sigma" in needed and "sigma_from" in set_figures:
+        needed = needed - {"sigma"} | {"sigma_from"}
+    expected = f"{' and '.join(named)} for a {parameter.distribution} distribution"
     found = [Problem(f"{place} {key}", expected, "nothing") for key in sorted(needed - set_figures)]
     found += [
         Problem(f"{place} {key}", expected, f"{key} = {getattr(parameter, key)}", f"Take {key} out.")
@@ -167,24 +182,15 @@ def _order_problems(parameter: Parameter, place: str) -> list[Problem]:
     sizes = {len(numbers) for numbers in parameter.figures().values() if isinstance(numbers, tuple)}
     if len(sizes) > 1:
         return [Problem(place, "lists of one length", f"lengths {sorted(sizes)}")]
-    if parameter.distribution == "normal":
-        low_sigma = min(as_tuple(parameter.sigma), default=0.0)
-        return [Problem(f"{place} sigma", "at least 0", f"{low_sigma}")] if low_sigma < 0.0 else []
-    if parameter.distribution == "constant":
-        return []
-    lows, highs = _paired(parameter.low, parameter.high)
-    found: list[Problem] = []
-    if any(low > high for low, high in zip(lows, highs, strict=True)):
-        found.append(
-            Problem(f"{place} low", "not above high", f"low = {parameter.low}, high = {parameter.high}")
-        )
-    if parameter.distribution == "log_uniform" and min(lows) <= 0.0:
-        found.append(Problem(f"{place} low", "above 0 for a log_uniform distribution", f"{min(lows)}"))
+    figures, found = parameter.arrays(), list[Problem]()
+    if "low" in figures and np.any(figures["low"] > figures["high"]):
+        got = f"low = {parameter.low}, high = {parameter.high}"
+        found.append(Problem(f"{place} low", "not above high", got))
+    least = {name: float(array.min()) for name, array in figures.items()}
+    if least.get("sigma", 0.0) < 0.0:
+        found.append(Problem(f"{place} sigma", "at least 0", f"{least['sigma']}"))
+    name, lowest = min(least.items(), key=lambda item: item[1])
+    if DISTRIBUTIONS[parameter.distribution].positive and lowest <= 0.0:
+        expected = f"above 0 for a {parameter.distribution} distribution"
+        found.append(Problem(f"{place} {name}", expected, f"{lowest}"))
     return found
-
-
-def _paired(low: Numbers | None, high: Numbers | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return both as tuples of the same length."""
-    lows, highs = as_tuple(low), as_tuple(high)
-    size = max(len(lows), len(highs))
-    return lows * size if len(lows) == 1 else lows, highs * size if len(highs) == 1 else highs

@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any, Final, cast
 
 from skincal.errors import InputError, Problem
+from skincal.ranges.distributions import DISTRIBUTIONS
 from skincal.ranges.names import EFFECTS_PREFIX, TABLES, find
-from skincal.ranges.parameter import DISTRIBUTIONS, FIELDS, MODES, SOURCES, Numbers, Parameter
+from skincal.ranges.parameter import FIELDS, MODES, SOURCES, Numbers, Parameter
 from skincal.ranges.ranges import JointDraws, Ranges
 from skincal.ranges.rules import collection_problems, unknown_name
 

@@ -73,8 +73,8 @@ def _reference_problems(
     if parameter.mode == "episode" or target.mode == "step":
         got = f"{path} per {parameter.mode}, {reference} per {target.mode}"
         return [Problem(where, "a parameter drawn per episode for one drawn per step", got)]
-    figures = [min(as_tuple(target.figures().get(key, 0.0))) for key in ("low", "value")]
-    if target.distribution == "normal" or min(figures) < 0.0:
+    bounds = [min(as_tuple(numbers)) for key, numbers in target.figures().items() if key in ("low", "value")]
+    if not bounds or min(bounds) < 0.0:
         return [Problem(where, "a parameter that is never below 0", reference)]
     return []
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.ranges.distributions import DISTRIBUTIONS
 from skincal.ranges.names import EFFECTS_PREFIX, Shape, find
-from skincal.ranges.parameter import MODES, Mode, Numbers, Parameter
+from skincal.ranges.parameter import MODES, Mode, Parameter
 
 if TYPE_CHECKING:
     from skincal.ranges.ranges import JointDraws
@@ -82,34 +83,22 @@ def _draw_one(
 def _values(
     path: str, parameter: Parameter, rng: np.random.Generator, size: int, episode: Sample | None
 ) -> FloatArray:
-    if parameter.distribution == "constant":
-        return np.broadcast_to(_array(parameter.value), (size,)).astype(np.float64)
-    if parameter.distribution == "normal":
-        drawn = rng.normal(_array(parameter.mean), _sigma(path, parameter, episode), size)
-        name = find(path) if path.startswith(EFFECTS_PREFIX) else None
-        # The parameter of an effect has bounds that the skin enforces.
-        return drawn if name is None else np.clip(drawn, name.least, name.most)
-    low, high = _array(parameter.low), _array(parameter.high)
-    if parameter.distribution == "log_uniform":
-        # exp(log(x)) may miss x by one unit in the last place, and then leave the range.
-        return np.clip(np.exp(rng.uniform(np.log(low), np.log(high), size)), low, high)
-    # A span of equal bounds, or of neighbouring floats, must not round beyond them either.
-    return np.clip(rng.uniform(low, high, size), low, high)
+    figures = parameter.arrays()
+    if parameter.sigma_from is not None:
+        figures["sigma"] = _sigma(path, parameter.sigma_from, episode)
+    drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, size)
+    name = find(path) if path.startswith(EFFECTS_PREFIX) else None
+    # The parameter of an effect has bounds that the skin enforces.
+    return drawn if name is None else np.clip(drawn, name.least, name.most)
 
 
-def _sigma(path: str, parameter: Parameter, episode: Sample | None) -> FloatArray:
-    if parameter.sigma_from is None:
-        return _array(parameter.sigma)
+def _sigma(path: str, sigma_from: str, episode: Sample | None) -> FloatArray:
     if episode is None:
         raise ValueError(
-            f"{path} takes its standard deviation from the episode's draw of {parameter.sigma_from}; "
+            f"{path} takes its standard deviation from the episode's draw of {sigma_from}; "
             'pass it: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
         )
-    return np.asarray(get(episode, parameter.sigma_from), dtype=np.float64)
-
-
-def _array(numbers: Numbers | None) -> FloatArray:
-    return np.asarray(numbers, dtype=np.float64)
+    return np.asarray(get(episode, sigma_from), dtype=np.float64)
 
 
 @lru_cache(maxsize=1024)

@@ -66,7 +66,7 @@ def _(result: Calibration) -> str:
             )
             rows.append((f"{effect.name}: {name}", text, ""))
     error = float(np.sqrt(result.loss.mse_counts2))
-    title = f"Calibration: {error:.3g} counts rms on {result.loss.presses_used} presses"
+    title = f"Calibration: {error:.3g} {result.sensor.unit_label} rms on {result.loss.presses_used} presses"
     return _titled(title, rows) + _findings(f.text for f in result.findings if f.severity == "warning")
 
 

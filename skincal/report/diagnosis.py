@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import escape
 
 from skincal.diagnosis.next_presses import PLAN_FILE
 from skincal.effects import EFFECTS
@@ -73,8 +74,10 @@ def write_diagnosis_report(
     (folder / SUMMARY).write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
         return
+    unit = dataset.meta.sensor.unit
     figures = [
-        picture(draw(found, dataset), stem, title, caption, folder) for stem, title, caption, draw in SECTIONS
+        picture(draw(found, dataset), stem, title, caption, folder, unit)
+        for stem, title, caption, draw in SECTIONS
     ]
     caption = (
         "By an ideal test, before any fit (`skincal audit`). Left: the smallest strength at which "
@@ -85,8 +88,9 @@ def write_diagnosis_report(
     noise = found.floor
     page = rendered(
         "diagnosis.html",
-        name=dataset.folder.resolve().name if dataset.folder else "dataset",
-        source=dataset.meta.source,
+        unit,
+        name=escape(dataset.folder.resolve().name if dataset.folder else "dataset"),
+        source=escape(dataset.meta.source),
         tone=tone(found),
         headline=headline(found),
         verdict=verdict_sentences(found),
@@ -96,8 +100,8 @@ def write_diagnosis_report(
         next_presses=found.next_presses,
         plan=PLAN_FILE if found.next_plan is not None else "",
         noise=[
-            ("one frame, before rounding", f"{noise.frame_counts:.3f} counts", noise.frame_from),
-            ("mean of a hold", f"{noise.mean_counts:.3f} counts", noise.mean_from),
+            ("one frame, before rounding", f"{noise.frame_counts:.3g} counts", noise.frame_from),
+            ("mean of a hold", f"{noise.mean_counts:.3g} counts", noise.mean_from),
             ("grows with the signal by", f"{100 * noise.grows:.1f} %", noise.frame_from),
         ],
         method=_method(found),

@@ -52,7 +52,10 @@ def verdict_lines(found: Diagnosis) -> list[str]:
         lines.append("the named effects leave more than chance: something else is missing, too")
     if found.audit.cannot_see:
         lines.append("these presses cannot show: " + ", ".join(found.audit.cannot_see))
-    lines += [f"{finding.severity}: {finding.text}. {finding.advice}".rstrip() for finding in found.findings]
+    lines += [
+        f"{finding.severity}: {finding.text.rstrip('.')}. {finding.advice}".rstrip()
+        for finding in found.findings
+    ]
     lines += [f"next: {press}" for press in found.next_presses]
     return lines
 
@@ -99,24 +102,24 @@ def gap_sentence(found: Diagnosis) -> str:
     if not len(gap.errors):
         return "there are no test presses"
     where = f"on {len(gap.errors)} test presses"
-    noise = f"(noise {gap.floor:.3g})"
+    noise, unit = f"(noise {gap.floor:.3g})", found.calibration.sensor.unit_label
     if found.verdict != "effects" and found.contact_law is not None:
         return (
-            f"{where}, the contact law brings the error from {gap.before:.3g} to {gap.after:.3g} counts rms per taxel "
+            f"{where}, the contact law brings the error from {gap.before:.3g} to {gap.after:.3g} {unit} rms per taxel "
             f"{noise}"
         )
     if found.verdict != "effects":
         return (
-            f"{where}, simulated and measured values differ by {gap.before:.3g} counts rms per taxel {noise}"
+            f"{where}, simulated and measured values differ by {gap.before:.3g} {unit} rms per taxel {noise}"
         )
     if found.only_places:
         return (
             f"{where}, the best-fitting positions lie {1e3 * gap.slack_before_m:.2f} mm rms "
             f"from the measured ones before, and "
-            f"{1e3 * gap.slack_after_m:.2f} mm after; the error is {gap.before:.3g} counts "
+            f"{1e3 * gap.slack_after_m:.2f} mm after; the error is {gap.before:.3g} {unit} "
             f"before and {gap.after:.3g} after {noise}"
         )
-    text = f"{where}, the error falls from {gap.before:.3g} to {gap.after:.3g} counts rms per taxel {noise}"
+    text = f"{where}, the error falls from {gap.before:.3g} to {gap.after:.3g} {unit} rms per taxel {noise}"
     if not np.isfinite(gap.closed):
         return text + ": there is no gap that the named effects could close"
     low, high = gap.interval

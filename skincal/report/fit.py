@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from markupsafe import escape
 from matplotlib.figure import Figure
 
 from skincal.calibration import Calibration
@@ -108,9 +109,9 @@ def write_fit_report(
         dataset: the dataset that was fitted.
         folder: an existing folder; files of the same names are replaced.
     """
-    folder = Path(folder)
+    folder, unit = Path(folder), dataset.meta.sensor.unit
     figures = [
-        picture(section.draw(result, dataset), section.stem, section.title, section.caption, folder)
+        picture(section.draw(result, dataset), section.stem, section.title, section.caption, folder, unit)
         for section in SECTIONS
     ]
     (folder / PAGE).write_text(_page(result, calibration, dataset, figures), encoding="utf-8")
@@ -120,12 +121,13 @@ def _page(result: FitResult, calibration: Calibration, dataset: Dataset, figures
     fine, words = headline(result)
     return rendered(
         "fit.html",
-        name=calibration.provenance.dataset or (dataset.folder.name if dataset.folder else "dataset"),
-        source=dataset.meta.source,
+        dataset.meta.sensor.unit,
+        name=escape(calibration.provenance.dataset or (dataset.folder.name if dataset.folder else "dataset")),
+        source=escape(dataset.meta.source),
         fine=fine,
         headline=words,
         verdict=verdict(result),
-        findings=sorted(result.findings, key=lambda finding: finding.severity != "warning"),
+        findings=sorted(calibration.findings, key=lambda finding: finding.severity != "warning"),
         effects=effect_rows(calibration),
         best={name: f"{value:.5g}" for name, value in calibration.model.best().items()},
         rmse=f"{calibration.loss.mse_counts2**0.5:.3g}",

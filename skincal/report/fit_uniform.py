@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -30,7 +31,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
         dataset: the dataset that was fitted.
         folder: an existing folder; files of the same names are replaced.
     """
-    folder, calibration = Path(folder), outcome.calibration
+    folder, calibration, unit = Path(folder), outcome.calibration, dataset.meta.sensor.unit
     figures = [
         picture(
             scales_figure(outcome),
@@ -39,6 +40,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
             "Left: on the patch; grey taxels do not respond. Right: the distribution of the scales, with the common "
             "one.",
             folder,
+            unit,
         ),
         picture(
             answers_figure(outcome, dataset),
@@ -48,20 +50,22 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
             "residuals of each taxel's own line. A curve common to all means a nonlinear law, a difference "
             "between rising and falling pressure means memory or a clock offset, a step means a taxel that fails.",
             folder,
+            unit,
         ),
     ]
     low, high = calibration.intervals["scale_per_n"]
     responding = outcome.scales.told
     page = rendered(
         "fit_uniform.html",
-        name=calibration.provenance.dataset or "dataset",
-        source=dataset.meta.source,
+        unit,
+        name=escape(calibration.provenance.dataset or "dataset"),
+        source=escape(dataset.meta.source),
         tone="",
         headline="The scale of each taxel was fitted; uniform pressure does not determine pose and elasticity.",
         verdict=[
             f"{int(responding.sum())} of {len(responding)} taxels respond. Their median scale is "
             f"{with_digits(outcome.scales.common_per_n, 3)} counts/N, {with_digits(low, 3)} to {with_digits(high, 3)}; "
-            f"the rms residual of the straight lines is {calibration.loss.mse_counts2**0.5:.2f} counts.",
+            f"the rms residual of the straight lines is {calibration.loss.mse_counts2**0.5:.3g} counts.",
         ],
         findings=calibration.findings,
         figures=figures,

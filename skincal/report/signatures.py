@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from skincal.covariates import COVARIATES
 from skincal.effects import EffectSkin, Samples, effect
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
@@ -171,14 +172,9 @@ def _samples(place_m: FloatArray, force_n: FloatArray, **covariates: ArrayLike) 
     start = np.tile([0.0, _CENTRE_M, _RADIUS_M], (len(place_m), 1))
     points = surface.offset(start, place_m[:, 0], place_m[:, 1])
     usual: dict[str, ArrayLike] = {
-        "time_s": np.zeros(len(place_m)),
-        "phase": HOLD,
-        "speed_m_per_s": 1e-3,
-        "cycle": 9,
-        "pose": 0,
-        "temperature_c": 25.0,
-        "shear_u_n": 1.0,
-        "shear_v_n": 0.0,
+        name: value
+        for one in COVARIATES.values()
+        for name, value in zip(one.columns or (one.attribute,), one.typical, strict=False)
     }
     contacts = Contacts(points, surface.normal_at(points), force_n)
     return Samples.of(contacts, Sphere(0.006), touching=force_n > 0, **(usual | covariates))

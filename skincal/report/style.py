@@ -18,9 +18,11 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from skincal.errors import InputError, Problem
+from skincal.units import in_unit
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#8A8A8A", "#222222",
@@ -69,8 +71,10 @@ _RC: Any = {
 
 @contextmanager
 def style() -> Generator[None]:
-    """Give figures and axes that are made within this context skincal's style."""
-    with mpl.rc_context({**_RC, "font.family": _families()}):
+    """Give figures and axes that are made within this context skincal's style, whatever a ``matplotlibrc`` says."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({**_RC, "font.family": _families()})
         yield
 
 
@@ -129,6 +133,13 @@ def checked_suffix(path: Path) -> Path:
     return path
 
 
+def relabel(figure: Figure, unit: str | None) -> None:
+    """Put the unit of the taxel values in the place of counts in all texts of a figure; None: counts."""
+    if unit is not None:
+        for text in figure.findobj(Text):
+            text.set_text(in_unit(text.get_text(), as_it_is(unit)))  # pyright: ignore[reportAttributeAccessIssue]
+
+
 PICTURE_MARK = "atplotlib"
 """Text near the beginning or end of every figure, whatever its format."""
 
@@ -145,5 +156,11 @@ def png_bytes(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PNG, for a self-contained page."""
     buffer = io.BytesIO()
     with style():
+        # Laid out by itself: `savefig` would draw all of it for that, and then again.
+        layout = figure.get_layout_engine()
+        if layout is not None:
+            figure.set_dpi(DPI)
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 
@@ -30,6 +28,7 @@ _HAND = ("name", "urdf", "max_force_n")
 _JOINTS = ("names", "lower_deg", "upper_deg", "velocity_deg_per_s", "torque_nm", "home_deg")
 _GAINS = ("stiffness_nm_per_rad", "damping_nms_per_rad", "low_pass_hz", "compliance_rad_per_nm")
 _FINGER = ("carries", "joints", "tip_link")
+_NAMES = "a list of joint names, every joint once"
 _ROUNDING_RAD = 1e-3
 """Tolerance by which limits may exceed those of the URDF [rad], for files with rounded numbers."""
 
@@ -64,12 +63,12 @@ class _Reader:
         self._path = path
         self._findings = findings
         self._top = top
-        self._joints = self._table("joints", top.raw("joints"), _JOINTS)
-        self._gains = self._table("gains", top.raw("gains"), _GAINS)
-        self._hand = self._table("hand", top.raw("hand"), _HAND)
+        self._joints = top.inner("joints", _JOINTS)
+        self._gains = top.inner("gains", _GAINS)
+        self._hand = top.inner("hand", _HAND)
 
     def description(self) -> HandDescription:
-        joints = self._names(self._joints, "names")
+        joints = self._joints.names("names", _NAMES)
         limits = self._limits(len(joints))
         urdf_path = self._path.parent / (self._hand.text("urdf", "the URDF's file name") or "?")
         skin, indenter = self._fingers()
@@ -85,8 +84,8 @@ class _Reader:
             joints=joints,
             limits=limits,
             gains=ImpedanceGains(
-                self._each(self._gains, "stiffness_nm_per_rad", len(joints), low=1e-6),
-                self._each(self._gains, "damping_nms_per_rad", len(joints), low=0.0),
+                self._gains.array("stiffness_nm_per_rad", len(joints), low=1e-6),
+                self._gains.array("damping_nms_per_rad", len(joints), low=0.0),
                 self._gains.number("low_pass_hz", "a frequency [Hz] > 0", low=1e-3),
             ),
             skin_finger=skin,
@@ -95,61 +94,24 @@ class _Reader:
             max_force_n=self._hand.number("max_force_n", "a force [N] > 0", low=1e-3),
             meta=self._meta(),
             digest=_digest(self._path, urdf_path),
-            compliance_rad_per_nm=self._each(self._gains, "compliance_rad_per_nm", len(joints), low=0.0)
+            compliance_rad_per_nm=self._gains.array("compliance_rad_per_nm", len(joints), low=0.0)
             if self._gains.has("compliance_rad_per_nm")
             else None,
         )
 
-    def _table(self, name: str, values: Any, known: tuple[str, ...]) -> TomlTable:
-        if isinstance(values, dict):
-            table = cast(dict[str, Any], values)
-            return TomlTable(self._findings, self._path.name, name, table, known)
-        self._findings.error(
-            f"{self._path.name}, [{name}]", f"a table [{name}]", "nothing" if values is None else values
-        )
-        # Report only the missing table, not its keys.
-        return TomlTable(Findings(), self._path.name, name, {}, known)
-
-    def _names(self, table: TomlTable, key: str) -> tuple[str, ...]:
-        value = table.raw(key)
-        names = cast(list[Any], value) if isinstance(value, list) else []
-        if not names or not all(isinstance(v, str) and v for v in names):
-            table.error(key, "a list of joint names", _shown(value))
-            return ()
-        if len(set(names)) != len(names):
-            table.error(key, "every joint once", names)
-        return tuple(names)
-
-    def _each(
-        self, table: TomlTable, key: str, count: int, *, low: float = -math.inf, high: float = math.inf
-    ) -> FloatArray:
-        """Return one number per joint; a single number stands for all."""
-        value = table.raw(key)
-        numbers = cast(list[Any], value) if isinstance(value, list) else [value] * count
-        plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers)
-        if value is None or not plain or len(numbers) != count:
-            table.error(key, f"a number, or a list of {count}", _shown(value))
-            return np.full(count, np.nan)
-        array = np.array(numbers, dtype=np.float64)
-        if not np.all(np.isfinite(array) & (array >= low) & (array <= high)):
-            table.error(
-                key, f"finite numbers, at least {low:g}" if math.isfinite(low) else "finite numbers", numbers
-            )
-        return array
-
     def _limits(self, count: int) -> JointLimits:
         limits = JointLimits(
-            lower_rad=np.radians(self._each(self._joints, "lower_deg", count)),
-            upper_rad=np.radians(self._each(self._joints, "upper_deg", count)),
-            velocity_rad_per_s=np.radians(self._each(self._joints, "velocity_deg_per_s", count, low=1e-6)),
-            torque_nm=self._each(self._joints, "torque_nm", count, low=1e-6),
+            lower_rad=np.radians(self._joints.array("lower_deg", count)),
+            upper_rad=np.radians(self._joints.array("upper_deg", count)),
+            velocity_rad_per_s=np.radians(self._joints.array("velocity_deg_per_s", count, low=1e-6)),
+            torque_nm=self._joints.array("torque_nm", count, low=1e-6),
         )
         if np.any(limits.lower_rad >= limits.upper_rad):
             self._joints.error("upper_deg", "more than lower_deg", self._joints.raw("upper_deg"))
         return limits
 
     def _home(self, count: int, limits: JointLimits) -> FloatArray:
-        home = np.radians(self._each(self._joints, "home_deg", count))
+        home = np.radians(self._joints.array("home_deg", count))
         if np.any((home < limits.lower_rad) | (home > limits.upper_rad)):
             self._joints.error("home_deg", "angles within the limits", self._joints.raw("home_deg"))
         return home
@@ -157,13 +119,14 @@ class _Reader:
     def _fingers(self) -> tuple[FingerDescription, FingerDescription]:
         """Return the finger with the skin and the one with the indenter; a missing one is empty, with an error."""
         found: dict[str, FingerDescription] = {}
-        values = self._top.raw("fingers")
-        tables = cast(dict[str, Any], values) if isinstance(values, dict) else {}
-        for name, table in tables.items():
-            reader = self._table(f"fingers.{name}", table, _FINGER)
+        fingers = self._top.inner("fingers", (), optional=True, open_keys=True)
+        for name in fingers.extra:
+            reader = fingers.inner(name, _FINGER)
             carries = reader.choice("carries", ("skin", "indenter"))
             finger = FingerDescription(
-                name, self._names(reader, "joints"), reader.text("tip_link", "the name of a link of the URDF")
+                name,
+                reader.names("joints", _NAMES),
+                reader.text("tip_link", "the name of a link of the URDF"),
             )
             if carries in found:
                 reader.error("carries", f"one finger with the {carries}", "two")
@@ -230,7 +193,7 @@ class _Reader:
                 )
 
     def _meta(self) -> DatasetMeta:
-        tables = tables_of(self._top, self._findings, self._path.name)
+        tables = tables_of(self._top)
         meta = meta_from(self._top, tables)
         if meta.surface.kind == "mesh":
             tables["surface"].error(
@@ -243,10 +206,6 @@ class _Reader:
         if meta.sensor.positions is not None:
             tables["sensor"].error("positions", "a grid: taxel_size_m and pitch_m", meta.sensor.positions)
         return meta
-
-
-def _shown(value: Any) -> object:
-    return "nothing" if value is None else value
 
 
 def _digest(*paths: Path) -> str:

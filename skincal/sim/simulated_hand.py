@@ -166,7 +166,7 @@ class SimulatedHand:
         """Return the truth as plain numbers, lists and texts, for a JSON file."""
         truth = self.truth
         return {
-            "model": truth.model_dict(plane=self.description.meta.surface.kind == "plane"),
+            "model": truth.model_dict(plane=self.description.meta.surface.is_plane),
             "skin": truth.skin_dict(),
             "effects": truth.effects_list(),
             "joints": truth.joints.as_dict(),

@@ -8,27 +8,32 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from skincal.train.bundled import bundled_policies, policy_path
-from skincal.train.policy_file import Description, Policy, read_policy
 from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, Settings, Task, Work
 
 if TYPE_CHECKING:
+    from skincal.train.bundled import bundled_policies, policy_path
     from skincal.train.curve import read_curve
     from skincal.train.environments import make_environment, maker, parallel
     from skincal.train.network import Network
     from skincal.train.onnx_file import write_policy
+    from skincal.train.policy_file import Description, Policy, read_policy
     from skincal.train.training_run import Trained, begin, read_run, train
     from skincal.train.watch import Round
 
-_LEARNING = {
+_MODULES = {
+    "Description": "policy_file",
     "Network": "network",
+    "Policy": "policy_file",
     "Round": "watch",
     "Trained": "training_run",
     "begin": "training_run",
+    "bundled_policies": "bundled",
     "make_environment": "environments",
     "maker": "environments",
     "parallel": "environments",
+    "policy_path": "bundled",
     "read_curve": "curve",
+    "read_policy": "policy_file",
     "read_run": "training_run",
     "train": "training_run",
     "write_policy": "onnx_file",
@@ -65,13 +70,13 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Loads what learning needs when it is asked for."""
-    if name not in _LEARNING:
+    """Load a name when it is asked for: help needs no numpy, and policies need no torch."""
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
     try:
-        return getattr(importlib.import_module(f"skincal.train.{_LEARNING[name]}"), name)
+        return getattr(importlib.import_module(f"skincal.train.{_MODULES[name]}"), name)
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("skincal"):
             raise

@@ -32,6 +32,7 @@ def describe(work: Work, ranges: Ranges, learner: Learner, steps: int, wall_s: f
         environment=work.environment,
         versions=_versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
+        start=work.start,
     )
 
 

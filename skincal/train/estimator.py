@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.bounded import UnreadableError, read_bytes
+from skincal.bounded import MOST_TAXELS, decode, parse_json, read_arrays
 from skincal.errors import InputError, Problem
 from skincal.files import reason, whole_file
 from skincal.train.network import Network
@@ -28,6 +26,7 @@ _COUNTS: Final = 50.0
 _LEAST_COUNTS: Final = 20.0
 """Keeps the shares of an image finite where nothing is felt [counts]."""
 _LARGEST_BYTES: Final = 10_000_000
+_MOST_LAYERS: Final = 16
 
 
 @dataclass(frozen=True)
@@ -181,24 +180,29 @@ def read_estimator(path: str | Path) -> Estimator:
         InputError: the file cannot be read, or is something else.
     """
     try:
-        with np.load(io.BytesIO(read_bytes(Path(path), _LARGEST_BYTES)), allow_pickle=False) as arrays:
-            about = json.loads(arrays["about"].tobytes())
-            if about["format"] != FORMAT:
-                raise ValueError(f'the format "{about["format"]}"')
-            count, taxels = int(about["layers"]), int(about["taxels"])
-            network = Network(
-                arrays["mean"],
-                arrays["scale"],
-                float(about["clip"]),
-                tuple(arrays[f"weight_{i}"] for i in range(count)),
-                tuple(arrays[f"bias_{i}"] for i in range(count)),
-            )
+        arrays = read_arrays(Path(path), most=_LARGEST_BYTES)
+        about = parse_json(decode(arrays["about"].tobytes()))
+        if about["format"] != FORMAT:
+            raise ValueError(f'the format "{about["format"]}"')
+        count, taxels = int(about["layers"]), int(about["taxels"])
+        if not 0 < taxels <= MOST_TAXELS or not 0 < count <= _MOST_LAYERS:
+            raise ValueError(f"{count} layers and {taxels} taxels")
+        network = Network(
+            arrays["mean"],
+            arrays["scale"],
+            float(about["clip"]),
+            tuple(arrays[f"weight_{i}"] for i in range(count)),
+            tuple(arrays[f"bias_{i}"] for i in range(count)),
+        )
+        numbers = (network.mean, network.scale, np.array(network.clip), *network.weights, *network.biases)
+        if not all(array.dtype.kind == "f" and np.isfinite(array).all() for array in numbers):
+            raise ValueError("numbers that are not finite")
         if network(features(np.zeros((1, taxels)))).shape != (1, 2):
             raise ValueError("layers that do not fit")
         return Estimator(
             network, taxels, about["ranges_sha256"], int(about["seed"]), Quality(**about["quality"])
         )
-    except (OSError, UnreadableError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+    except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = f"an estimator ({FORMAT}), as `skincal train estimator` writes it"
         raise InputError([Problem(str(path), expected, got)]) from error

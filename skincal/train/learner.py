@@ -15,7 +15,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from skincal.train.network import Network
+from skincal.train.network import EPSILON, Network
 from skincal.train.settings import Settings
 from skincal.train.watch import Round, RoundWatch
 
@@ -56,6 +56,33 @@ class Learner(ABC):
         # A logger of one's own stays from one part of the run to the next; it writes nothing.
         self.model.set_logger(Logger(folder=None, output_formats=[]))
         self._watch = RoundWatch()
+
+    def go_on_from(self, network: Network | None, steps: int) -> None:
+        """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing.
+
+        Args:
+            network: the policy; None: the state is one that was restored.
+            steps: that the policy's normalisation counts for.
+        """
+        model, most = self.model, self.settings.learning_starts
+        model.learning_starts = 0
+        learn = model.train
+
+        def learn_held(*arguments: Any, **named: Any) -> None:
+            kept = self._actor_state() if model.num_timesteps <= most else None
+            learn(*arguments, **named)
+            if kept is not None:
+                self._restore_actor(kept)
+
+        model.train = learn_held  # type: ignore[method-assign]
+        if network is None:
+            return
+        seen = self._statistics[ACTOR_KEY]
+        seen.mean, seen.count = network.mean.astype(np.float64), float(steps)
+        seen.var = np.maximum(1.0 / network.scale.astype(np.float64) ** 2 - EPSILON, 0.0)
+        # The deviation at which independent normal actions have the entropy that is aimed at.
+        deviation = self.settings.target_entropy / network.actions - 0.5 * np.log(2 * np.pi * np.e)
+        self._set_actor(list(zip(network.weights, network.biases, strict=True)), float(deviation))
 
     @property
     def steps(self) -> int:
@@ -133,6 +160,18 @@ class Learner(ABC):
     @abstractmethod
     def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
         """Weights (inputs, outputs) and biases of the actor's mean."""
+
+    @abstractmethod
+    def _set_actor(self, layers: list[tuple[NDArray[Any], NDArray[Any]]], log_deviation: float) -> None:
+        """Take over layers, as :meth:`_actor_layers` gives them, with one deviation for all actions."""
+
+    @abstractmethod
+    def _actor_state(self) -> Any:
+        """The actor's networks and optimiser, as they are now."""
+
+    @abstractmethod
+    def _restore_actor(self, state: Any) -> None:
+        """Take over what :meth:`_actor_state` gave."""
 
     @property
     def _statistics(self) -> dict[str, RunningMeanStd]:

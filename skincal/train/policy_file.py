@@ -46,6 +46,7 @@ class Description:
         environment: further arguments of the environment it was trained in.
         versions: of the packages that made it.
         created: date and time.
+        start: name of the policy that the run went on from; "": none.
     """
 
     task: Task
@@ -60,6 +61,7 @@ class Description:
     environment: dict[str, Any] = field(default_factory=dict[str, Any])
     versions: dict[str, str] = field(default_factory=dict[str, str])
     created: str = ""
+    start: str = ""
 
     @property
     def size(self) -> int:
@@ -80,6 +82,8 @@ class Description:
         """
         if table["format"] != FORMAT:
             raise ValueError(f'the format "{table["format"]}"')
+        # Older files do not say what a run went on from.
+        table = {"start": "", **table}
         known: dict[str, Any] = {part.name: table[part.name] for part in fields(cls)}
         known["observation"] = tuple(dict(part) for part in known["observation"])
         known |= {"task": Task(known["task"]), "policy": PolicyKind(known["policy"])}
@@ -99,7 +103,7 @@ class Description:
 
 _PLAIN: Final[dict[str, tuple[type, ...]]] = {
     "ranges_sha256": (str,), "seed": (int,), "steps": (int,), "wall_time_s": (int, float), "backend": (str,),
-    "environment": (dict,), "versions": (dict,), "created": (str,),
+    "environment": (dict,), "versions": (dict,), "created": (str,), "start": (str,),
 }  # fmt: skip
 """What the other fields of a description are."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -75,6 +76,25 @@ class Sb3Learner(Learner):
             self.model.log_ent_coef.copy_(kept["log_ent_coef"])
         torch.set_rng_state(kept["random"])
 
+    def _set_actor(self, layers: list[tuple[NDArray[Any], NDArray[Any]]], log_deviation: float) -> None:
+        actor = self.model.actor
+        assert isinstance(actor.log_std, torch.nn.Linear)
+        with torch.no_grad():
+            for layer, (weight, bias) in zip(self._actor_linear(), layers, strict=True):
+                layer.weight.copy_(torch.tensor(weight.T))
+                layer.bias.copy_(torch.tensor(bias))
+            actor.log_std.weight.zero_()
+            actor.log_std.bias.fill_(log_deviation)
+
+    def _actor_state(self) -> Any:
+        actor = self.model.actor
+        return copy.deepcopy((actor.state_dict(), actor.optimizer.state_dict()))
+
+    def _restore_actor(self, state: Any) -> None:
+        actor = self.model.actor
+        actor.load_state_dict(state[0])
+        actor.optimizer.load_state_dict(state[1])
+
     def _parts(self) -> dict[str, Any]:
         model = self.model
         return {
@@ -89,9 +109,10 @@ class Sb3Learner(Learner):
         return {"log_ent_coef": self.model.log_ent_coef.detach(), "random": torch.get_rng_state()}
 
     def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+        layers = self._actor_linear()
+        return [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in layers]
+
+    def _actor_linear(self) -> list[torch.nn.Linear]:
         actor = self.model.actor
         assert isinstance(actor.mu, torch.nn.Linear)
-        hidden = [layer for layer in actor.latent_pi if isinstance(layer, torch.nn.Linear)]
-        return [
-            (layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in (*hidden, actor.mu)
-        ]
+        return [*(layer for layer in actor.latent_pi if isinstance(layer, torch.nn.Linear)), actor.mu]

@@ -77,6 +77,26 @@ class SbxLearner(Learner):
             "random": [np.asarray(key) for key in (self.model.key, policy.key, policy.noise_key)],
         }
 
+    def _set_actor(self, layers: list[tuple[NDArray[Any], NDArray[Any]]], log_deviation: float) -> None:
+        state = self.model.policy.actor_state
+        own = dict(state.params["params"]["SquashedGaussianActor_0"])
+        for i, (weight, bias) in enumerate(layers):
+            own[f"Dense_{i}"] = {"kernel": jnp.asarray(weight), "bias": jnp.asarray(bias)}
+        deviation = own[f"Dense_{len(layers)}"]
+        own[f"Dense_{len(layers)}"] = {
+            "kernel": jnp.zeros_like(deviation["kernel"]),
+            "bias": jnp.full_like(deviation["bias"], log_deviation),
+        }
+        params = {**state.params, "params": {**state.params["params"], "SquashedGaussianActor_0": own}}
+        self.model.policy.actor_state = state.replace(params=params)
+
+    def _actor_state(self) -> Any:
+        # Nothing is changed in place: learning gives a new state.
+        return self.model.policy.actor_state
+
+    def _restore_actor(self, state: Any) -> None:
+        self.model.policy.actor_state = state
+
     def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
         layers = self.model.policy.actor_state.params["params"]["SquashedGaussianActor_0"]
         # The hidden layers come first, then the mean, then the logarithm of the deviation.

@@ -43,7 +43,8 @@ class Settings:
     Attributes:
         environments: how many run side by side.
         buffer_size: transitions that are remembered, of all environments together.
-        learning_starts: environment steps with random actions, before anything is learned.
+        learning_starts: environment steps with random actions, before anything is learned; in a run that goes on from a
+            policy, steps in which the critics alone learn.
         train_every: steps of each environment between two learning phases.
         gradient_steps: updates in a learning phase.
         discount: of the reward of the next step.
@@ -94,6 +95,7 @@ class Work:
         rounds_per_checkpoint: learning rounds between two checkpoints. All environments begin a new episode after a
             checkpoint, so that a run that goes on from it is the same as one that was never interrupted.
         environment: further arguments for the environment, by name.
+        start: name of the policy that the run goes on from; "": none, it begins with random networks.
     """
 
     task: Task
@@ -104,6 +106,7 @@ class Work:
     settings: Settings = field(default_factory=Settings)
     rounds_per_checkpoint: int = 42
     environment: dict[str, Any] = field(default_factory=dict[str, Any])
+    start: str = ""
 
     def as_table(self) -> dict[str, Any]:
         """All of it as plain values, for a file."""
@@ -130,6 +133,7 @@ class Work:
             backend=BackendName(table["backend"]),
             settings=Settings(**settings),
             environment=dict(table["environment"]),
+            start=str(table.get("start", "")),
             **whole,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +22,7 @@ from skincal.train.describe import describe
 from skincal.train.environments import Make, end, in_full, parallel, segment_seed
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
-from skincal.train.policy_file import Description
+from skincal.train.policy_file import Description, Policy, read_policy
 from skincal.train.settings import BackendName, Work
 from skincal.train.watch import Round
 
@@ -32,6 +32,8 @@ RANGES: Final = "ranges.toml"
 CURVE: Final = "curve.csv"
 CHECKPOINT: Final = "checkpoint"
 POLICY: Final = "policy.onnx"
+START: Final = "start.onnx"
+"""The policy that a run goes on from."""
 
 
 LATER: Final = (
@@ -57,7 +59,14 @@ class Trained:
     last: Round | None
 
 
-def begin(work: Work, ranges: Ranges, out: Path, *inputs: Path, force: bool = False) -> None:
+def begin(
+    work: Work,
+    ranges: Ranges,
+    out: Path,
+    *inputs: Path,
+    start: Policy | None = None,
+    force: bool = False,
+) -> None:
     """Makes the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
 
     Args:
@@ -65,6 +74,7 @@ def begin(work: Work, ranges: Ranges, out: Path, *inputs: Path, force: bool = Fa
         ranges: what is randomised.
         out: the folder.
         inputs: files that were read, and are not to be replaced.
+        start: the policy that the run goes on from; None: it begins with random networks.
         force: whether an earlier run there is replaced.
 
     Raises:
@@ -72,10 +82,29 @@ def begin(work: Work, ranges: Ranges, out: Path, *inputs: Path, force: bool = Fa
     """
     refuse_existing(out, *inputs, force=force, marker=MARKER)
     work = in_full(work, ranges)
+    if start is not None:
+        _check_start(start, work)
+        work = replace(work, start=Path(start.file).stem)
     with whole_folder(out, force=force, marker=MARKER, later=LATER) as temporary:
         content = {"format": FORMAT, **work.as_table()}
         (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")
         write_ranges(ranges, temporary / RANGES)
+        if start is not None:
+            write_policy(start.network, start.description, temporary / START)
+
+
+def _check_start(start: Policy, work: Work) -> None:
+    """Check that a run can go on from a policy.
+
+    Raises:
+        InputError: it is of another task, sees something else, or has other layers.
+    """
+    hidden = tuple(len(bias) for bias in start.network.biases[:-1])
+    about = start.description
+    wanted = f"a policy of {work.task} that sees {work.policy}, with layers of {work.settings.hidden}"
+    if (about.task, about.policy, hidden) != (work.task, work.policy, work.settings.hidden):
+        got = f"one of {about.task} that sees {about.policy}, with layers of {hidden}"
+        raise InputError([Problem(start.file, wanted, got)])
 
 
 def read_run(folder: Path) -> tuple[Work, Ranges]:
@@ -138,6 +167,9 @@ class _Course:
         self.last: Round | None = None
         there = (folder / CHECKPOINT).is_dir()
         self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else Progress()
+        if work.start:
+            start = read_policy(folder / START)
+            learner.go_on_from(None if there else start.network, start.description.steps)
 
     def go_on(self, rounds: int) -> None:
         """Works until so many rounds are done."""

@@ -1,6 +1,7 @@
 """The runner of the blind test, with a stand-in for skincal, and with skincal itself."""
 
 import json
+import pickle
 import sys
 from dataclasses import replace
 
@@ -74,6 +75,11 @@ def test_part_of_a_run_is_part_of_each_suite():
     half = whole[: len(whole) // 2]
     counts = {suite: sum(spec.suite == suite for spec in half) for suite in SUITES}
     assert all(abs(counts[suite] - len(specs(suite, 0)) / 2) <= 1 for suite in SUITES)
+
+
+def test_goes_to_workers_elsewhere(bench):
+    copy = pickle.loads(pickle.dumps(bench))
+    assert replace(copy, stop=bench.stop) == replace(bench, out=bench.out.resolve())
 
 
 def test_runs_keeps_and_goes_on(bench, capsys):
@@ -205,9 +211,10 @@ STATIC = Spec("one", 0, 7, "foundation", "static", effects=(("crosstalk", 4.0),)
 WHOLE = Spec("one", 0, 7, effects=(("crosstalk", 1.2),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "some",
-    [(STATIC,), pytest.param((Spec("none", 0, 7), WHOLE), marks=pytest.mark.slow)],
+    [(STATIC,), (Spec("none", 0, 7), WHOLE)],
     ids=["static presses", "whole sessions"],
 )
 def test_a_slice_with_skincal_itself(tmp_path, some):

@@ -35,10 +35,12 @@ def test_the_true_force_is_near_the_measured_one(seen: Seen):
     assert np.abs(record["position_error_along_m"]).max() < 3e-3
 
 
-def test_the_told_truth_moves_the_pose_by_the_mean_error(seen: Seen):
+def test_the_told_truth_has_the_mean_error_of_all_contacts_in_the_pose(seen: Seen):
     told = told_truth(seen, FitOptions())
     error = seen.dataset.presses.position_m[:, 1] - seen.true_point_m[:, 1]
-    assert told["y_m"] - seen.truth["y_m"] == pytest.approx(error.mean(), abs=1e-9)
+    # On the way to the hold forces are smaller, and drives bend less.
+    assert told["y_m"] - seen.truth["y_m"] == pytest.approx(error.mean(), abs=2e-4)
+    assert told["y_m"] != seen.truth["y_m"] and told["beta_deg"] != seen.truth["beta_deg"]
     assert told["alpha_deg"] == seen.truth["alpha_deg"]
     share = told["scale_per_n as the forces tell it"] / seen.truth["scale_per_n"]
     assert share == pytest.approx(seen.true_force_n.sum() / seen.dataset.presses.force_n.sum())

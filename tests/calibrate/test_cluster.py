@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.coverage_store import finished
 from benchmarks.sessions import make_session
 from skincal.calibrate import calibrate
 from skincal.calibrate import cluster as cluster_module
@@ -74,6 +75,10 @@ def test_results_in_order_and_a_worker_that_dies(scheduler: str, tmp_path: Path)
         assert list(spread(_die_once, [str(tmp_path / "died")])) != [os.getpid()]
         with pytest.raises(ZeroDivisionError):
             list(spread((1).__truediv__, [0]))
+
+
+def test_studies_run_on_it(scheduler: str) -> None:
+    assert list(finished(abs, [-3, -1, 2], 1, scheduler)) == [3, 1, 2]
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from chambers import Chamber
 
 from skincal.calibrate import calibrate, choose_way
 from skincal.calibrate.checkpoint import Checkpoint
-from skincal.dataset import Dataset, SurfaceSpec, read_dataset
+from skincal.dataset import Dataset, IndenterSpec, SurfaceSpec, read_dataset
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError
 from skincal.fitting.fit_options import FitOptions, GridSteps
@@ -90,6 +90,15 @@ def test_a_plate_whose_place_is_not_known_is_refused(rolled: Dataset) -> None:
     with pytest.raises(WorkError, match="place of a press is missing") as refused:
         calibrate(replace(rolled, presses=presses), options=QUICK, workers=1)
     assert "x_m, y_m, z_m" in str(refused.value)
+    assert "If a pressure chamber pressed a flat pad" in str(refused.value)
+
+
+def test_weights_on_a_flat_pad_without_places_are_refused(chamber: Dataset) -> None:
+    presses = replace(chamber.presses, position_m=np.full_like(chamber.presses.position_m, np.nan))
+    meta = replace(chamber.meta, indenter=IndenterSpec("sphere", 0.006))
+    with pytest.raises(WorkError, match="of weights laid on by hand, where they were laid") as refused:
+        calibrate(replace(chamber, meta=meta, presses=presses), options=QUICK, workers=1)
+    assert "pressure chamber" not in str(refused.value)
 
 
 def test_tables_of_an_interrupted_fit_are_taken_up(rolled: Dataset, tmp_path: Path) -> None:
@@ -102,7 +111,7 @@ def test_tables_of_an_interrupted_fit_are_taken_up(rolled: Dataset, tmp_path: Pa
             if done == 2 and len(seen) == 3:
                 raise KeyboardInterrupt
 
-    few = replace(rolled, presses=rolled.presses.select(np.arange(0, 16)), sha256="data")
+    few = replace(rolled, presses=rolled.presses.select(np.arange(10)), sha256="data")
     with pytest.raises(KeyboardInterrupt):
         calibrate(few, options=QUICK, workers=1, checkpoint=tmp_path / "kept", progress=interrupted)
     assert len(list((tmp_path / "kept").glob("table-*.npz"))) == 2

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from chambers import Chamber
 
-from skincal.calibrate import calibrate, calibrate_uniform
+from skincal.calibrate import UniformOutcome, calibrate, calibrate_uniform
 from skincal.calibration import read_calibration, write_calibration
-from skincal.dataset import read_dataset
+from skincal.dataset import Dataset, read_dataset
 from skincal.errors import WorkError
 from skincal.prediction import predict_dataset
 from skincal.ranges import from_calibration
@@ -43,36 +43,39 @@ def test_scales_of_a_chamber(tmp_path: Path, frames: bool):
     assert "(2, 1)" in outcome.calibration.findings[1].text
 
 
-@pytest.mark.parametrize("presses", [3, 4, 6, 12])
-def test_few_pressures_without_rest_give_the_same_scales(tmp_path: Path, presses: int):
-    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Dataset, UniformOutcome]:
+    """A chamber's plateaus without frames, and their calibration."""
+    data = read_dataset(Chamber.plain().write(tmp_path_factory.mktemp("plain") / "chamber", frames=False))
+    return data, calibrate_uniform(data)
+
+
+@pytest.mark.parametrize("presses", [3, 12])
+def test_few_pressures_without_rest_give_the_same_scales(plain: tuple[Dataset, UniformOutcome], presses: int):
+    data, whole = plain
     rows = np.linspace(0, len(data.presses) // 2, presses).astype(int)
-    few = replace(data, presses=data.presses.select(rows))
-    whole, part = (calibrate_uniform(one).calibration for one in (data, few))
-    assert part.model.scale_per_n == pytest.approx(whole.model.scale_per_n, rel=0.05)
-    assert part.intervals["scale_per_n"][0] > 0.5 * part.model.scale_per_n
+    model = calibrate_uniform(replace(data, presses=data.presses.select(rows))).calibration
+    assert model.model.scale_per_n == pytest.approx(whole.calibration.model.scale_per_n, rel=0.05)
+    assert model.intervals["scale_per_n"][0] > 0.5 * model.model.scale_per_n
 
 
-def test_the_calibration_predicts_what_it_was_made_of(tmp_path: Path):
-    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
-    outcome = calibrate_uniform(data)
+def test_the_calibration_predicts_what_it_was_made_of(plain: tuple[Dataset, UniformOutcome], tmp_path: Path):
+    data, outcome = plain
     write_calibration(outcome.calibration, tmp_path / "cal")
     again = read_calibration(tmp_path / "cal")
     predicted = predict_dataset(again, data).dataset.presses.counts
     assert np.abs(predicted - data.presses.counts).max() < 2.5
 
 
-def test_its_ranges_say_what_is_assumed(tmp_path: Path):
-    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
-    found = from_calibration(calibrate_uniform(data).calibration)
+def test_its_ranges_say_what_is_assumed(plain: tuple[Dataset, UniformOutcome]):
+    found = from_calibration(plain[1].calibration)
     assert found["skin.scale_per_n"].source == "calibrated"
     assert found["skin.elasticity_pa_per_m"].source == "assumed"
 
 
-def test_the_common_fit_refuses_and_says_where_to_go(tmp_path: Path):
-    data = read_dataset(Chamber.plain().write(tmp_path / "chamber", frames=False))
+def test_the_common_fit_refuses_and_says_where_to_go(plain: tuple[Dataset, UniformOutcome]):
     with pytest.raises(WorkError, match="calibrate_uniform"):
-        calibrate(data)
+        calibrate(plain[0])
 
 
 def test_a_chamber_in_which_nothing_answers(tmp_path: Path):

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
+import commands
 import pytest
 from calibrations import make_calibration, on_a_plane
 from diagnosis.diagnose_data import still
 
 from skincal.calibration import write_calibration
-from skincal.cli.main import main
 from skincal.dataset import write_dataset
 from skincal.effects import EFFECTS
 
@@ -26,10 +27,7 @@ def static(tmp_path: Path) -> Path:
     return tmp_path / "data"
 
 
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main(["audit", *map(str, arguments)])
-    return int(ended.value.code or 0)
+run = partial(commands.run, "audit")
 
 
 def test_table_says_what_is_seen_and_why_not(static: Path, capsys: pytest.CaptureFixture[str]):

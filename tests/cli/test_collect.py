@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import captured as run
 
-from skincal.cli.main import main
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import check_dataset, read_dataset
 
@@ -25,13 +25,6 @@ POSED = Plan(
     {"A": (0.0, 0.25, 0.83)},
 )
 """With its pose: the search for poses takes longer than the presses."""
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    printed = capsys.readouterr()
-    return int(caught.value.code or 0), printed.out, printed.err
 
 
 @pytest.fixture

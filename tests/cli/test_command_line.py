@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import resource
 import subprocess
@@ -118,10 +119,11 @@ def test_a_wrong_command_line_is_status_two(arguments: list[str], capsys: pytest
 
 
 CHATTY = """
-import os
+import atexit, os
 from skincal.hand.stage_sim import StageSim
 
 print("imported")
+atexit.register(print, "the process ends")
 
 class Chatty(StageSim):
     def connect(self):
@@ -138,7 +140,7 @@ def test_standard_output_is_json_whatever_a_driver_prints(tmp_path: Path) -> Non
         [sys.executable, "-m", "skincal", *command], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert json.loads(done.stdout)["ok"], done.stderr
-    assert all(text in done.stderr for text in ("imported", "connected", "a library writes"))
+    assert all(text in done.stderr for text in ("imported", "connected", "a library writes", "process ends"))
 
 
 @pytest.mark.parametrize(
@@ -193,3 +195,28 @@ def test_of_many_mistakes_some_are_shown(tmp_path: Path, capsys: pytest.CaptureF
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 12 and "[line 2] force_n" in lines[0]
     assert lines[-1] == "… and 29 more; --debug shows all of them"
+
+
+def test_settings_of_numba_in_the_working_folder_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They say where compiled code is loaded from, and may come with a dataset."""
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: ./code\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["hand", "list"])
+    assert ended.value.code == 2
+    assert "numba" in capsys.readouterr().err
+
+
+def test_any_exception_ends_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def cancelled(**_: object) -> None:
+        raise asyncio.CancelledError("of a driver's library")
+
+    monkeypatch.setattr("skincal.cli.main.app", cancelled)
+    with pytest.raises(SystemExit) as ended:
+        main(["hand", "list"])
+    assert ended.value.code == 1
+    assert "CancelledError" in capsys.readouterr().err

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from skincal.cli.demo import _make_room
+from skincal.cli.demo import make_room
 from skincal.errors import InputError
 from skincal.files.manifest import write_manifest
 from skincal.sample import NAMES, sample_path
@@ -14,15 +14,15 @@ from skincal.sample import NAMES, sample_path
 
 def test_only_an_earlier_demonstration_is_replaced(tmp_path: Path) -> None:
     out = tmp_path / "demo"
-    _make_room(out)
+    make_room(out)
     (out / "run").mkdir()
     (out / "run" / "presses.csv").touch()
     write_manifest(out)
-    _make_room(out)
+    make_room(out)
     assert not any(out.iterdir())
     (out / "thesis.tex").touch()
     with pytest.raises(InputError, match=r"got thesis\.tex"):
-        _make_room(out)
+        make_room(out)
     assert (out / "thesis.tex").is_file()
 
 

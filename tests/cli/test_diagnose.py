@@ -12,19 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chambers import Chamber
+from commands import run
 from report.diagnosis_cases import LOOP, calibration, session, without_frames
 from rich.console import Console
 
 from skincal.calibration import read_calibration, write_calibration
 from skincal.cli.diagnose import _stages
-from skincal.cli.main import main
 from skincal.dataset import dataset_hash, read_dataset, write_dataset
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def hashes(folder: Path) -> dict[str, str]:

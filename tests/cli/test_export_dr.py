@@ -1,16 +1,15 @@
 """``skincal export-dr`` as a user runs it."""
 
 import json
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
+import commands
 import pytest
 from calibrations import INTERVALS, make_calibration
 
 from skincal.calibration import Effect, write_calibration
 from skincal.cli import export_dr
-from skincal.cli.main import main
 from skincal.ranges import PRESETS, preset, read_ranges
 
 
@@ -20,10 +19,7 @@ def cal(tmp_path: Path) -> Path:
     return tmp_path / "cal"
 
 
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main(["export-dr", *map(str, arguments)])
-    return int(ended.value.code or 0)
+run = partial(commands.run, "export-dr")
 
 
 def test_the_default(cal, tmp_path, capsys):
@@ -60,13 +56,10 @@ def test_effects_are_ranges(tmp_path, capsys):
     assert "16 ranges" in capsys.readouterr()[0]
 
 
-def test_as_a_process_with_json(cal, tmp_path):
-    command = [sys.executable, "-m", "skincal", "export-dr", cal, "--out", tmp_path / "r.yaml", "--json",
-               "--preset", "icra26", "--joint", "--draws", "50"]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n") == 1
-    answer = json.loads(done.stdout)
+def test_json(cal, tmp_path, capsys):
+    arguments = ("--json", "--preset", "icra26", "--joint", "--draws", 50)
+    assert run(cal, "--out", tmp_path / "r.yaml", *arguments) == 0
+    answer = json.loads(capsys.readouterr().out)
     assert answer["preset"] == "icra26"
     assert answer["ranges"] == str(tmp_path / "r.yaml")
     assert answer["joint_draws"] == 50

@@ -8,18 +8,15 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import Run
 
 import skincal.robot
-from skincal.cli.main import main
 from skincal.hand import create_driver
 from skincal.hand.guard import GuardedHand
-
-Run = Callable[..., tuple[int, str, str]]
 
 BAD_HAND = """
 from skincal.hand import HandDriver
@@ -35,17 +32,6 @@ class BadHand(HandDriver):
     def stop(self): pass
     def close(self): pass
 """
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
 
 
 def test_list_names_the_shipped_drivers_and_their_options(run: Run) -> None:
@@ -131,14 +117,9 @@ def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
     assert "--driver remote --driver-option keys=" in out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, number: int) -> None:
+def test_a_simulated_hand_is_served_with_keys_until_told_to_end(run: Run, tmp_path: Path) -> None:
     main_keys = tmp_path / "keys"
-    subprocess.run(
-        [sys.executable, "-m", "skincal", "hand", "keys", "--out", str(main_keys)],
-        check=True,
-        capture_output=True,
-    )
+    assert run("hand", "keys", "--out", main_keys)[0] == 0
     command = [
         "serve-hand",
         "--driver",
@@ -159,11 +140,13 @@ def test_a_simulated_hand_is_served_with_keys_until_told_to_end(tmp_path: Path, 
     assert process.stderr is not None
     try:
         address = json.loads(process.stdout.readline())["address"]
-        with GuardedHand(create_driver("remote", address=address, keys=str(main_keys / "client"))) as hand:
+        with GuardedHand(
+            create_driver("remote", address=address, keys=str(main_keys / "client"), silence_s="30")
+        ) as hand:
             for _ in range(20):
                 hand.act(hand.nearest(hand.observe().q_desired_rad))
-        os.kill(process.pid, number)
-        assert process.wait(10) == 0
+        os.kill(process.pid, signal.SIGTERM)
+        assert process.wait(60) == 0
         assert "sim: ended after 1 clients" in process.stderr.read()
     finally:
         process.kill()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
 from calibrations import make_calibration
@@ -22,10 +22,7 @@ def cal(tmp_path: Path) -> Path:
     return tmp_path / "cal"
 
 
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main(["predict", *map(str, arguments)])
-    return int(ended.value.code or 0)
+run = partial(commands.run, "predict")
 
 
 def test_presses_and_frames(
@@ -45,23 +42,9 @@ def test_presses_and_frames(
     assert (tmp_path / "out" / "frames.csv").is_file(), "tables keep their format"
 
 
-def test_as_a_process_with_json(cal: Path, folder: Path, tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "skincal",
-        "predict",
-        cal,
-        folder,
-        "--out",
-        tmp_path / "out",
-        "--slack",
-        "--json",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n") == 1
-    answer = json.loads(done.stdout)
+def test_json(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(cal, folder, "--out", tmp_path / "out", "--slack", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
     assert answer["dataset"] == str(tmp_path / "out")
     assert (answer["presses"], answer["frames"]) == (12, 96)
     measured, predicted = read_dataset(folder), read_dataset(tmp_path / "out")

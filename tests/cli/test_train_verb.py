@@ -7,21 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
-from skincal.cli.main import main
 from skincal.ranges import preset, write_ranges
 from skincal.train import Description, Network, PolicyKind, Task, read_policy, write_policy
 
 ROUND = 60
 """Steps of a round with one environment."""
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def train(out: Path, *arguments: object) -> int:

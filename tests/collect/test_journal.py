@@ -99,3 +99,15 @@ def test_a_restart_removes_nothing_that_others_wrote(tmp_path: Path) -> None:
             open_journal(tmp_path, **changes)
     open_journal(tmp_path).remove()
     assert (folder / "thesis.txt").read_text() == "mine"
+
+
+def test_a_folder_beside_the_journal_is_not_removed(tmp_path: Path) -> None:
+    """Its name is that of a journal on its way out."""
+    mine = tmp_path / ".run.collect.old"
+    mine.mkdir()
+    (mine / "thesis.txt").write_text("mine")
+    open_journal(tmp_path)
+    with pytest.raises(InputError, match=r"also thesis\.txt"):
+        open_journal(tmp_path, restart=True)
+    open_journal(tmp_path).remove()
+    assert (mine / "thesis.txt").read_text() == "mine"

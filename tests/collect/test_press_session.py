@@ -289,6 +289,31 @@ def test_a_resumed_session_keeps_its_finished_presses(rig: Rig):
     assert found.frames is not None and np.all(np.diff(found.frames.time_s) > 0)
 
 
+def test_a_journal_that_was_changed_moves_no_hand(rig: Rig):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(400, raise_error))
+    file = journal_folder(rig.out) / "press-00000.npz"
+    with np.load(file) as arrays:
+        kept = dict(arrays)
+    changes = ({"press.counts": np.ones(3)}, {"press.press": np.array(7)}, {"frames.time_s": np.array("x")})
+    for changed in (*({**kept, **change} for change in changes), {"a": np.ones(1)}):
+        np.savez(file, **changed)
+        with pytest.raises(InputError, match="--restart"):
+            rig.run()
+    assert len(rig.hands) == 1
+
+
+def test_a_changed_plan_in_the_journal_changes_no_press(rig: Rig):
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(400, raise_error))
+    file = journal_folder(rig.out) / "plan.toml"
+    text = file.read_text()
+    assert "force_n = 2.0" in text
+    file.write_text(text.replace("force_n = 2.0", "force_n = 6.0"))
+    rig.run()
+    assert column(rig, "target_force_n").tolist() == [2.0, 0.4, 5.0, 2.0]
+
+
 def test_a_site_that_was_perhaps_touched_counts_as_touched(rig: Rig):
     with pytest.raises(HandError):
         rig.run(spoil=failing(120, raise_error))

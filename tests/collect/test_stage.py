@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ from skincal.cli.main import main
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.stage import collect_stage, stage_plan
 from skincal.dataset import HOLD, read_dataset
-from skincal.errors import InputError
-from skincal.hand import GuardedStage, HandError, StageState, create_driver, create_rig
+from skincal.dataset.reading import Check
+from skincal.errors import InputError, Problem, WorkError
+from skincal.hand import GuardedStage, HandError, StageDescription, StageState, create_driver, create_rig
 from skincal.hand.stage_checks import run_stage_checks
 from skincal.hand.stage_sim import StageSim
 
@@ -147,3 +149,57 @@ def test_the_command_collects_with_a_stage(tmp_path: Path, capsys: pytest.Captur
     said = json.loads(capsys.readouterr().out)
     assert said["presses"] == 2
     assert "stage" in read_dataset(tmp_path / "run").meta.source
+
+
+@pytest.mark.parametrize(("axis", "value"), [("upper_m", 0.003), ("lower_m", 0.001)])
+def test_a_travel_that_does_not_span_the_skin_is_refused(tmp_path: Path, axis: str, value: float) -> None:
+    class Low(StageSim):
+        @property
+        def description(self) -> StageDescription:
+            rig = super().description
+            return replace(rig, **{axis: np.array([*getattr(rig, axis)[:2], value])})
+
+    with pytest.raises(InputError, match="travel along z"):
+        collect_stage(stage_plan(PLAN, Low().description), Low, tmp_path / "run")
+
+
+def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
+    class Stuck(StageSim):
+        held = 0.0
+        deepest_m = 0.0
+
+        def observe(self) -> StageState:
+            state = super().observe()
+            self.held = self.held or (state.force_n if state.force_n > 0.15 else 0.0)
+            self.deepest_m = min(self.deepest_m, float(state.position_m[2]))
+            return replace(state, force_n=self.held or state.force_n)
+
+    stage = Stuck(seed=2)
+    with pytest.raises(WorkError, match="load cell") as failed:
+        collect_stage(stage_plan(PLAN, stage.description), lambda: stage, tmp_path / "run")
+    assert stage._halted  # pyright: ignore[reportPrivateUsage]
+    assert any("stopped" in note for note in failed.value.__notes__)
+    assert stage.deepest_m > -2e-3
+
+
+def test_a_session_that_cannot_be_fitted_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(
+        "skincal.collect.collection.check_dataset", lambda _: Check((Problem("x", "a", "b"),), (), None)
+    )
+    (tmp_path / "plan.csv").write_text("u_m,v_m,force_n,speed_m_per_s,hold_s\n0,0,2,0.02,0.5\n")
+    with pytest.raises(SystemExit) as ended:
+        main(
+            [
+                "collect",
+                "--driver",
+                DRIVER,
+                "--plan",
+                str(tmp_path / "plan.csv"),
+                "--out",
+                str(tmp_path / "r"),
+            ]
+        )
+    assert ended.value.code == 1
+    assert "can be fitted" in capsys.readouterr().err

@@ -144,7 +144,11 @@ PRESSES: list[tuple[Edit, list[str]]] = [
     (put("indenter_radius_m", 1, 0), ["column indenter_radius_m, row 2", "above 0"]),
     (put("nx", 1, 1.0), ["the 2 columns ny, nz"]),
     (put("q_0", 1, "fast"), ["column q_0, row 2", "'fast'"]),
-    (lambda t: t.drop(columns="force_n"), ["presses.csv", "the column force_n", "`skincal import`"]),
+    (
+        lambda t: t.drop(columns="force_n"),
+        ["presses.csv", "the column force_n", "`skincal import`", "of E and S"],
+    ),
+    (lambda t: t.assign(force_n=np.nan), ["column force_n, rows 1, 2, 3", "of E and S only their product"]),
     (lambda t: t.rename(columns={"force_n": "forse_n"}), ['Does "forse_n" stand for force_n?']),
     (lambda t: t.rename(columns={"force_n": "Force_N"}), ['Does "Force_N" stand for force_n?']),
     (

@@ -83,7 +83,8 @@ def test_unsigned_words_at_both_ends(original: Dataset):
     rng = np.random.default_rng(0)
     high = np.rint(60000 + 60 * original.presses.counts)
     over = find_wrapped(as_word(high, "uint16"))
-    assert over is not None and over.word == "uint16" and over.readings == int((high > 65535).sum())
+    assert over is not None and over.word == "int16" and over.readings == int((high > 65535).sum())
+    np.testing.assert_array_equal(as_word(as_word(high, "uint16"), over.word), high - 65536)
     loads = original.presses.counts - np.median(original.presses.counts)
     rest = np.rint(20 * loads + rng.normal(0, 2, original.presses.counts.shape))
     under = find_wrapped(as_word(rest, "uint16"))
@@ -95,6 +96,21 @@ def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):
     (problem,) = found(tmp_path, changed(original, swapped(true)))
     assert problem.code == "bytes_swapped"
     np.testing.assert_array_equal(swapped(swapped(true)), true)
+
+
+@pytest.mark.parametrize(("rest", "word"), [(20000.0, "uint16"), (600.0, "uint16"), (0.0, "int16")])
+@pytest.mark.parametrize("signed", [False, True])
+def test_swapped_bytes_of_signed_words(
+    rest: float, word: str, signed: bool, tmp_path: Path, original: Dataset
+):
+    """Words that are read as signed ones, and values about zero as a driver that subtracts writes them."""
+    loads = original.presses.counts - np.median(original.presses.counts)
+    true = np.rint(rest + loads + np.random.default_rng(3).normal(0, 2, loads.shape))
+    stored = as_word(swapped(as_word(true, "uint16")), "int16" if signed else "uint16")
+    (problem,) = found(tmp_path, changed(original, stored))
+    assert problem.code == "bytes_swapped"
+    assert ('word = "int16"' in problem.details["mapping"]) == (word == "int16")
+    np.testing.assert_array_equal(as_word(swapped(as_word(stored, "uint16")), word), true)
 
 
 @pytest.mark.parametrize("rest", [0.0, 100.0, 20000.0])
@@ -140,6 +156,21 @@ def test_falling_sensor(tmp_path: Path, original: Dataset, baseline: str):
     (problem,) = found(tmp_path, changed(original, counts, baseline=baseline))
     assert problem.code == "unit_suspect" and problem.details["factor"] == -1.0
     assert "falling_from" in problem.fix
+
+
+def test_falling_sensor_with_noise_and_its_rest_subtracted(tmp_path: Path, original: Dataset):
+    loads = original.presses.counts - original.presses.counts.min(axis=0)
+    counts = np.random.default_rng(1).normal(0, 1, loads.shape) - 3 * loads
+    (problem,) = found(tmp_path, changed(original, counts, baseline="subtracted", integer=False))
+    assert problem.code == "unit_suspect" and "falling_from = 0" in problem.fix
+
+
+def test_small_values_that_are_no_whole_numbers_are_active(tmp_path: Path, original: Dataset):
+    """Kilopascals up to 8: five of them are no threshold."""
+    write_dataset(changed(original, original.presses.counts / 30, integer=False), tmp_path / "set")
+    assert not [
+        problem for problem in check_dataset(tmp_path / "set").warnings if "in any press" in problem.got
+    ]
 
 
 def test_busy_falling_sensor(tmp_path: Path, original: Dataset):

@@ -10,6 +10,7 @@ import numpy as np
 import onnx
 import pytest
 
+from benchmarks.remote_cost import Clock, Link
 from skincal.cli.main import main
 from skincal.deploy import deploy, letters, marble_targets
 from skincal.deploy.observation import PolicyObservation
@@ -63,6 +64,29 @@ def test_marble_is_rolled(policy: Policy) -> None:
     assert found.jitter_s < 1e-6
     assert 0.5 < found.record.force_n[found.record.acting :].mean() < 4.0
     assert found.record.phases[-1] == "letting go"
+
+
+def test_a_slow_and_lossy_link_is_borne(policy: Policy) -> None:
+    """Messages that take 20 ms, of which one in a hundred is lost: later steps, but no stop and no drop."""
+    link = Link(ReferenceHand(seed=1), 0.02, 0.01, seed=3)
+    found = deploy(
+        policy, link, read_pinch(None), marble_targets("still", 3.0), clock=link.clock.monotonic, **WIDTH
+    )
+    assert found.lost_s is None and found.steps == 30
+    assert np.nanmean(found.error_m[15:]) < 1.5e-3
+    assert 0.01 < found.jitter_s < 0.1
+    apart = np.diff([state.time_s for state in found.record.states])
+    assert 0.08 <= np.median(apart) < 0.1 < apart.max()
+
+
+def test_a_reference_hand_keeps_pace_with_a_clock() -> None:
+    hand, clock = ReferenceHand(seed=1), Clock()
+    hand.clock = clock
+    hand.connect()
+    assert hand.observe().time_s == pytest.approx(0.01) == clock.now_s
+    clock.sleep(0.055)
+    assert hand.observe().time_s == pytest.approx(0.06)
+    hand.close()
 
 
 @pytest.mark.parametrize("seed", [1570558271])

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
-from skincal.cli.main import main
 from skincal.deploy.trials import reference_runs
 from skincal.train import Task, policy_path, read_policy
 from skincal.train.evaluate import Trial
@@ -16,12 +16,6 @@ from skincal.train.fare import fare
 from skincal.train.scores import Runs
 
 POLICY = "marble-tactile-1"
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def runs(errors_m: np.ndarray, dropped: int = 0) -> Runs:

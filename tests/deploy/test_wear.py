@@ -8,19 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calibrations import make_calibration
+from commands import run
 
 from skincal.calibration import read_calibration, write_calibration
-from skincal.cli.main import main
 from skincal.deploy.wear import Feel, feel, wear
-from skincal.errors import WorkError
+from skincal.errors import InputError, WorkError
 
 TAXELS = 16
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def rolled(
@@ -93,3 +87,24 @@ def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureF
     assert "expected the output of `skincal deploy`" in capsys.readouterr().err
     assert run("rescale", cal, now, "--out", out) == 2
     assert "--force" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"steps": 80', '"steps": 1e300'), ('"circle"', '"/etc/passwd"'), ('"circle"', "7"),
+        ('"frequency_hz": 0.25', '"frequency_hz": "x"'), ('"duration_s": null', '"duration_s": 1e9'),
+        ('"rest_counts": [0.0', '"rest_counts": ["x"'), ('"task": "marble"', '"task": "chess"'),
+    ],
+)  # fmt: skip
+def test_a_run_that_deploy_cannot_have_made_is_refused(tmp_path: Path, old: str, new: str) -> None:
+    from benchmarks.fuzz_readers import DEPLOYED
+    from skincal.cli.rescale import _told
+
+    text = json.dumps(DEPLOYED)
+    (tmp_path / "deploy.json").write_text(text)
+    assert _told(tmp_path)["steps"] == 80
+    assert old in text
+    (tmp_path / "deploy.json").write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=r"deploy\.json"):
+        _told(tmp_path)

@@ -74,7 +74,7 @@ def skin_with(name: str, strength: float = 1.0, seed: int = 1, **parameters: obj
 def shuffled(samples: Samples, covariate: str, seed: int = 9) -> Samples:
     """The same samples with other values of a covariate."""
     rng = np.random.default_rng(seed)
-    attribute = COVARIATES[covariate]
+    attribute = COVARIATES[covariate].attribute
     if covariate == "time":
         steps = rng.permutation(np.diff(samples.time_s)) * rng.uniform(0.3, 3.0, len(samples) - 1)
         return replace(samples, time_s=np.concatenate([[1.0], 1.0 + np.cumsum(steps)]), start_s=np.nan)
@@ -83,7 +83,7 @@ def shuffled(samples: Samples, covariate: str, seed: int = 9) -> Samples:
 
 def without(samples: Samples, *covariates: str) -> Samples:
     """The same samples as if covariates had not been recorded."""
-    return replace(samples, **{COVARIATES[name]: None for name in covariates})
+    return replace(samples, **{COVARIATES[name].attribute: None for name in covariates})
 
 
 def rms(values: Floats) -> float:

@@ -216,7 +216,7 @@ def test_the_covariates_that_it_states_are_needed(name: str, parameter: str, cov
     forms = {"rate": {"fade_s": 1.0}}.get(name, {})
     skin = BASE.with_effects({name: {**strongly(name, parameter), **forms}})
     assert rms(skin.values(SESSION) - skin.values(shuffled(SESSION, covariate))) > 1e-3
-    with pytest.raises(InputError, match=rf"(?s){name}.*{COVARIATES[covariate]}"):
+    with pytest.raises(InputError, match=rf"(?s){name}.*{COVARIATES[covariate].attribute}"):
         skin.values(without(SESSION, covariate))
     abstaining = replace(skin, missing="abstain")
     assert np.array_equal(VALUES, abstaining.values(without(SESSION, covariate)))
@@ -232,12 +232,12 @@ MOVES = ("contact_offset", "shear")
     [needs for needs in PARAMETER_NEEDS if needs[2] not in ("time", "phase")],
 )
 def test_it_abstains_in_samples_that_lack_a_covariate(name: str, parameter: str, covariate: str):
-    held = getattr(SESSION, COVARIATES[covariate])
+    held = getattr(SESSION, COVARIATES[covariate].attribute)
     lacking = np.arange(len(SESSION)) % 3 == 0
     holes = held.copy()
     holes[lacking] = -1 if covariate == "pose" else np.nan
     skin = BASE.with_effects({name: strongly(name, parameter)})
-    values = skin.values(replace(SESSION, **{COVARIATES[covariate]: holes}))
+    values = skin.values(replace(SESSION, **{COVARIATES[covariate].attribute: holes}))
     if name not in MOVES:
         assert np.array_equal(values[lacking], VALUES[lacking])
         assert np.array_equal(values[~lacking], skin.values(SESSION)[~lacking])

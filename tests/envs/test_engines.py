@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import gymnasium
@@ -70,6 +71,52 @@ def test_a_grasp_presses_alike(mujoco: Any) -> None:
     assert normal @ normal_2 > 0.999
 
 
+@pytest.mark.parametrize("name", [MARBLE, BOLT])
+def test_a_pull_moves_the_object_alike(name: str, mujoco: Any) -> None:
+    """Mass, inertia and where its centre is, friction of both fingers, and how they yield."""
+    del mujoco
+    moved = {}
+    for engine in ("pybullet", "mujoco"):
+        env = make(engine, name, policy="desired")
+        env.reset(seed=1, options={"randomize": "none"} | ({"orientation_deg": 45.0} if name == BOLT else {}))
+        for _ in range(5):
+            env.step(np.zeros(6))
+        scene, before = env._scene, env.truth
+        scene.force_n = (np.array(scene.force_n) + before.tip.rotation[:, 1]).tolist()
+        scene.run(30)
+        moved[engine] = before.tip.turned(scene.object_frame().origin_m - before.body.origin_m)
+        assert None not in scene.touches()
+        env.close()
+    assert np.linalg.norm(moved["pybullet"]) > 0.4e-3
+    np.testing.assert_allclose(moved["mujoco"], moved["pybullet"], atol=0.03e-3)
+
+
+def test_every_contact_has_the_friction_of_its_pair(mujoco: Any) -> None:
+    del mujoco
+    env = make("mujoco", policy="desired")
+    env.reset(seed=0, options={"randomize": "none", "values": {"finger.lateral_friction": 0.5}})
+    model, tips = env._scene._model, sorted(env._scene._tip_geoms)
+    expected = 0.5 * env._values["object.marble.lateral_friction"]
+    for pair in range(model.npair):
+        of_tips = sorted([model.pair_geom1[pair], model.pair_geom2[pair]]) == tips
+        assert model.pair_friction[pair, 0] == pytest.approx(0.25 if of_tips else expected)
+        assert model.pair_dim[pair] == (3 if of_tips else 4)
+    env.close()
+
+
+def test_a_bolt_along_the_finger_lies_on_a_line(mujoco: Any) -> None:
+    del mujoco
+    env, points = make("mujoco", BOLT, policy="desired"), []
+    env.reset(seed=0, options={"randomize": "none", "orientation_deg": 90.0})
+    start = env.truth.position_m
+    for _ in range(10):
+        env.step(np.zeros(6))
+        points.append(env.truth.skin.points)
+    assert np.mean(points) > 2
+    assert np.linalg.norm(env.truth.position_m - start) < 0.2e-3
+    env.close()
+
+
 def test_contact_is_the_spring_that_was_asked_for(mujoco: Any) -> None:
     """Force over depth is the grip's stiffness, however heavy the bodies are."""
     env = make("mujoco", policy="desired")
@@ -96,6 +143,12 @@ def test_a_seed_gives_the_same_episode_to_the_last_bit(mujoco: Any) -> None:
         places.append([env.step(np.full(6, 0.1))[4]["position_m"] for _ in range(5)])
     env.close()
     np.testing.assert_array_equal(places[0], places[2])
+
+
+def test_a_copy_has_the_same_engine(mujoco: Any) -> None:
+    del mujoco
+    copied = pickle.loads(pickle.dumps(make("mujoco", policy="desired")))
+    assert copied.engine == "mujoco" and copied.policy == "desired"
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])

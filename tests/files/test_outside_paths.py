@@ -69,6 +69,22 @@ READERS: dict[str, tuple[str, Callable[[Path], object], Callable[[Path], Any]]] 
         lambda f: (f.mkdir(), _mapping(f, "csv", '"presses.csv"')),
         lambda f: import_csv(f / "map.toml", f / "out", [f / "presses.csv"]),
     ),
+    **{
+        f"recording, {suffix}": (
+            f"presses.{suffix}",
+            lambda f: (f.mkdir(), _mapping(f, "csv", '"presses.csv"')),
+            lambda f, suffix=suffix: import_csv(f / "map.toml", f / "out", [f / f"presses.{suffix}"]),
+        )
+        for suffix in ("mat", "h5", "npz", "npy", "parquet")
+    },
+    **{
+        f"bag, {suffix}": (
+            f"session.{suffix}",
+            lambda f: (f.mkdir(), _mapping(f, "rosbag", '"session.bag"')),
+            lambda f, suffix=suffix: import_rosbag(f / "map.toml", f / "out", [f / f"session.{suffix}"]),
+        )
+        for suffix in ("mcap", "db3")
+    },
     "bag": (
         "session.bag",
         lambda f: (f.mkdir(), _mapping(f, "rosbag", '"session.bag"')),

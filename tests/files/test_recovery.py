@@ -154,3 +154,13 @@ def test_the_command_line_tells(tmp_path: Path, capsys: pytest.CaptureFixture[st
         logging.getLogger("skincal").handlers.clear()
     assert "skincal: " in (err := capsys.readouterr().err) and "removed leftovers of interrupted runs" in err
     assert listed(tmp_path) == ["cal", "ranges.toml"]
+
+
+def test_a_link_in_the_place_of_a_leftover_is_not_followed(tmp_path: Path) -> None:
+    """Neither is a file made in the folder where it leads, nor does it become the output."""
+    (tmp_path / "thesis").mkdir()
+    for name in (ABANDONED, ".out.abcd_123.old"):
+        (tmp_path / name).symlink_to(tmp_path / "thesis")
+    recover(tmp_path / "out")
+    assert listed(tmp_path / "thesis") == []
+    assert listed(tmp_path) == sorted([ABANDONED, ".out.abcd_123.old", "thesis"])

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from calibrations import make_calibration
+from commands import run
 from conftest import make_session
 
 from skincal.calibration import write_calibration
-from skincal.cli.main import main
 from skincal.dataset import write_dataset
 from skincal.errors import InputError
 from skincal.files import moves, refuse_existing, whole_file, whole_folder
@@ -59,6 +59,10 @@ def test_strangers_are_refused_by_name(tmp_path: Path, name: str) -> None:
         (out / name).mkdir()
     else:
         write(out / name)
+    if name == "m.toml.bak":
+        (out / NAME).write_text(
+            json.dumps({"tool": "skincal", "files": ["m.toml", "inner/part", "*", "m.*.bak"]})
+        )
     shown = "more/" if name.startswith("more") else name
     with pytest.raises(InputError, match=rf"also {shown}\. Move that elsewhere"):
         output(out, "new", force=True)
@@ -232,12 +236,6 @@ def test_inputs_are_never_replaced(tmp_path: Path, place: str, listed: bool) -> 
             refuse_existing((base / place).resolve() if place == ".." else base / place, data, force=True)
     refuse_existing(data / "cal", data, force=True, marker="calibration.toml")
     refuse_existing(data / "notes.toml", data, force=True)
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def test_export_dr_spares_its_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

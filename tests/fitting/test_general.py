@@ -24,6 +24,7 @@ from skincal.fitting.tasks import ClimbTask, Neighbourhood, run_climb
 from skincal.model import Contacts, Cylinder, Plane
 from tests.fitting.conftest import BOX, QUICK, RADIUS, Truth, make_session, rig, skin
 from tests.fitting.geometry import general_problem, on_cylinder, shell
+from tests.fitting.looking import see
 
 SETTINGS = MicroSettings(0.5, 1e-3, 2e-3)
 REACH = TableReach(0.5e-3, 0.06, 0.5, levels=5, step_m=0.3e-3, resolution_m=0.5e-3)
@@ -173,7 +174,7 @@ class TestTable:
         self, problem: FitProblem, tabled: SkinTable, truth: Truth, away: np.ndarray
     ) -> None:
         macro, press, nuisance = _pairs(problem, _macro(truth) + away)
-        got = tabled.see(problem, macro, press, nuisance).value
+        got = see(tabled, problem, macro, press, nuisance).value
         expected = _direct(problem, macro[0], press, nuisance, 0.125e-3)
         assert np.abs(got - expected).max() < 6e-3
         assert np.sqrt(((got - expected) ** 2).mean()) < 5e-4
@@ -182,9 +183,9 @@ class TestTable:
         self, problem: FitProblem, tabled: SkinTable, truth: Truth
     ) -> None:
         macro, press, nuisance = _pairs(problem, _macro(truth), 400)
-        expected = Neighbourhood.around(macro[0]).images(problem).see(problem, macro, press, nuisance).value
+        expected = see(Neighbourhood.around(macro[0]).images(problem), problem, macro, press, nuisance).value
         raw = _direct(problem, macro[0], press, nuisance)
-        got = tabled.see(problem, macro, press, nuisance).value
+        got = see(tabled, problem, macro, press, nuisance).value
         # Of images of one total, the sharper has the larger sum of squares.
         assert (raw**2).sum() > 1.002 * (expected**2).sum()
         assert (got**2).sum() == pytest.approx((expected**2).sum(), rel=1e-3)
@@ -193,16 +194,16 @@ class TestTable:
         self, problem: FitProblem, tabled: SkinTable, truth: Truth
     ) -> None:
         macro, press, nuisance = _pairs(problem, _macro(truth) + np.array([0.1e-3, 0.1e-3, 0.01, 0.1, 0.0]))
-        seen = tabled.see(problem, macro, press, nuisance)
+        seen = see(tabled, problem, macro, press, nuisance)
         slopes = [seen.by_centre[..., 0], seen.by_centre[..., 1], seen.by_alpha, -seen.by_log_ratio]
         for i, (step, slope) in enumerate(zip((1e-6, 1e-6, 1e-4, 1e-3), slopes, strict=True)):
             shift = step * np.eye(5)[i]
-            ahead, behind = (tabled.see(problem, macro + s, press, nuisance).value for s in (shift, -shift))
+            ahead, behind = (see(tabled, problem, macro + s, press, nuisance).value for s in (shift, -shift))
             assert slope == pytest.approx((ahead - behind) / (2 * step), abs=0.02 * np.abs(slope).max())
         slopes = [seen.by_contact[..., 0], seen.by_contact[..., 1], seen.by_log_ratio]
         for i, (step, slope) in enumerate(zip((1e-6, 1e-6, 1e-3), slopes, strict=True)):
             shift = step * np.eye(3)[i]
-            ahead, behind = (tabled.see(problem, macro, press, nuisance + s).value for s in (shift, -shift))
+            ahead, behind = (see(tabled, problem, macro, press, nuisance + s).value for s in (shift, -shift))
             assert slope == pytest.approx((ahead - behind) / (2 * step), abs=0.02 * np.abs(slope).max())
 
     def test_spreads_as_the_kernels_do(self, problem: FitProblem, truth: Truth) -> None:
@@ -212,9 +213,9 @@ class TestTable:
         reach = TableReach(0.2e-3, 0.02, 0.2, levels=3, step_m=0.3e-3)
         tabled = _tabled(few, macro[0], reach)
         kernels = Neighbourhood.around(macro[0], spread).images(few)
-        expected = kernels.see(few, macro, press, nuisance).value
-        got = tabled.spread(spread).see(few, macro, press, nuisance).value
-        plain = tabled.see(few, macro, press, nuisance).value
+        expected = see(kernels, few, macro, press, nuisance).value
+        got = see(tabled.spread(spread), few, macro, press, nuisance).value
+        plain = see(tabled, few, macro, press, nuisance).value
         assert np.abs(plain - expected).max() > 0.02
         assert np.abs(got - expected).max() < 0.004
         assert tabled.spread(0.0) is tabled
@@ -228,7 +229,7 @@ class TestTable:
         expected = _direct(cone, macro[0], press, nuisance)
         flat = replace(tabled, shares=tabled.shares * np.r_[np.ones(tabled.shares.shape[-1] - 2), 0.0, 0.0])
         error, without = (
-            np.sqrt(((t.see(cone, macro, press, nuisance).value - expected) ** 2).mean())
+            np.sqrt(((see(t, cone, macro, press, nuisance).value - expected) ** 2).mean())
             for t in (tabled, flat)
         )
         assert error < 1e-3
@@ -242,7 +243,8 @@ class TestTable:
         parts = _tabled(problem, macro, reach)
         many, press, nuisance = _pairs(problem, macro)
         assert (
-            whole.see(problem, many, press, nuisance).value == parts.see(problem, many, press, nuisance).value
+            see(whole, problem, many, press, nuisance).value
+            == see(parts, problem, many, press, nuisance).value
         ).all()
 
     def test_serves_a_problem_without_some_of_its_presses(
@@ -251,8 +253,9 @@ class TestTable:
         keep = np.arange(len(problem)) != 1
         fewer = problem.subset(keep, "glitch")
         macro = np.tile(_macro(truth), (len(fewer), 1))
-        got = tabled.see(fewer, macro, np.arange(len(fewer)), np.zeros((len(fewer), 3))).value
-        all_ = tabled.see(
+        got = see(tabled, fewer, macro, np.arange(len(fewer)), np.zeros((len(fewer), 3))).value
+        all_ = see(
+            tabled,
             problem,
             np.tile(macro[0], (len(problem), 1)),
             np.arange(len(problem)),

@@ -46,7 +46,8 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
             tables, problem.weight[k], problem.values[k], np.array(at[:1]), np.array(at[1:]), turn, before
         )
         slack = np.zeros(2)
-        q = descend(tables, problem.weight[k], problem.values[k], at, turn, settings, slack, image)
+        given = tables, problem.weight[k], problem.values[k], at, turn, settings
+        q = descend(*given, slack, image, np.empty(layout.taxels))
         assert np.abs(slack).max() <= 0.5e-3
         # The lattice is read at its nearest node.
         assert q <= 4.0 * before[0, 0] * 1.05 + 1.0

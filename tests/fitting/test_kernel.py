@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.images import KernelImages
-from skincal.fitting.lookup import at_level, cubic
+from skincal.fitting.lookup import cubic
 from skincal.model import (
     Contacts,
     Converter,
@@ -20,6 +20,7 @@ from skincal.model import (
     Surface,
     TaxelLayout,
 )
+from tests.fitting.looking import at_level, shares
 
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 UNEVEN = TaxelLayout(
@@ -63,7 +64,7 @@ def test_images_agree_with_the_skin_model(surface: Surface, indenter: Indenter, 
     images = KernelImages(
         surface, (indenter,), layout, np.radians([5.0, 10.0]), (ratios.min() - 0.1, ratios.max() + 0.1)
     )
-    got = images.shares(uv, np.full(12, alpha), ratios, np.zeros(12, dtype=np.intp))
+    got = shares(images, uv, np.full(12, alpha), ratios, np.zeros(12, dtype=np.intp))
     assert expected.max() > 0.3
     # A flat punch's pressure ends in a step, which a lattice of 0.1 mm blurs; a sphere's does not.
     tolerance = 0.06 if isinstance(indenter, FlatPunch) else 0.01
@@ -78,15 +79,15 @@ def test_derivatives_agree_with_finite_differences() -> None:
     n = 40
     uv, alpha = rng.uniform(-6e-3, 6e-3, (n, 2)), rng.uniform(-0.08, 0.08, n)
     ratio, kind = rng.uniform(-20.5, -19.0, n), np.zeros(n, dtype=np.intp)
-    got = images.shares(uv, alpha, ratio, kind)
+    got = shares(images, uv, alpha, ratio, kind)
     for name, du, da, dr in (
         ("by_u", [2e-6, 0], 0, 0),
         ("by_v", [0, 2e-6], 0, 0),
         ("by_alpha", [0, 0], 1e-3, 0),
         ("by_log_ratio", [0, 0], 0, 1e-3),
     ):
-        ahead = images.shares(uv + du, alpha + da, ratio + dr, kind).value
-        behind = images.shares(uv - du, alpha - da, ratio - dr, kind).value
+        ahead = shares(images, uv + du, alpha + da, ratio + dr, kind).value
+        behind = shares(images, uv - du, alpha - da, ratio - dr, kind).value
         slope = (ahead - behind) / (2 * (sum(du) + da + dr))
         analytic = getattr(got, name)
         assert np.abs(slope - analytic).max() < 0.02 * np.abs(analytic).max(), name
@@ -104,7 +105,7 @@ def test_one_level_gives_the_same_images_as_the_whole_table() -> None:
     for k, (u, v) in enumerate(uv):
         at_level(level.planes, images.size_of, LAYOUT.centres_m, images.lattice, u, v, k, out[k])
     value, by_u, by_v = out.transpose(1, 0, 2)
-    whole = images.shares(uv, np.zeros(30), ratio, kind)
+    whole = shares(images, uv, np.zeros(30), ratio, kind)
     assert value == pytest.approx(whole.value, abs=1e-5)
     assert by_u == pytest.approx(whole.by_u, abs=0.02)
     assert by_v == pytest.approx(whole.by_v, abs=0.02)
@@ -114,9 +115,9 @@ def test_spread_keeps_the_force_and_widens_the_contact() -> None:
     tight = TaxelLayout.grid(9, 9, taxel_size_m=0.001, pitch_m=0.001)
     where = (np.zeros((1, 2)), np.zeros(1), np.array([-19.5]), np.zeros(1, dtype=np.intp))
     plain, spread = (
-        KernelImages(Plane(), (Sphere(0.006),), tight, np.zeros(1), (-20.0, -19.0), spread_m=s)
-        .shares(*where)
-        .value[0]
+        shares(
+            KernelImages(Plane(), (Sphere(0.006),), tight, np.zeros(1), (-20.0, -19.0), spread_m=s), *where
+        ).value[0]
         for s in (0.0, 0.5e-3)
     )
     assert spread.sum() == pytest.approx(plain.sum(), rel=0.02)

@@ -21,7 +21,7 @@ def test_expected_counts_are_the_mean_of_many_frames(sigma: float, integer: bool
 
 
 @given(st.floats(0.02, 6.0), st.floats(-0.5, 0.5))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_interpolation_of_many_values_is_that_of_each(sigma: float, shift: float) -> None:
     values = np.linspace(-12 * sigma - 2, 300.0, 30_000) + shift
     some = values[:: len(values) // 60]

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skincal.fitting.conclude import as_told
 from skincal.fitting.errors import FitError
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import evaluate, settle
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
-from skincal.fitting.robust import dead_taxels, glitches, weak_taxels
+from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.seen import from_patch, to_patch
 from skincal.fitting.tasks import Neighbourhood
@@ -103,6 +104,33 @@ def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: T
     assert np.isfinite(peak.log_evidence)
 
 
+def test_gains_are_free_beside_a_scale_of_the_taxels_as_they_are(problem: FitProblem, peak: Peak) -> None:
+    dead = problem.without_taxels(np.arange(16) == 3)
+    way = dead.shared.directions(dead.alive)
+    assert way.shape == (len(dead.shared.theta), len(dead.shared.theta) - 2)
+    assert way.T @ way == pytest.approx(np.eye(way.shape[1]), abs=1e-12)
+    assert np.abs(way[:16].sum(axis=0)).max() < 1e-12 and np.abs(way[3]).max() == 0.0
+    assert peak.theta[:16].mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_draws_have_what_presses_leave_open_whatever_they_are(problem: FitProblem, peak: Peak) -> None:
+    """The mean gain of 16 taxels, and a pose that is another at other forces."""
+    rng = np.random.default_rng(0)
+    theta = np.zeros_like(peak.theta)
+    by_force = int(np.argmax(problem.shared.fading))
+    theta[32 + by_force] = 1e-4  # across
+    bent = problem.with_shared(theta)
+    same = np.tile(np.concatenate([peak.macro, np.log(peak.sigmas)]), (4000, 1))
+    told = as_told(bent, same, rng) - same
+    assert told[:, 4].std() == pytest.approx(peak.sigmas[4] / 4, rel=0.05)
+    half = 1e-4 * problem.shared.fading[by_force]
+    others = 1e-4 * math.sqrt(2 / len(problem))
+    assert half > 1e-4
+    assert told[:, 0].mean() == pytest.approx(half / 2, abs=1e-5)
+    assert told[:, 0].std() == pytest.approx(math.hypot(half / math.sqrt(12), others), rel=0.05)
+    assert np.abs(told[:, 1:4]).max() == 0.0
+
+
 def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
     """Ten like presses on five large taxels, images of another law: no noise, and the box bounds what is not told."""
     cross = 6e-3 * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
@@ -145,6 +173,24 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
     assert list(spoilt.rows[glitches(spoilt, peak)]) == [row]
     clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
     assert not glitches(honest, clean).any()
+
+
+def test_a_reading_that_dropped_out_is_left_out_and_its_press_is_not(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=45, seed=4)
+    unclipped = replace(rig(), readout=Readout(None, None, False))
+    counts = presses.counts + 20.0
+    honest = pose_problem(unclipped, replace(presses, counts=counts.copy()))
+    dark = int(honest.rows[0]), int(np.argmin(honest.values[0]))
+    counts[dark] = 0.0
+    spoilt = pose_problem(unclipped, replace(presses, counts=counts))
+    start = _macro(truth)
+    peak = climb(spoilt, Neighbourhood.around(start).images(spoilt), BOUNDS, start)
+    lost = lost_readings(spoilt, peak)
+    assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
+    left = spoilt.without_readings(lost)
+    assert left.used.sum() == spoilt.used.sum() - 1 and left.alive.all()
+    clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
+    assert not lost_readings(honest, clean).any()
 
 
 def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:

@@ -11,7 +11,7 @@ from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, pose_problem
 from skincal.fitting.readings import Link
 from skincal.fitting.result import PARAMETERS, FitResult
-from skincal.fitting.shared import smooth_basis
+from skincal.fitting.shared import smooth_field
 from skincal.fitting.solve import plan_fit, solve
 from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
 
@@ -19,7 +19,7 @@ FLOAT = Readout(None, None, False)
 SUBTRACTED = Readout(None, None, False, rest_subtracted=True)
 
 
-def values_of(seed: int, presses: int = 50) -> PressTable:
+def values_of(seed: int, presses: int = 30) -> PressTable:
     """Presses with the exact values of the skin above rest, and positions off by half a millimetre."""
     return make_session(presses=presses, seed=seed, noise=0.0)[0]
 
@@ -69,7 +69,7 @@ def test_a_simulator_without_noise() -> None:
 
 
 def test_a_busy_taxel_rests_elsewhere_than_the_others() -> None:
-    table = values_of(6)
+    table = values_of(6, 50)
     rng = np.random.default_rng(7)
     levels = 600.0 + 20.0 * rng.standard_normal(16)
     busy = int(np.argmax((table.counts > 5).sum(axis=0)))
@@ -102,8 +102,30 @@ def test_a_link_has_the_mean_and_slope_of_clipped_noise() -> None:
 
 def test_smooth_errors_have_no_part_that_a_pose_takes_up() -> None:
     rng = np.random.default_rng(0)
-    basis = smooth_basis(*rng.uniform(-7e-3, 7e-3, (2, 40)))
-    assert basis.shape == (40, 5)
+    places, force, rows = rng.uniform(-7e-3, 7e-3, (40, 2)), rng.uniform(1.0, 4.0, 40), np.arange(40)
+    basis, fading = smooth_field(places, force, np.empty((40, 0)), rows)
+    assert basis.shape == (40, 6)
     assert np.abs(basis.mean(axis=0)).max() < 1e-12
-    assert basis.T @ basis / 40 == pytest.approx(np.eye(5), abs=1e-9)
-    assert smooth_basis(np.zeros(40), np.zeros(40)).shape == (40, 0)
+    assert basis.T @ basis / 40 == pytest.approx(np.eye(6), abs=1e-9)
+    # An error of 0.1 mm/N is half as large at half of the force.
+    error = 1e-4 * force
+    found = np.linalg.lstsq(np.column_stack([np.ones(40), basis]), error, rcond=None)[0]
+    assert found[1:] @ fading == pytest.approx(error.mean() / 2, rel=0.02)
+    at_one_place = smooth_field(np.zeros((40, 2)), np.ones(40), np.empty((40, 0)), rows)[0]
+    assert at_one_place.shape == (40, 0)
+
+
+def test_a_smooth_error_is_told_from_the_mean_of_all_presses_and_of_their_postures() -> None:
+    rng = np.random.default_rng(1)
+    places, force = rng.uniform(-7e-3, 7e-3, (60, 2)), rng.uniform(1.0, 4.0, 60)
+    bent = np.where(np.arange(60) % 2, 0.2, -0.2) + 0.01 * rng.standard_normal(60)
+    # One joint follows the place, as joints do; the other tells which of two postures it was.
+    joints = np.column_stack([places[:, 0] / 0.06, bent])
+    fitted = np.flatnonzero(places[:, 0] > -3e-3)
+    basis, _ = smooth_field(places, force, joints, fitted)
+    assert basis.shape == (len(fitted), 7)
+    error = 1e-3 * bent + 0.02 * places[:, 0]
+    found = np.linalg.lstsq(np.column_stack([np.ones(len(fitted)), basis]), error[fitted], rcond=None)[0]
+    everywhere = 1e-3 * bent + 0.02 * np.maximum(places[:, 0], places[fitted, 0].min())
+    assert found[0] == pytest.approx(everywhere.mean(), abs=2e-6)
+    assert abs(error[fitted].mean() - everywhere.mean()) > 1e-5

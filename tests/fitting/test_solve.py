@@ -101,7 +101,7 @@ def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(fitted: FitResul
 
 def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, seed=11)[0])
-    result = _fit(problem, options=replace(QUICK, bound_counts2=25.0))
+    result = _fit(problem, options=replace(FEW_DRAWS, bound_counts2=25.0))
     grid, inside = result.grid.grid, result.grid.mse_counts2 <= 25.0
     assert result.bound == "fixed" and result.valley_mse_counts2 == 25.0
     y = grid.y_m[inside.any(axis=(0, 1, 2))]
@@ -172,7 +172,7 @@ def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
     once = find(replace(result, effective_draws=1.2), dropped=0)
     assert not once.told
     told = next(f for f in once.findings if f.code == "few_draws")
-    assert "worth only 1 independent one: they do not tell" in told.text
+    assert "worth only 1 independent one: too few" in told.text
 
 
 def _some(presses: PressTable, rows: np.ndarray) -> PressTable:
@@ -212,7 +212,7 @@ def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
 
 
 def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
-    presses, _ = make_session(truth, presses=90, seed=14)
+    presses, _ = make_session(truth, presses=60, seed=14)
     counts = presses.counts.copy()
     counts[:, 6] = (counts[:, 6] - 0.4) * 0.8 + 0.4
     weak = PressTable(

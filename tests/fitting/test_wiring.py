@@ -80,6 +80,25 @@ def test_gains_dead_and_leaking_taxels_are_no_order(seed: int):
     assert order_of(replace(table, counts=counts)) is None
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_exchanged_lines_with_dark_taxels(axis: int):
+    """Taxels that no press reaches go with their row or column, though their own traces do not say so."""
+    table, _ = make_session(presses=60)
+    order = np.take(IMAGE, [1, 0, 2, 3], axis=axis).ravel()
+    counts = table.counts.copy()
+    dark = IMAGE[:2, :2].ravel()[1:3]
+    counts[:, dark] = counts.min()
+    found = order_of(replace(table, counts=counts[:, np.argsort(order)]))
+    assert found is not None and found.order.tolist() == order.tolist()
+
+
+def test_banks_of_rows():
+    table, _ = make_session(presses=60)
+    order = IMAGE[[0, 2, 1, 3]][:, [0, 2, 1, 3]].ravel()
+    found = order_of(replace(table, counts=table.counts[:, np.argsort(order)]))
+    assert found is not None and found.order.tolist() == order.tolist()
+
+
 def test_a_taxel_that_is_not_read_is_no_order():
     table, _ = make_session(presses=40)
     counts = table.counts.copy()

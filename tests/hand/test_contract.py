@@ -14,7 +14,7 @@ import pytest
 from hand_fakes import FakeHand, changed, tiny_description
 from test_replay import recorded
 
-from skincal.hand import remote, replay
+from skincal.hand import remote, replay, trial
 from skincal.hand.contract import ContractOptions, ContractReport, run_contract
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.remote import RemoteDriver
@@ -299,3 +299,28 @@ def test_an_interrupted_test_says_that_the_hand_was_stopped() -> None:
     with pytest.raises(KeyboardInterrupt) as caught:
         run_contract("pressed", Pressed, QUICK, interrupt)
     assert caught.value.__notes__ == ["The hand was stopped."]
+
+
+def test_a_driver_without_a_name_passes() -> None:
+    class Nameless(FakeHand):
+        @property
+        def name(self) -> str:  # type: ignore[override]
+            raise AttributeError("name")
+
+    assert run_contract("nameless", Nameless, GOOD).ok
+
+
+def test_a_hand_that_does_not_stop_at_the_end_fails_the_check() -> None:
+    report = run_contract("on", lambda: FakeHand(hang={"stop": 1.0}, after=0), QUICK)
+    sound = next(r for r in report.results if r.name == "states are sound")
+    assert sound.status == "failed" and "Cut the hand's power" in sound.got
+
+
+def test_a_driver_that_is_never_made_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trial, "CONNECT_S", 0.05)
+
+    def hangs() -> FakeHand:
+        time.sleep(1.5)
+        return FakeHand()
+
+    assert run_contract("hangs", hangs, QUICK).count("failed") > 10

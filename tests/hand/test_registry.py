@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from asyncio import CancelledError
 from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -105,6 +106,13 @@ def test_a_driver_that_cannot_be_imported_or_made(tmp_path: Path, monkeypatch: p
         create_driver("needing_hand:Hand")
     monkeypatch.setattr(OptionHand, "__init__", lambda self: 1 / 0)
     with pytest.raises(WorkError, match="cannot be created: ZeroDivisionError"):
+        create_driver(NAME)
+
+    def cancelled(self: object) -> None:
+        raise CancelledError("no loop")
+
+    monkeypatch.setattr(OptionHand, "__init__", cancelled)
+    with pytest.raises(WorkError, match="cannot be created: CancelledError"):
         create_driver(NAME)
 
 

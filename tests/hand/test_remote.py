@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from hand_fakes import FakeHand, changed, tiny_description
 
+from benchmarks.lossy_proxy import Proxy, lossy
 from skincal.errors import InputError, WorkError
 from skincal.hand import remote, sockets
 from skincal.hand.driver import HandCommand
@@ -69,53 +70,6 @@ def served(hands: Hands, options: ServeOptions = SERVE, **more: Any) -> Iterator
             server.end()
             thread.join(5.0)
             assert not thread.is_alive()
-
-
-class Proxy:
-    """Stands between client and hand and mistreats messages: a function says what becomes of each."""
-
-    def __init__(self, address: str, fate: Callable[[Message, bool], list[float]]) -> None:
-        self._context = zmq.Context()
-        self._front = self._context.socket(zmq.ROUTER)
-        self._front.linger = 0
-        port = self._front.bind_to_random_port("tcp://127.0.0.1")
-        self.address = f"tcp://127.0.0.1:{port}"
-        self._back, self._fate, self._to = {}, fate, address
-        self._late: list[tuple[float, Any, list[bytes]]] = []
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-
-    def __enter__(self) -> Proxy:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
-        self._context.destroy(linger=0)
-
-    def _run(self) -> None:
-        while not self._end.is_set():
-            if self._front.poll(1):
-                client, data = self._front.recv_multipart()
-                if client not in self._back:
-                    socket = self._context.socket(zmq.DEALER)
-                    socket.linger = 0
-                    socket.connect(self._to)
-                    self._back[client] = socket
-                self._post(self._back[client], [data], forth=True)
-            for client, socket in self._back.items():
-                while socket.poll(0):
-                    self._post(self._front, [client, socket.recv()], forth=False)
-            now = time.monotonic()
-            for item in [item for item in self._late if item[0] <= now]:
-                self._late.remove(item)
-                item[1].send_multipart(item[2])
-
-    def _post(self, socket: Any, parts: list[bytes], *, forth: bool) -> None:
-        kinds = ("hello", "observe", "act", "stop", "bye", *REPLIES)
-        for delay_s in self._fate(decode(parts[-1], kinds), forth):
-            self._late.append((time.monotonic() + delay_s, socket, parts))
 
 
 def drive(hand: GuardedHand, periods: int) -> list[float]:
@@ -173,6 +127,17 @@ def test_latency_is_borne() -> None:
         with GuardedHand(RemoteDriver(proxy.address)) as hand:
             drive(hand, 5)
         assert len(hands.last.commands) == 5
+
+
+def test_a_slow_and_lossy_link_is_borne() -> None:
+    hands = Hands()
+    options = ServeOptions(watchdog_s=3.0, command_age_s=2.0)
+    with served(hands, options) as server, Proxy(server.address, lossy(0.02, 0.05, seed=1)) as proxy:
+        driver = RemoteDriver(proxy.address, silence_s=2.0)
+        with GuardedHand(driver, GuardOptions(timeout_s=3.0)) as hand:
+            times = drive(hand, 20)
+        np.testing.assert_allclose(np.diff(times), 0.01)
+        assert len(hands.last.commands) == 20
 
 
 def test_a_late_command_is_refused_and_stops_the_hand() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from asyncio import CancelledError
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -65,6 +66,7 @@ ODD: dict[str, tuple[Callable[[StageState], Any], str]] = {
     "counts beyond the converter": (lambda state: replace(state, taxels=np.full(16, 1e9)), "taxels"),
     "half a count": (lambda state: replace(state, taxels=np.full(16, 0.5)), "taxels"),
     "force": (lambda state: replace(state, force_n=13.0), "force"),
+    "another place": (lambda state: replace(state, position_m=np.array([0.008, 0.0, 0.01])), "velocity"),
     "place": (lambda state: replace(state, position_m=np.array([0.0, 0.0, 0.03])), "joint_limit"),
 }
 
@@ -86,6 +88,15 @@ def test_a_taxel_may_be_dead() -> None:
     stage = Stage(lambda state: replace(state, taxels=np.where(np.arange(16) == 3, np.nan, 7.0)))
     with stage.guarded() as guarded:
         guarded.observe()
+
+
+def test_taxels_that_are_silent_stop_the_stage() -> None:
+    stage = Stage(lambda state: replace(state, taxels=np.full(16, math.nan)))
+    with pytest.raises(HandError, match="no taxel has responded") as caught, stage.guarded() as guarded:
+        for _ in range(100):
+            stage.go_on(0.01, 0.01)
+            guarded.observe()
+    assert caught.value.kind == "taxels"
 
 
 def test_states_that_come_late_are_noticed() -> None:
@@ -113,7 +124,7 @@ def test_no_command_is_faster_than_the_stage(rig_s: float, own_s: float) -> None
 
 def test_random_sequences_keep_the_speed() -> None:
     rng = np.random.default_rng(4)
-    for _ in range(300):
+    for _ in range(100):
         stage = Stage()
         with stage.guarded() as guarded:
             guarded.observe()
@@ -216,5 +227,36 @@ def test_a_driver_that_exits_fails_the_checks() -> None:
     def make() -> StageSim:
         raise SystemExit(0)
 
-    for made in (Exits, make):
+    def cancelled() -> StageSim:
+        raise CancelledError
+
+    for made in (Exits, make, cancelled):
         assert not run_stage_checks("exits", made, move=False).ok
+
+
+def test_a_driver_that_hangs_fails_the_checks() -> None:
+    class Hangs(StageSim):
+        closed = False
+
+        def close(self) -> None:
+            if self.closed:
+                time.sleep(1.5)
+            self.closed = True
+
+    def make() -> StageSim:
+        time.sleep(1.5)
+        return StageSim()
+
+    for made in (Hangs, make):
+        report = run_stage_checks("hangs", made, move=False, guard=replace(QUICK, connect_timeout_s=0.1))
+        assert next(one for one in report.results if one.name == "stops").status == "failed"
+
+
+def test_checks_allow_limits_that_somebody_allows() -> None:
+    class Fast(StageSim):
+        @property
+        def description(self) -> StageDescription:
+            return replace(RIG, max_speed_m_per_s=5.0)
+
+    assert not run_stage_checks("fast", Fast, move=False).ok
+    assert run_stage_checks("fast", Fast, move=False, guard=GuardOptions(beyond_limits=True)).ok

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_
 from tests.imports.foreign import mapping, write_mapping
 
 RATE_HZ = 50.0
+EPOCH_S = 1_763_683_170
 FOUND = contacts()
 TIME = np.arange(0, FOUND.end_s, 1 / RATE_HZ)
 TABLE = pd.concat([taxel_table(FOUND, TIME), gauge_table(FOUND, TIME)], axis=1)
@@ -91,8 +93,73 @@ def test_dates_of_a_format(tmp_path: Path):
     back, _ = bring(tmp_path, words, {"unit": "datetime", "format": "%d.%m.%Y %H:%M:%S.%f"})
     assert_same(back)
     (tmp_path / "b").mkdir()
-    with pytest.raises(InputError, match="need a format"):
+    with pytest.raises(InputError, match=r'Set format = "%d\.%m\.%Y %H:%M:%S\.%f"'):
         bring(tmp_path / "b", words, {"unit": "datetime"})
+
+
+@pytest.mark.parametrize(
+    ("period", "unit", "per_s"),
+    [(2**31, "us", 1e6), (2**30, "us", 1e6), (10**6, "us", 1e6), (60_000, "ms", 1e3), (604_800, "s", 1)],
+)
+def test_rare_clocks_that_wrap(tmp_path: Path, period: int, unit: str, per_s: float):
+    back, done = bring(tmp_path, (TIME - 10) * per_s % period, {"unit": unit})
+    assert_same(back)
+    assert any(f"wraps at {period}" in problem.got for problem in done.warnings)
+
+
+def test_wrap_in_a_pause(tmp_path: Path):
+    """Nothing was recorded for minutes, here and elsewhere: the counter came round meanwhile."""
+    stamps = TIME + 900.0 * (np.arange(len(TIME)) // 300)
+    counter = (stamps * 1e6 - stamps[900] * 1e6 + 3e8) % 2**32
+    wraps = find_wraps(counter, 1e-6)
+    assert wraps is not None and wraps.period == 2**32 and wraps.rows.tolist() == [900]
+    # The second half lies among the values of the first: sorted, their samples would be mixed.
+    assert counter[900:].max() > counter[:900].min()
+
+
+def test_seconds_and_nanoseconds(tmp_path: Path):
+    table = TABLE.assign(sec=np.floor(EPOCH_S + TIME), nsec=np.rint(TIME % 1 * 1e9))
+    table.to_csv(tmp_path / "a.csv", index=False)
+    content = mapping(
+        PLANE, ONE_FILE, columns={"time_s": {"column": None, "columns": ["sec", "nsec"], "unit": "s"}}
+    )
+    with pytest.raises(InputError, match=r'a unit for each column, like \["s", "ns"\]'):
+        import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
+    content["columns"]["time_s"]["unit"] = ["s", "ns"]
+    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
+    assert_same(read_dataset(tmp_path / "out"))
+
+
+def test_date_and_time_of_day_in_two_columns(tmp_path: Path):
+    moments = pd.Timestamp("2026-11-20 23:59:50") + pd.to_timedelta(TIME, unit="s")
+    table = TABLE.assign(date=moments.strftime("%d.%m.%Y"), clock=moments.strftime("%H:%M:%S.%f"))
+    table.to_csv(tmp_path / "a.csv", index=False)
+    time = {
+        "column": None,
+        "columns": ["date", "clock"],
+        "unit": "datetime",
+        "format": "%d.%m.%Y %H:%M:%S.%f",
+    }
+    content = mapping(PLANE, ONE_FILE, columns={"time_s": time})
+    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
+    assert_same(read_dataset(tmp_path / "out"))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "unit", "text"),
+    [
+        (TIME, "ms", 'They seem to be in "s"'),
+        (TIME * 1e6, "s", 'They seem to be in "us"'),
+        (np.float32(EPOCH_S) + 0 * TIME, "s", "stamps that grow from row to row"),
+        (TIME[::-1], "s", 'The last row is the first event: set order = "time"'),
+        (115950.0 + TIME + 4040 * (TIME >= 10), "s", 'format = "%H%M%S.%f"'),
+    ],
+)
+def test_stamps_that_are_not_what_they_are_said_to_be(
+    tmp_path: Path, stamps: np.ndarray, unit: str, text: str
+):
+    with pytest.raises(InputError, match=re.escape(text)):
+        bring(tmp_path, stamps, {"unit": unit})
 
 
 def test_missing_stamps_are_filled(tmp_path: Path):

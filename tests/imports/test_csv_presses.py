@@ -280,6 +280,13 @@ def test_volts_become_newtons_by_scale_and_offset(tmp_path: Path, original: Data
     np.testing.assert_allclose(back.presses.force_n, original.presses.force_n, rtol=1e-12)
 
 
+def test_other_columns_have_the_unit_that_their_name_ends_in(tmp_path: Path, original: Dataset):
+    table = press_table(original).assign(depth=0.8, drive=3.0)
+    columns = {"depth_m": {"column": "depth", "unit": "mm"}, "drive_m": {"column": "drive"}}
+    back = bring(tmp_path, table, mapping(PRESS_ROWS, columns=columns))
+    assert set(back.presses.columns["depth_m"]) == {8e-4} and set(back.presses.columns["drive_m"]) == {3.0}
+
+
 def test_unknown_positions_need_no_columns(tmp_path: Path, original: Dataset):
     content = mapping(
         PRESS_ROWS,
@@ -326,7 +333,7 @@ def test_wrong_delimiter_is_named(tmp_path: Path, original: Dataset):
     found = refused(
         tmp_path, press_table(original), mapping(PRESS_ROWS, csv={"delimiter": ",", "decimal": "."})
     )
-    assert any('Set delimiter in [csv] to ";"' in text for text in found)
+    assert any('set delimiter = ";"' in text for text in found)
 
 
 def test_every_bad_cell_is_named_at_once(tmp_path: Path, original: Dataset):

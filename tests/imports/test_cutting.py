@@ -20,7 +20,7 @@ def trapeze(
     return time, np.interp(time, [0, ramp_s, ramp_s + hold_s, 2 * ramp_s + hold_s], [0, level, level, 0])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     level=st.floats(0.3, 20),
     ramp_s=st.floats(0.05, 2.0),
@@ -76,7 +76,7 @@ def test_no_contact_goes_from_one_file_to_the_next():
     assert [(span.start, span.stop) for span in found.spans] == [(0, 20), (20, 40)]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.booleans(), max_size=30))
 def test_runs_are_the_stretches(mask: list[bool]):
     found = runs(np.array(mask, dtype=bool))

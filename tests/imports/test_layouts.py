@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import io
+import json
 import pickle
 from pathlib import Path
 from typing import Any
@@ -112,6 +114,115 @@ def test_blocks_with_the_time_above_them(tmp_path: Path):
     assert_weights(bring(tmp_path, file, content))
 
 
+def test_blocks_below_a_time_of_day(tmp_path: Path):
+    stamps = pd.to_datetime(TIME, unit="s").strftime("%H:%M:%S.%f")
+    lines = [
+        f"Frame {n} {s}\n{_rows(image)}\n" for n, (s, image) in enumerate(zip(stamps, IMAGES, strict=True))
+    ]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    time = {"column": "moment", "unit": "datetime"}
+    content = mapping(PLANE, WEIGHTS, csv={"layout": "blocks"}, columns={"time_s": time})
+    assert_weights(bring(tmp_path, tmp_path / "a.txt", content))
+
+
+@pytest.mark.parametrize("column", ["label[0]", "t"])
+def test_blocks_below_a_bare_number(tmp_path: Path, column: str):
+    before = "t," if column == "t" else ""
+    lines = [f"{before}{t:.2f}\n{_rows(image)}\n" for t, image in zip(TIME, IMAGES, strict=True)]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    content = mapping(
+        PLANE, WEIGHTS, csv={"layout": "blocks"}, columns={"time_s": {"column": column, "unit": "s"}}
+    )
+    assert_weights(bring(tmp_path, tmp_path / "a.txt", content))
+
+
+def test_blocks_of_printed_arrays_and_blank_cells(tmp_path: Path):
+    (tmp_path / "a.txt").write_text("\n".join(str(image.reshape(3, 3)) for image in IMAGES))
+    content = mapping(PLANE, WEIGHTS, csv={"layout": "blocks", "rate_hz": 50.0})
+    assert_weights(bring(tmp_path, tmp_path / "a.txt", content))
+    rows = [_rows(image).split("\n") for image in IMAGES]
+    text = "\n".join(f"Frame {n}\nB{first[first.index(','):]}\n{second}\n{third}\n"
+                     for n, (first, second, third) in enumerate(rows))  # fmt: skip
+    (tmp_path / "b.txt").write_text(text)
+    (tmp_path / "b").mkdir()
+    content["csv"]["missing"] = ["B"]
+    back = bring(tmp_path / "b", tmp_path / "b.txt", content)
+    assert np.isnan(back.frames.counts[:, 0]).all()
+    np.testing.assert_array_equal(back.frames.counts[:, 1:], IMAGES[:, 1:])
+
+
+def _rows(image: np.ndarray) -> str:
+    return "\n".join(",".join(map(str, row)) for row in image.reshape(3, 3))
+
+
+FLAT = pd.DataFrame(IMAGES).to_csv(index=False, header=False)
+ALL = pd.concat([pd.DataFrame({"t": TIME}), GAUGE, taxel_table(FOUND, TIME)], axis=1)
+LINES = ALL.head(50).to_csv(index=False).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("text", "counted", "advice"),
+    [
+        (FLAT.replace(",", " "), True, 'set delimiter = "whitespace"'),
+        (FLAT, True, "Line 1 holds 9 numbers: set header = false"),
+        ("3x3\n" + FLAT, True, "set skip_rows = 1 and header = false"),
+        ("\n".join(map(_rows, IMAGES)), True, 'set layout = "blocks" and block_rows = 3'),
+        (
+            "\n".join(["Device X", "Rate 50", *LINES]),
+            False,
+            "Its columns are named in line 3: set skip_rows = 2",
+        ),
+        ("\n".join(LINES).replace(",", ";"), False, 'Its columns are named in line 1: set delimiter = ";"'),
+        ("\n".join([LINES[0], "s,N,mm,mm" + ",-" * 9, *LINES[1:]]), False, "set skip_after_header = 1"),
+        ('t,F,px,py,skin\n0,1,2,3,"[1, 2]"\n', False, 'its elements are the columns "skin[0]"'),
+        ("t,row,col,value\n0,0,0,5\n", False, 'one row per taxel ("row", "col")'),
+    ],
+)
+def test_other_layouts_are_named(tmp_path: Path, text: str, counted: bool, advice: str):
+    (tmp_path / "a.csv").write_text(text)
+    by_number = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0, "header": advice.startswith("Line")})
+    content = by_number if counted else mapping(PLANE, ONE_FILE)
+    assert advice in refused(tmp_path, tmp_path / "a.csv", content)
+
+
+def test_rate_in_the_header_of_a_movie(tmp_path: Path):
+    (tmp_path / "a.asf").write_text("SECONDS_PER_FRAME 0.02\n" + frames_text())
+    content = mapping(PLANE, WEIGHTS, csv={"rate_hz": 10.0})
+    assert "rate_hz = 50 (its header says SECONDS_PER_FRAME 0.02)" in refused(
+        tmp_path, tmp_path / "a.asf", content
+    )
+
+
+def test_rows_that_end_in_a_delimiter_and_a_header_in_a_comment(tmp_path: Path):
+    lines = ALL.to_csv(index=False).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([f"# {lines[0]}", *(f"{line}," for line in lines[1:])]))
+    back = bring(tmp_path, tmp_path / "a.csv", mapping(PLANE, ONE_FILE))
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
+@pytest.mark.parametrize("kind", ["lines", "nested", "array", "table", "cells"])
+def test_json_and_lists_in_cells(tmp_path: Path, kind: str):
+    name, shape = ("skin[{r},{c}]", (3, 3)) if kind == "nested" else ("skin[{j}]", (9,))
+    samples = [
+        {"t": t, "ft": {"F": f}, "px": x, "py": y, "skin": image.reshape(shape).tolist()}
+        for t, f, x, y, image in zip(TIME, GAUGE.F, GAUGE.px, GAUGE.py, IMAGES, strict=True)
+    ]
+    force = "F" if kind == "cells" else "ft.F"
+    if kind in ("lines", "nested"):
+        text = "\n".join(map(json.dumps, samples))
+    elif kind == "array":
+        text = json.dumps(samples, indent=1)
+    elif kind == "table":
+        whole = {name: [sample[name] for sample in samples] for name in ("t", "px", "py", "skin")}
+        text = json.dumps(whole | {"ft": {"F": GAUGE.F.tolist()}})
+    else:
+        text = ALL[["t", "F", "px", "py"]].assign(skin=[str(image.tolist()) for image in IMAGES]).to_csv()
+    (tmp_path / "a.json").write_text(text)
+    content = mapping(PLANE, ONE_FILE, taxels={"columns": name}, columns={"force_n": {"column": force}})
+    back = bring(tmp_path, tmp_path / "a.json", content)
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
 def test_block_that_is_cut_short(tmp_path: Path):
     file = tmp_path / "movie.asf"
     file.write_text("\n".join(frames_text().splitlines()[:-2]))
@@ -156,7 +267,10 @@ ARRAYS = {
 }
 
 
-@pytest.mark.parametrize("kind", ["npz", "mat", "mat struct", "mat rows", "h5", "parquet", "cubes"])
+@pytest.mark.parametrize(
+    "kind", ["npz", "mat", "mat struct", "mat rows", "mat cells", "mat frames", "mat v4", "h5", "parquet", "feather",
+             "cubes"],
+)  # fmt: skip
 def test_arrays(tmp_path: Path, kind: str):
     content = mapping(PLANE, ARRAYS)
     file = tmp_path / f"data.{'npz' if kind == 'cubes' else kind.split()[0]}"
@@ -171,8 +285,16 @@ def test_arrays(tmp_path: Path, kind: str):
 
         if kind == "mat rows":
             held["skin"] = IMAGES.T
-        savemat(file, {"run": held} if kind == "mat struct" else held)
-        if kind == "mat struct":
+        if kind == "mat cells":
+            cells = np.empty(len(IMAGES), dtype=object)
+            cells[:] = list(IMAGES)
+            held["skin"] = cells
+        if kind == "mat frames":  # an array of structures
+            columns = zip(*held.values(), strict=True)
+            held = [dict(zip(held, sample, strict=True)) for sample in columns]
+        named = kind in ("mat struct", "mat frames")
+        savemat(file, {"run": held} if named else held, format="4" if kind == "mat v4" else "5")
+        if named:
             content["taxels"]["columns"] = "run.skin[{j}]"
             for entry in content["columns"].values():
                 if "column" in entry:
@@ -188,11 +310,46 @@ def test_arrays(tmp_path: Path, kind: str):
                 entry["column"] = f"run/{entry['column']}"
     else:
         table = pd.concat([taxel_table(FOUND, TIME), GAUGE], axis=1).assign(t=TIME)
-        table.to_parquet(file)
+        table.set_index("t").to_parquet(file) if kind == "parquet" else table.to_feather(file)
         content = mapping(PLANE, ONE_FILE)
     back = bring(tmp_path, file, content)
     np.testing.assert_allclose(back.presses.force_n, FOUND.force_n, rtol=0.01)
     np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
+def test_matlab_7_3_with_cells_and_structures(tmp_path: Path):
+    """Names have slashes in such files, and dots in older ones."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as out:
+        for name, array in arrays().items():
+            out[f"run/{name}"] = array[None] if array.ndim == 1 else array.T
+            out[f"run/{name}"].attrs["MATLAB_class"] = np.bytes_("double")
+        del out["run/skin"]
+        for n, image in enumerate(IMAGES):
+            out[f"#refs#/{n}"] = image[:, None]
+            out[f"#refs#/{n}"].attrs["MATLAB_class"] = np.bytes_("double")
+        cells = out.create_dataset("run/skin", (1, len(IMAGES)), dtype=h5py.ref_dtype)
+        cells[0] = [out[f"#refs#/{n}"].ref for n in range(len(IMAGES))]
+    with (tmp_path / "a.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    content = mapping(PLANE, ARRAYS, taxels={"columns": "run.skin[0,{j}]"})
+    for entry in content["columns"].values():
+        if "column" in entry:
+            entry["column"] = f"run.{entry['column']}"
+    np.testing.assert_array_equal(bring(tmp_path, tmp_path / "a.mat", content).frames.counts, IMAGES)
+
+
+def test_one_file_with_two_clocks(tmp_path: Path):
+    slow = slice(None, None, 5)
+    np.savez(tmp_path / "a.npz", t=TIME, skin=IMAGES, tf=TIME[slow], F=GAUGE.F[slow],
+             place=GAUGE[["px", "py"]].to_numpy()[slow])  # fmt: skip
+    content = mapping(PLANE, ARRAYS)
+    assert "add the file to [files] as well" in refused(tmp_path, tmp_path / "a.npz", content)
+    content["files"] = {"gauge": {"file": "a.npz", "time": {"column": "tf", "unit": "s"}}}
+    for name in ("force_n", "x_m", "y_m"):
+        content["columns"][name]["file"] = "gauge"
+    back = bring(tmp_path, tmp_path / "a.npz", content)
+    np.testing.assert_allclose(back.presses.force_n, FOUND.force_n, rtol=0.01)
 
 
 def test_arrays_that_are_not_there(tmp_path: Path):
@@ -205,12 +362,33 @@ def test_arrays_that_are_not_there(tmp_path: Path):
     assert "expected columns of one length" in refused(tmp_path, tmp_path / "b.npz", mapping(PLANE, ARRAYS))
 
 
+@pytest.mark.parametrize("way", ["raw data", "virtual"])
+def test_hdf5_that_lies_in_another_file_is_refused(tmp_path: Path, way: str):
+    h5py = pytest.importorskip("h5py")
+    (tmp_path / "secret").write_bytes(b"12345678" * 4)
+    with h5py.File(tmp_path / "a.h5", "w") as out:
+        if way == "raw data":
+            out.create_dataset("t", (4,), "f8", external=[(str(tmp_path / "secret"), 0, 32)])
+        else:
+            with h5py.File(tmp_path / "b.h5", "w") as other:
+                other["t"] = np.arange(4.0)
+            layout = h5py.VirtualLayout((4,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "b.h5"), "t", (4,))
+            out.create_virtual_dataset("t", layout)
+    with pytest.raises(ValueError, match="another file"):
+        read_hdf5(tmp_path / "a.h5")
+
+
 def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)
     # Read here: an import reads it in a process of its own, which has the library.
     with pytest.raises(WorkError, match=r"pip install skincal\[hdf5\]"):
         read_hdf5(tmp_path / "a.h5")
+
+
+OBJECTS = io.BytesIO()
+np.save(OBJECTS, np.array([{}, None], dtype=object), allow_pickle=True)
 
 
 @pytest.mark.parametrize(
@@ -225,6 +403,7 @@ def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("a.fsx", b"\1\2\0\0\0\3", 'a binary file of an unknown kind (".fsx")'),
         ("a.mat", b"MATLAB 5.0 MAT-file" + bytes(30), "Was it cut short?"),
         ("a.npz", b"PK\x03\x04" + bytes(50), "Was it cut short?"),
+        ("a.npy", OBJECTS.getvalue(), "Python objects, which are not opened as they may run code"),
     ],
 )
 def test_other_files_are_refused_by_their_kind(tmp_path: Path, name: str, content: bytes, text: str):

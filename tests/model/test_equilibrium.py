@@ -13,7 +13,7 @@ from skincal.model import solve_penetration
 GAPS = arrays(np.float64, st.tuples(st.integers(1, 4), st.integers(1, 30)), elements=st.floats(0, 5e-3))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(GAPS, st.integers(0, 2**32 - 1), st.floats(1e-14, 1e-6))
 def test_the_stresses_carry_the_load(gap, seed, load):
     weight = np.random.default_rng(seed).uniform(1e-9, 1e-7, gap.shape)

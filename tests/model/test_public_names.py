@@ -10,7 +10,6 @@ NAMES = {
     "Cylinder",
     "FlatPunch",
     "Indenter",
-    "LoadDerivatives",
     "MeshIndenter",
     "MeshSurface",
     "Patch",
@@ -26,12 +25,9 @@ NAMES = {
     "StressLaw",
     "Surface",
     "TaxelLayout",
-    "along_surface",
     "contact_rotations",
-    "load_derivatives",
     "patch_cells",
     "solve_penetration",
-    "with_pose",
 }
 
 

@@ -260,6 +260,13 @@ def test_narrowing_compares_with_the_preset():
     assert np.isnan(by_path["skin.beta_deg"])
 
 
+def test_a_scale_of_another_converter_is_not_compared():
+    found = from_calibration(make_calibration())
+    rows = {row.path: row for row in narrowing(found, preset("iros24"), same_converter=False)}
+    assert rows["skin.scale_per_n"].published is None and np.isnan(rows["skin.scale_per_n"].ratio)
+    assert rows["skin.elasticity_pa_per_m"].published is not None
+
+
 def test_the_pose_of_a_flat_pad_is_not_compared_with_a_finger_s():
     flat = from_calibration(on_a_plane())
     rows = {row.path: row for row in narrowing(flat, preset("iros24"))}

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib as mpl
 import pytest
 from matplotlib.figure import Figure
 
@@ -28,3 +29,13 @@ def test_letters_that_a_font_lacks_become_boxes() -> None:
         assert _title(new_figure(3, 2, "Größe δ µ ß ± 5 €")) == "Größe δ µ ß ± 5 €"
         # A private letter, which no font that we name has.
         assert _title(new_figure(3, 2, "a\ue123b")) == "a□b"
+
+
+def test_settings_of_the_working_folder_do_not_matter() -> None:
+    """A ``matplotlibrc`` may come with a dataset; ``usetex`` would run a program."""
+    with style():
+        plain = png_bytes(new_figure(3, 2, "as it is"))
+    with mpl.rc_context({"text.usetex": True, "figure.facecolor": "red", "savefig.facecolor": "red"}):
+        with style():
+            figure = new_figure(3, 2, "as it is")
+        assert png_bytes(figure) == plain

@@ -7,9 +7,10 @@ import multiprocessing
 import gymnasium
 import numpy as np
 import pytest
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from skincal.train.environments import end, parallel
+vec_env = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs skincal[train]")
+
+from skincal.train.environments import end, parallel  # noqa: E402
 
 
 def make() -> gymnasium.Env:
@@ -19,7 +20,7 @@ def make() -> gymnasium.Env:
 @pytest.mark.parametrize("answered", [0, 1])
 def test_environments_end_though_an_answer_was_taken(answered: int):
     environments = parallel(make, 2, processes=True)
-    assert isinstance(environments, SubprocVecEnv)
+    assert isinstance(environments, vec_env.SubprocVecEnv)
     environments.reset()
     environments.step_async(np.zeros((2, 1), dtype=np.float32))
     for remote in environments.remotes[:answered]:
@@ -33,5 +34,5 @@ def test_environments_end_though_an_answer_was_taken(answered: int):
 
 def test_environments_in_this_process_are_closed():
     environments = parallel(make, 2)
-    assert isinstance(environments, DummyVecEnv)
+    assert isinstance(environments, vec_env.DummyVecEnv)
     end(environments)

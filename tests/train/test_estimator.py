@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
-from skincal.cli.main import main
 from skincal.deploy.estimate import estimate_error_m, estimated_places
 from skincal.deploy.record import Record
 from skincal.envs.needed import ranges_for
@@ -45,12 +45,6 @@ def small() -> Estimator:
 @pytest.fixture(scope="module")
 def bundled() -> Estimator:
     return read_estimator(estimator_path("marble-estimator-1"))
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return int(ended.value.code or 0)
 
 
 def test_the_gradient_is_that_of_the_loss() -> None:
@@ -194,3 +188,32 @@ def test_neither_a_learner_nor_gymnasium_is_needed() -> None:
         "import skincal.train.estimator_run, skincal.deploy.estimate, skincal.deploy.wear"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b'"layers": 3', b'"layers": Infinity'), (b'"layers": 3', b'"layers": ' + b"[" * 5000),
+        (b'"taxels": 16', b'"taxels": 1000000000000'), (b'"layers": 3', b'"layers": 0'),
+        (b'"seed": ', b'"seed": 1e999, "x": '),
+    ],
+    ids=["endless number", "endless nesting", "endless image", "no layers", "endless seed"],
+)  # fmt: skip
+def test_an_estimator_that_is_none_is_refused(tmp_path: Path, old: bytes, new: bytes) -> None:
+    with np.load(estimator_path("marble-estimator-1")) as file:
+        arrays = dict(file)
+    about = arrays["about"].tobytes()
+    assert old in about
+    arrays["about"] = np.frombuffer(about.replace(old, new), np.uint8)
+    np.savez(tmp_path / "e.npz", **arrays)
+    with pytest.raises(InputError, match=r"e\.npz"):
+        read_estimator(tmp_path / "e.npz")
+
+
+def test_an_estimator_of_odd_numbers_is_refused(tmp_path: Path) -> None:
+    with np.load(estimator_path("marble-estimator-1")) as file:
+        arrays = dict(file)
+    for name, array in (("bias_0", np.nan * arrays["bias_0"]), ("mean", np.zeros(2_000_000))):
+        np.savez_compressed(tmp_path / "e.npz", **{**arrays, name: array})
+        with pytest.raises(InputError, match=r"e\.npz"):
+            read_estimator(tmp_path / "e.npz")

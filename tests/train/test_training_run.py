@@ -55,6 +55,31 @@ def test_going_on_is_exact(tmp_path, backend):
         assert np.array_equal(one[column], other[column], equal_nan=True)
 
 
+@pytest.mark.parametrize("backend", ["sb3", JAX])
+def test_a_run_goes_on_from_a_policy(tmp_path, backend):
+    """The critics alone learn at first; then the policy does; an interruption changes nothing."""
+    first = read_policy(small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS, backend).policy)
+    work = replace(small_runs.work(backend), rounds_per_checkpoint=1)
+    held = work.settings.learning_starts
+    for name, stops in (("straight", (3 * held,)), ("twice", (held, 3 * held))):
+        begin(work, preset("iros24"), tmp_path / name, start=first)
+        for stop in stops:
+            tuned = read_policy(train(tmp_path / name, small_runs.make, stop).policy)
+            same = np.array_equal(first.network.weights[0], tuned.network.weights[0])
+            assert same == (stop == held)
+    assert tuned.description.start == "policy"
+    straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
+    assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+
+
+def test_a_run_does_not_go_on_from_another_kind_of_policy(tmp_path):
+    first = read_policy(small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS).policy)
+    work = replace(small_runs.work(), settings=Settings())
+    with pytest.raises(InputError, match=r"with layers of \(256, 256\); got .* with layers of \(16, 16\)"):
+        begin(work, preset("iros24"), tmp_path / "tuned", start=first)
+    assert not (tmp_path / "tuned").exists()
+
+
 @pytest.mark.slow
 def test_going_on_is_exact_in_the_real_environment(tmp_path):
     """Physics begins anew with every episode, so nothing of an earlier one is missed."""

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skincal import compiling
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
 from skincal.model.indenters.indenter import ClosedForm, Indenter
@@ -35,7 +34,7 @@ def routine() -> Any:
     if _routine is None:
         from skincal.model.press import compiled
 
-        _routine = compiled.Routine(compiling.on_compile)
+        _routine = compiled.Routine()
     return _routine
 
 
@@ -112,51 +111,6 @@ def press(
             at[k:end],
         )
     return loads, info
-
-
-def press_slopes(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: ClosedForm,
-    contacts: Contacts,
-    law: StressLaw | None,
-    motions: FloatArray,
-    fields: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Loads (K, J) [N] and their derivatives: see :func:`skincal.model.derivatives.load_derivatives`.
-
-    Args:
-        patch: see :func:`press`, as the following.
-        elasticity_pa_per_m: the same.
-        indenter: a closed form.
-        contacts: see :func:`press`, as the following.
-        law: the same.
-        motions: (K, M, 6) of the indenter.
-        fields: (G, 6, N) of the patch's points.
-
-    Returns:
-        Loads, derivatives by the logarithm of the force (K, J), by motions (K, M, J) and by fields (K, G, J); NaN
-        where a contact is not known.
-    """
-    _, info = press(patch, elasticity_pa_per_m, indenter, contacts, law)
-    entries = Entries.of(info)
-    loads, info = press(patch, elasticity_pa_per_m, indenter, contacts, law, entries)
-    tiled = patch.tiled
-    rows, turned, force = _rows(contacts)
-    how = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
-    taxels = loads.shape[1]
-    by_force, by_motion, by_field = (
-        np.zeros((len(contacts), *shape, taxels)) for shape in ((), motions.shape[1:2], fields.shape[:1])
-    )
-    routine().slopes(
-        tiled.points, tiled.taxel, indenter.kind, indenter.radius_m, rows, turned, force, elasticity_pa_per_m,
-        *how, info[:, 0].copy(), np.append(entries.begin, len(entries.points)), entries.points,
-        np.array(motions, dtype=np.float64), np.ascontiguousarray(fields[:, :, tiled.index]),
-        by_force, by_motion, by_field,
-    )  # fmt: skip
-    for found in (by_force, by_motion, by_field):
-        found[np.isnan(info[:, 0])] = np.nan
-    return loads, by_force, by_motion, by_field
 
 
 def count_places(contacts: Contacts) -> int:

@@ -17,8 +17,7 @@ from skincal.model.press.meet import FAR, ROUNDING, Frame
 from skincal.model.press.routine import (
     Ground,
     Told,
-    depth_of,
-    finish,
+    carry,
     frame_of,
     guess,
     largest,
@@ -407,9 +406,8 @@ def press_cast(  # noqa: D417
             found[0, i] -= first
         most = largest(force, info, own[0], own[1]) / elasticity
         start = max(limits[p] - first, 0.0)
-        deepest = depth_of(found[0], found[1], count, most, start, exponent, reference)
-        again[p] = first + deepest > limits[p]
-        limits[p] = first + deepest
-        if again[p]:
-            continue
-        finish(ground, scratch, count, deepest, most, law, through, own, force, told)
+        level = carry(
+            ground, scratch, count, first, start, limits[p], most, law, through, own, force, told
+        )  # fmt: skip
+        again[p] = level > limits[p]
+        limits[p] = level

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-import numba
-from numba.core import event, types
+from numba.core import types
 
-from skincal.model.press import balance, casting, routine, slopes
-from skincal.model.press.jit import SETTINGS, stamp
+from skincal.model.press import balance, casting, routine
+from skincal.model.press.jit import SETTINGS, cached, stamp, telling
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
 _F3, _S2 = types.float64[:, :, ::1], types.float32[:, ::1]
@@ -31,10 +29,6 @@ SIGNATURES: dict[str, tuple[Any, Any]] = {
         types.Tuple((_I1, _S2, _S2))(
             _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _F2, _F, _FLAGS, _R1, _F, _F, _I1
         ),
-    ),
-    "slopes": (
-        slopes.slopes,
-        types.void(_F2, _I1, _I, _F, *_PLACES, *_LAW, _F1, _I1, _I1, _F3, _F3, _F2, _F3, _F3),
     ),
     "press_cast": (
         casting.press_cast,
@@ -67,45 +61,16 @@ class Routine:
 
     The cache lies beside the sources, or in the user's cache folder where that cannot be written to, or in
     ``NUMBA_CACHE_DIR``. Where there is no place at all, every process compiles for itself.
-
-    Args:
-        on_compile: called once before something is compiled.
     """
-
-    def __init__(self, on_compile: Callable[[], None] | None) -> None:
-        self._listener = _Listener(on_compile)
 
     def __getattr__(self, name: str) -> Any:
         if name not in SIGNATURES:
             raise AttributeError(name)
-        install: Any = event.install_listener  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
-        with install("numba:compile", self._listener):
-            entry = _compile(name, *SIGNATURES[name])
+        with telling():
+            function, signature = SIGNATURES[name]
+            # numba knows only whether the file with the entry point has changed: the name says the rest.
+            entry = cached(
+                getattr(function, "py_func", function), f"{name}_{stamp()[:16]}", SETTINGS, signature
+            )
         setattr(self, name, entry)
         return entry
-
-
-def _compile(name: str, function: Any, signature: Any) -> Any:
-    function = getattr(function, "py_func", function)
-    # Part of the name of the cache file: numba knows only whether the file with the entry point has changed.
-    function.__qualname__ = f"{name}_{stamp()[:16]}"
-    try:
-        return numba.njit(signature, cache=True, **SETTINGS)(function)
-    except RuntimeError:  # no folder to cache in
-        return numba.njit(signature, **SETTINGS)(function)
-
-
-class _Listener(event.Listener):
-    """Says once that something is compiled."""
-
-    def __init__(self, on_compile: Callable[[], None] | None) -> None:
-        self._say = on_compile
-
-    def on_start(self, event: Any) -> None:
-        """See :class:`numba.core.event.Listener`."""
-        if self._say is not None:
-            self._say()
-            self._say = None
-
-    def on_end(self, event: Any) -> None:
-        """See :class:`numba.core.event.Listener`."""

@@ -156,20 +156,12 @@ def guess(
     depth = (load + moment) / carried
     count = 0
     for b in range(tiles):
-        if middle[b] <= first + depth and weight[b] > 0:
+        # Under a law the level may lie deeper than that: as many tiles as there are may take part.
+        if weight[b] > 0 and (exponent != 1.0 or middle[b] <= first + depth):
             gap[count] = middle[b] - first
             area[count] = weight[b]
             count += 1
-    depth = linear_depth(gap, area, count, load, depth)
-    if exponent != 1.0:
-        # Deeper or less deep: as many tiles as there are may take part.
-        count = 0
-        for b in range(tiles):
-            if weight[b] > 0:
-                gap[count] = middle[b] - first
-                area[count] = weight[b]
-                count += 1
-        depth = power_depth(gap, area, count, load, depth, exponent, reference)
+    depth = depth_of(gap, area, count, load, depth, exponent, reference)
     return first + depth, first
 
 
@@ -353,27 +345,36 @@ def settle(
 
 
 @device
-def finish(
+def carry(
     ground: Ground,
     scratch: Scratch,
     count: int,
-    deepest: float,
+    first: float,
+    start: float,
+    limit: float,
     most: float,
     law: Law,
     through: float,
     samples: tuple[int, int],
     force: FloatArray,
     told: Told,
-) -> None:
-    """Settle every force of a place; the largest over E is ``most``, its depth ``deepest``. See :func:`settle`."""
-    for s in range(samples[0], samples[1]):
-        if told.info[s, 6] != PRESSES:
-            continue
-        load = force[s] / law[0]
-        depth = deepest
-        if load != most:
-            depth = depth_of(scratch.found[0], scratch.found[1], count, load, depth, law[1], law[2])
-        settle(ground, scratch, count, depth, load, law, through, told, s)
+) -> float:
+    """The level of the largest force of a place [m]; every force is settled if points were looked at as far as that.
+
+    Beyond what :func:`settle` takes: the smallest distance, where the depth is thought to lie and how far points were
+    looked at [m]; the largest force over E [m³]; first and last sample of the place, and the forces of all [N].
+    """
+    deepest = depth_of(scratch.found[0], scratch.found[1], count, most, start, law[1], law[2])
+    if first + deepest <= limit:
+        for s in range(samples[0], samples[1]):
+            if told.info[s, 6] != PRESSES:
+                continue
+            load = force[s] / law[0]
+            depth = deepest
+            if load != most:
+                depth = depth_of(scratch.found[0], scratch.found[1], count, load, depth, law[1], law[2])
+            settle(ground, scratch, count, depth, load, law, through, told, s)
+    return first + deepest
 
 
 @device
@@ -511,8 +512,6 @@ def press(
         most = largest(force, info, own[0], own[1]) / elasticity
         level, first = guess(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
         limit = first + AHEAD * (level - first) if level < math.inf else math.inf
-        count = 0
-        deepest = 0.0
         while True:
             need = 0
             for b in range(count_tiles):
@@ -524,19 +523,16 @@ def press(
                 kind, size, frame, origin, points, begin, each, limit,
                 found[0], found[1], found[2], scratch.which[0], scratch.active,
             )  # fmt: skip
-            if first >= FAR:
-                count = 0
-                if limit == math.inf:
+            if first < FAR:
+                start = max(min(level, limit) - first, 0.0)
+                level = carry(
+                    ground, scratch, count, first, start, limit, most, law, through, own, force, told
+                )
+                if level <= limit:
                     break
+                limit = level
+            elif limit < math.inf:
                 limit = math.inf
-                continue
-            start = max(min(level, limit) - first, 0.0)
-            deepest = depth_of(found[0], found[1], count, most, start, exponent, reference)
-            level = first + deepest
-            if level <= limit:
+            else:
+                untouched(points, frame, axis, own, info)
                 break
-            limit = level
-        if count == 0:
-            untouched(points, frame, axis, own, info)
-            continue
-        finish(ground, scratch, count, deepest, most, law, through, own, force, told)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +23,7 @@ class Cylinder(Surface):
     """
 
     radius_m: float
+    is_uniform: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius_m", positive("cylinder radius_m", self.radius_m))
@@ -30,6 +32,21 @@ class Cylinder(Surface):
     def depth_m(self) -> float:
         """See :attr:`Surface.depth_m`: to the axis."""
         return self.radius_m
+
+    @property
+    def arc_radius_m(self) -> float:
+        """See :attr:`Surface.arc_radius_m`: the cylinder's own."""
+        return self.radius_m
+
+    def arc_radius_at(self, pose: SensorPose) -> float:
+        """See :meth:`Surface.arc_radius_at`."""
+        del pose
+        return self.radius_m
+
+    def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`Surface.unrolled`; arcs within half a turn of beta = 0."""
+        points = as_floats(points_m)
+        return self.radius_m * self._beta(points), points[:, 1]
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Lay points of the patch on the cylinder; exact, as a cylinder can be unrolled. See :meth:`Surface.wrap`."""

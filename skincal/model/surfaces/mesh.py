@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
-from trimesh import triangles
 
 from skincal.model.arrays import FloatArray, IntArray, floats, positive
 from skincal.model.contact import contact_rotations
@@ -141,6 +140,8 @@ class MeshSurface(Surface):
 
     def _nearest(self, points_m: ArrayLike) -> Stand:
         """Nearest points of the mesh, their outward normals, and no heading; NaN for points with NaN."""
+        from trimesh import triangles  # half a second, which only meshes need
+
         points = floats("points_m", points_m, (None, 3), finite=False)
         nearest, normals = np.full(points.shape, np.nan), np.full(points.shape, np.nan)
         known = np.flatnonzero(np.isfinite(points).all(axis=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +15,17 @@ from skincal.model.surfaces.surface import SensorPose, Surface, turned
 @dataclass(frozen=True)
 class Plane(Surface):
     """The plane z = 0 with outward normal +z, without an edge."""
+
+    is_uniform: ClassVar[bool] = True
+
+    def arc_radius_at(self, pose: SensorPose) -> None:
+        """See :meth:`Surface.arc_radius_at`: positions across are x."""
+        del pose
+
+    def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`Surface.unrolled`."""
+        points = as_floats(points_m)
+        return points[:, 0], points[:, 1]
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Lay points of the patch on the plane. See :meth:`Surface.wrap`."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,12 +34,44 @@ class SensorPose:
                 raise ValueError(f"pose {name}: expected a finite number; got {getattr(self, name)!r}")
 
 
+_ON_AXIS_M = 1e-4
+"""A patch that lies nearer to the axis is turned as if it lay this far from it."""
+
+
 class Surface(ABC):
     """The fingertip's surface at rest. Add a kind with one file beside this one.
 
     Points and normals are in the fingertip frame: origin on the axis, +y along it to the tip, +z out of the
     surface where beta = 0, x = y × z.
     """
+
+    is_uniform: ClassVar[bool] = False
+    """Whether it is the same everywhere, so that it can be unrolled and moving the patch is moving the presses."""
+
+    @property
+    def arc_radius_m(self) -> float | None:
+        """R of arc = R beta [m], where it is the same at every pose; None on a plane, where positions across are x."""
+        return None
+
+    def arc_radius_at(self, pose: SensorPose) -> float | None:
+        """R of arc = R beta at the patch's centre [m], its distance from the axis; None on a plane."""
+        centre = self.wrap(replace(pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
+        return float(np.hypot(centre[0], centre[2]))
+
+    def moved_pose(self, pose: SensorPose, across_m: float) -> SensorPose:
+        """A pose moved along growing beta, on a plane along x, by a length [m]."""
+        radius = self.arc_radius_at(pose)
+        if radius is None:
+            return replace(pose, x_m=pose.x_m + across_m)
+        return replace(pose, beta_rad=pose.beta_rad + across_m / max(radius, _ON_AXIS_M))
+
+    def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Positions across, (K,) arcs from beta = 0 (on a plane x), and along, (K,) y, of points (K, 3) [m].
+
+        Raises:
+            TypeError: the surface is not uniform: it cannot be unrolled as a whole.
+        """
+        raise TypeError(f"{type(self).__name__}: expected a surface that is the same everywhere")
 
     @property
     def depth_m(self) -> float:

@@ -1,0 +1,193 @@
+"""What a text file is that cannot be read with the given layout, and the lines of ``[csv]`` that read it."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from skincal.bounded import UnreadableError, parse_csv
+from skincal.dataset.findings import Findings
+from skincal.imports.frame_text import NUMBER, PAIR, blocks_of
+from skincal.imports.mapping import CsvFormat
+from skincal.imports.text_table import TextTable, text_lines
+
+MOST_LINES: Final = 4000
+"""Number of lines that are looked at."""
+
+LONGEST_LINE: Final = 200
+"""Number of characters of a line above the blocks that are looked at."""
+
+MOST_BEFORE: Final = 200
+"""Number of lines in which a header is looked for."""
+
+SHAPE: Final = re.compile(r"^\W*(?:shape\b\W*)?\d+\s*[x×,;\s]\s*\d+\W*$", re.IGNORECASE)
+DELIMITERS: Final = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"', "whitespace": '"whitespace"'}
+
+RATE: Final = re.compile(
+    rf"(seconds?_per_frame|frame_?interval|period|frame_?rate|sampling_?rate|rate|frequency|fps)(?:\W*(?:s|hz)\b)?"
+    rf"\W+({NUMBER})",
+    re.IGNORECASE,
+)
+"""The rate of frames in a header."""
+
+ROW_NAMES: Final = ("row", "r", "i")
+COLUMN_NAMES: Final = ("col", "column", "c", "j")
+TAXEL_NAMES: Final = ("taxel", "sensor", "channel", "index", "id")
+
+
+def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
+    """Return the layout to set for a file that cannot be read as a table; '' if unknown.
+
+    Args:
+        path: the file.
+        form: the layout with which it was read.
+        wanted: columns that a mapping needs.
+    """
+    plain = replace(form, skip_rows=0, skip_after_header=0, comment="")
+    lines = text_lines(path, plain, Findings(), blank=True)
+    filled = [(number, line) for number, line in lines or [] if line.strip()][:MOST_LINES]
+    if not filled:
+        return ""
+    counted = bool(wanted) and all(name.isascii() and name.isdigit() for name in wanted)
+    return (
+        _shape_line(filled, form, counted=counted)
+        or _labelled(filled)
+        or _other_header(filled, form, wanted)
+        or _blocks([item for item in lines or [] if item[0] <= filled[-1][0]], plain)
+        or (_headerless(filled, form, wanted) if counted else _lists(filled, form) or _long(filled, form))
+    )
+
+
+def units_row(table: TextTable, numbers: Sequence[str]) -> str:
+    """Return the advice for a table whose first row holds units or other words; '' if it does not."""
+    words = [table.text(name)[:4] for name in numbers if table.text(name).dtype == object]
+    if not words or not all(
+        len(cells) > 1 and not _number(cells[0]) and all(_number(cell) for cell in cells[1:])
+        for cells in words
+    ):
+        return ""
+    shown = ", ".join(str(cells[0]) for cells in words[:4])
+    return f"The line below the header holds words ({shown}): set skip_after_header = 1 in [csv]."
+
+
+def _number(cell: str) -> bool:
+    return cell == "" or bool(re.fullmatch(NUMBER, cell.replace(",", ".")))
+
+
+def _shape_line(filled: Sequence[tuple[int, str]], form: CsvFormat, *, counted: bool) -> str:
+    (number, line), more = filled[0], len(filled) > 1
+    alone = (more and len(line.split()) < len(filled[1][1].split())) or len(line) < len(filled[1][1])
+    if not (SHAPE.match(line) and counted and alone and (form.header or form.skip_rows < number)):
+        return ""
+    return (
+        f'Line {number} gives the shape of flat frames ("{line.strip()}"): set skip_rows = {number} and '
+        "header = false in [csv]; without stamps, rate_hz too."
+    )
+
+
+def _labelled(filled: Sequence[tuple[int, str]]) -> str:
+    paired = sum(len(PAIR.findall(line)) >= 2 for _, line in filled)
+    if paired > 0.8 * len(filled):
+        return 'Its lines are pairs of name and value: set layout = "labelled" in [csv].'
+    return ""
+
+
+def _cells(line: str, mark: str) -> list[str]:
+    try:
+        cells = line.split() if mark == "whitespace" else parse_csv(line, mark)[0]
+    except (UnreadableError, IndexError):
+        return []
+    return [cell.strip() for cell in cells]
+
+
+def _other_header(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequence[str]) -> str:
+    """Return the advice for a header in another line, or with another delimiter."""
+    if not form.header:
+        return ""
+    for number, line in filled[:MOST_BEFORE]:
+        for mark, shown in DELIMITERS.items():
+            if set(wanted) <= set(_cells(line, mark)):
+                found = [f"skip_rows = {number - 1}"] if number - 1 != form.skip_rows else []
+                found += [f"delimiter = {shown}"] if mark != form.delimiter else []
+                return (
+                    f"Its columns are named in line {number}: set {' and '.join(found)} in [csv]."
+                    if found
+                    else ""
+                )
+    return ""
+
+
+def _headerless(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequence[str]) -> str:
+    """Return the advice for rows of numbers without names, whose columns the mapping counts."""
+    most = max(int(name) for name in wanted)
+    number, line = filled[min(form.skip_rows, len(filled) - 1)]
+    mark = next((m for m in (form.delimiter, *DELIMITERS) if len(_cells(line, m)) >= most), None)
+    if mark is not None and all(_number(cell) for cell in _cells(line, mark)):
+        found = ["header = false"] if form.header else []
+        found += [f"delimiter = {DELIMITERS[mark]}"] if mark != form.delimiter else []
+        return (
+            f"Line {number} holds {len(_cells(line, mark))} numbers: set {' and '.join(found)} in [csv]."
+            if found
+            else ""
+        )
+    width = next((len(_cells(line, m)) for m in DELIMITERS if len(_cells(line, m)) > 1), 1)
+    if 1 < width < most and most % width == 0:
+        return (
+            f"Its lines hold {width} numbers, and the mapping counts {most} taxels: if {most // width} lines are a "
+            f'frame, set layout = "blocks" and block_rows = {most // width} in [csv].'
+        )
+    return ""
+
+
+def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:
+    blocks = blocks_of(lines, form)
+    sizes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
+    if not sizes:
+        return ""
+    (rows, cells), count = sizes.most_common(1)[0]
+    if count < 3 or rows < 2 or count <= 0.8 * len(blocks):
+        return ""
+    head = " ".join(line[:LONGEST_LINE] for number, line in lines if number < blocks[0].line)
+    found = RATE.search(head)
+    value = float(found[2]) if found else 0.0
+    rate = "rate_hz gives the frames per second"
+    if found and value > 0:
+        hertz = 1 / value if re.search("second|interval|period", found[1], re.IGNORECASE) else value
+        rate = f"rate_hz = {hertz:g} (its header says {found[0].strip()})"
+    return (
+        f"It holds blocks of {rows} rows of {cells} cells, one per frame, from line {blocks[0].line} on: set "
+        f'layout = "blocks" in [csv]; taxels are then the columns "1" to "{rows * cells}". Without stamps, {rate}.'
+    )
+
+
+def _lists(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
+    """Return the advice for columns whose cells are lists."""
+    rows = [_cells(line, form.delimiter) for _, line in filled[form.skip_rows : form.skip_rows + 2]]
+    if not form.header or len(rows) < 2 or len(rows[0]) != len(rows[1]):
+        return ""
+    named = [name for name, cell in zip(*rows, strict=True) if re.match(r"\[.*\]$", cell)]
+    if not named:
+        return ""
+    return f'The column "{named[0]}" holds lists: its elements are the columns "{named[0]}[0]", "{named[0]}[1]", ….'
+
+
+def _long(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
+    """Return the advice for a table with one row per taxel."""
+    names = {
+        name.lower(): name for name in _cells(filled[min(form.skip_rows, len(filled) - 1)][1], form.delimiter)
+    }
+    first = next((names[name] for name in (*ROW_NAMES, *TAXEL_NAMES) if name in names), None)
+    if first is None or len(names) > 12:
+        return ""
+    second = next((names[name] for name in COLUMN_NAMES if name in names and names[name] != first), None)
+    if second is None and first.lower() in ROW_NAMES:
+        return ""
+    keys = f'"{first}"' + (f', "{second}"' if second else "")
+    return (
+        f"It seems to hold one row per taxel ({keys}), and a row has to be a sample: bring it into that form, with "
+        f"pandas by table.pivot(index=..., columns=[{keys}], values=...)."
+    )

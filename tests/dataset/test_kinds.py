@@ -1,0 +1,51 @@
+"""Every kind of surface and indenter that a file may name has a model, and the compiled routine knows its form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skincal.dataset import IndenterSpec, SurfaceSpec
+from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
+from skincal.dataset.model_objects import indenter_of, surface_of
+from skincal.model import ClosedForm, SensorPose
+from skincal.model.press.meet import meet_point
+
+# A tetrahedron that stands on its tip at the origin: closed, as an indenter is.
+MESH = b"OFF\n4 4 0\n0 0 0\n-1 -1 2\n2 -1 2\n-1 2 2\n3 0 1 2\n3 0 2 3\n3 0 3 1\n3 1 3 2\n"
+
+
+def _given(kind: Kind) -> dict[str, object]:
+    return {"radius_m": 0.006 if kind.radius else None, "file": "shape.off" if kind.mesh else None}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_is_made_and_says_what_it_is(name: str) -> None:
+    spec = SurfaceSpec(name, **_given(SURFACES[name]))
+    surface = surface_of(spec, {"shape.off": MESH})
+    assert spec.across == ("x_m" if spec.is_plane else "beta_deg")
+    points = np.array([[1e-3, 0.0235, 0.0], [0.0, 0.024, 0.006]])
+    if not surface.is_uniform:
+        with pytest.raises(TypeError, match="the same everywhere"):
+            surface.unrolled(points)
+        return
+    # Arcs and y are those by which points are offset, and a pose moves by arcs.
+    pose = SensorPose(0.0235, 0.0)
+    moved = surface.moved_pose(pose, 2e-3)
+    here, there = (surface.wrap(p, np.zeros((1, 2)))[0] for p in (pose, moved))
+    np.testing.assert_allclose(surface.offset(here, 2e-3, 0.0), there, atol=1e-12)
+    assert surface.unrolled(there)[0] - surface.unrolled(here)[0] == pytest.approx(2e-3)
+    radius = surface.arc_radius_m
+    assert radius == surface.arc_radius_at(pose)
+    assert (radius is None) == spec.is_plane
+
+
+@pytest.mark.parametrize("name", INDENTERS)
+def test_an_indenter_is_made_and_its_compiled_form_is_its_own(name: str) -> None:
+    indenter = indenter_of(IndenterSpec(name, **_given(INDENTERS[name])), {"shape.off": MESH})
+    if not isinstance(indenter, ClosedForm):
+        return
+    frame = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    for x in (0.0, 1e-3, 4e-3):
+        met, _ = meet_point(indenter.kind, indenter.radius_m, frame, x, 0.0, 0.0)
+        assert met == pytest.approx(indenter.cast([[x, 0.0, 0.0]], [0.0, 0.0, 1.0]).distance_m[0], abs=1e-12)
