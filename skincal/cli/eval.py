@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -229,8 +229,9 @@ def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges
     """Ranges of a file, or of a calibration with its cloud of draws where it has one."""
     from skincal.envs.needed import check_ranges, ranges_for
 
+    kind: Literal["marble", "bolt"] = "bolt" if task is Task.bolt else "marble"  # pellets are small spheres
     if calibration is None:
-        return None if ranges is None else ranges_for(task.value, ranges)
+        return None if ranges is None else ranges_for(kind, ranges)
     from skincal.calibration import read_calibration
     from skincal.cli.common import warn
     from skincal.ranges import from_calibration
@@ -238,7 +239,7 @@ def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges
     known = read_calibration(calibration)
     found = from_calibration(known, joint=known.draws is not None)
     warn((*known.warnings, *found.warnings))
-    check_ranges(found, task.value, str(calibration))
+    check_ranges(found, kind, str(calibration))
     return found
 
 
