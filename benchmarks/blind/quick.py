@@ -1,7 +1,7 @@
 """A session diagnosed in this process, from the engine's own fit of the base model instead of ``skincal fit``.
 
-A search for the pose on a grid takes minutes of a session whose diagnosis takes seconds, and a diagnosis needs no more of
-a calibration than a place to begin.
+A search for the pose on a grid takes minutes of a session whose diagnosis takes seconds, and a diagnosis needs no more
+of a calibration than a place to begin.
 """
 
 from __future__ import annotations
