@@ -193,10 +193,11 @@ class Search:
         tried = self._round(less, others)
         own = max((t.gain for t in tried if t.name == old.name), default=0.0)
         best = self._best(less, [t for t in tried if t.good and t.gain > own])
-        if best is not None and best[0].name not in [n.name for n in others]:
-            if Score(self.score(best[1]) - self.score(fit)).total > 0:
-                return best[1], [best[0] if n is old else n for n in named]
-        return fit, named
+        if best is None or best[0].name in [n.name for n in others]:
+            return fit, named
+        if Score(self.score(best[1]) - self.score(fit)).total <= 0:
+            return fit, named
+        return best[1], [best[0] if n is old else n for n in named]
 
     # ------------------------------------------------------------------ a round
 
