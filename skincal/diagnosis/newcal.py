@@ -13,6 +13,7 @@ from skincal.calibration.parts import LAW, REST, FittedLaw, Loss
 from skincal.calibration.skin import effect_from
 from skincal.dataset import Dataset, active_taxels
 from skincal.diagnosis.observed import Observed
+from skincal.fitting.fit_options import FitOptions
 from skincal.inference.columns import with_values
 from skincal.inference.contact_law import law_ends, law_of
 from skincal.inference.fit import NB, Fitted, Fitter
@@ -23,6 +24,8 @@ from skincal.version import __version__
 GLITCH, UNKNOWN = "looks like a glitch", "no known place or force, or nothing of its hold was read"
 """Why a press was not used."""
 _WIDTH, _DRAWS = 1.96, 2000
+LEVEL = FitOptions().level
+"""What intervals of the base are worth: as much as those of a fit."""
 OUTDATED = (
     "misfit",
     "bad_presses",
@@ -130,7 +133,8 @@ def new_calibration(
     dataset, fitter = observed.dataset, observed.fitter
     drawn = base_draws(fitter, fit, covariance, rng)
     intervals: dict[str, Interval] = {
-        k: (float(np.quantile(v, 0.025)), float(np.quantile(v, 0.975))) for k, v in drawn.items()
+        k: (float(np.quantile(v, 0.5 - LEVEL / 2)), float(np.quantile(v, 0.5 + LEVEL / 2)))
+        for k, v in drawn.items()
     }
     if REST in calibration.intervals:
         intervals[REST] = calibration.intervals[REST]

@@ -18,6 +18,7 @@ from skincal.diagnosis.newcal import effect_intervals, new_calibration
 from skincal.diagnosis.next_presses import MOST, next_presses
 from skincal.diagnosis.observed import Observed, observe
 from skincal.diagnosis.session_findings import findings_of
+from skincal.diagnosis.shared_errors import covariance
 from skincal.diagnosis.spells import find_spells
 from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
@@ -109,8 +110,9 @@ def diagnose(
         wild = wild_presses(whole, ready)
         last_fitter = without_presses(whole, wild)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
+        wide = covariance(dataset, last_fitter, last)
         final = new_calibration(
-            calibration, observed, last, last.covariance, drawn, wild, unexplained=unexplained, law=law
+            calibration, observed, last, wide, drawn, wild, unexplained=unexplained, law=law
         )
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
@@ -212,5 +214,6 @@ def refitted_effects(
         # They have drawn sensor, places and effects after them: again without them.
         fitter = without_presses(fitter, wild)
         last = fitter.solve(state, tuple(free), steps=C.last_steps)
-    made = new_calibration(both, observed, last, last.covariance, drawn, wild, unexplained=False, law=law)
+    wide = covariance(dataset, fitter, last)
+    made = new_calibration(both, observed, last, wide, drawn, wild, unexplained=False, law=law)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)
