@@ -54,8 +54,9 @@ def covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
 def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, FloatArray]:
     """Columns (K, J, m) of a smooth error of positions, at one standard deviation, and what a pose is worth (2,) [m].
 
-    A pose is that of the mean error, which is another for contacts of other forces, or of another sample. The size is that of the smooth part of how far presses have moved. What of that is a turn of the patch is the
-    angle's; the other parts say how large it may be.
+    A pose is that of the mean error, which is another for contacts of other forces, or of another sample. The size is
+    that of the smooth part of how far presses have moved. What of that is a turn of the patch is the angle's; the other
+    parts say how large it may be.
     """
     presses, moves = dataset.presses, fit.state.move[:, :2]
     pose, surface = replace(fit.state.pose, alpha_rad=0.0), fitter.forward.surface
