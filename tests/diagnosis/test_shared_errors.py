@@ -30,19 +30,25 @@ def plain() -> Calibration:
     return refitted(session(LOOP))
 
 
-def test_smooth_errors_of_positions_widen_the_angle(plain: Calibration):
+def off(data: Dataset, error_m: np.ndarray) -> Dataset:
+    """The session with positions of presses (P, 2) off by so much, across and along."""
+    presses, frames = data.presses, data.frames
+    assert frames is not None
+    row = np.searchsorted(presses.press, np.maximum(frames.press, presses.press[0]))
+    moved = data.surface().offset(presses.position_m, *error_m.T)
+    of_frames = data.surface().offset(frames.position_m, *error_m[row].T)
+    return replace(
+        data, presses=replace(presses, position_m=moved), frames=replace(frames, position_m=of_frames)
+    )
+
+
+def test_smooth_errors_of_positions_widen_the_angle():
     data = session(LOOP)
-    assert data.frames is not None
-    middle = float(data.presses.position_m[:, 1].mean())
-
-    def bent(places: np.ndarray) -> np.ndarray:
-        along = np.nan_to_num(places[:, 1] - middle)
-        return data.surface().offset(places, 0.1 * along, -0.06 * along)
-
-    presses = replace(data.presses, position_m=bent(data.presses.position_m))
-    frames = replace(data.frames, position_m=bent(data.frames.position_m))
-    found = refitted(replace(data, presses=presses, frames=frames))
-    assert width(found, ANGLE) > 1.5 * width(plain, ANGLE)
+    along = data.presses.position_m[:, 1] - data.presses.position_m[:, 1].mean()
+    smooth = np.outer(along, [0.1, -0.06])
+    chance = np.random.default_rng(1).permutation(smooth)
+    found = refitted(off(data, smooth))
+    assert width(found, ANGLE) > 1.15 * width(refitted(off(data, chance)), ANGLE)
     low, high = found.intervals[ANGLE]
     assert low <= calibration().model.alpha_deg <= high
 
