@@ -17,7 +17,7 @@ PRESSES, SERIES = "presses", "series"
 """Meaning of a row of the source: a whole press, or one sample of a time series."""
 
 _KINDS: Final = {
-    **{name: column.quantity for name, column in COLUMNS.items()},
+    **{name: column.quantity for name, column in COLUMNS.items() if column.quantity != units.NONE},
     **dict.fromkeys(POSITION, units.LENGTH),
     "force_n": units.FORCE,
     **dict.fromkeys((*TIMES, "time_s"), units.TIME),

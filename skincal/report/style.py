@@ -158,7 +158,7 @@ def png_bytes(figure: Figure) -> bytes:
     with style():
         # Laid out by itself: `savefig` would draw all of it for that, and then again.
         layout = figure.get_layout_engine()
-        if layout is not None:
+        if layout is not None and figure.axes:
             figure.set_dpi(DPI)
             layout.execute(figure)
             figure.set_layout_engine("none")

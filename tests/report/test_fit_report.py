@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from skincal.calibration import Calibration, Effect, Loss, ModelParameters, Provenance
+from skincal.calibration import Calibration, Effect, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
     DatasetMeta,
@@ -294,7 +294,10 @@ def test_what_needs_attention_comes_with_advice(
     )
     intervals = {**result.intervals, "elasticity_pa_per_m": (-np.inf, np.inf)}
     changed = replace(result, findings=findings, intervals=intervals, law_spread_m=0.0)
-    page = words_of(changed, dataset, calibration, tmp_path, monkeypatch)
+    told = replace(
+        calibration, findings=tuple(Finding(f.code, f.severity, f.text, f.advice) for f in findings)
+    )
+    page = words_of(changed, dataset, told, tmp_path, monkeypatch)
     assert "One thing needs attention" in page.text
     assert page.text.index("E & <alpha>.") < page.text.index("A note."), "warnings come first"
     assert "Press <b> a<b>c elsewhere." in page.text, "backticks become code, markup does not work"
