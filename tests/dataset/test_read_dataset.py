@@ -75,17 +75,17 @@ def by_hand(folder: Path, presses: str, frames: str | None = None, description: 
 
 def test_the_least_that_a_dataset_is(tmp_path: Path) -> None:
     by_hand(
-        tmp_path, "press,x_m,y_m,z_m,force_n,taxel_0_0,taxel_0_1\n3,,,,100,-3.5,1000\n4,,,,100,900,1400\n"
+        tmp_path, "press,x_m,y_m,z_m,force_n,taxel_0_0,taxel_0_1\n3,,,,100,-3.5,1000\n4,,,,100,9,1400\n"
     )
     dataset = read_dataset(tmp_path)
-    assert not dataset.warnings
+    assert [warning.got for warning in dataset.warnings] == ["at most one in any press"]
     sensor = dataset.meta.sensor
     assert (sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline) == (None, None, False, "raw")
     assert dataset.meta.assumed == ()
     assert dataset.meta.clock is None
     assert dataset.meta.created == datetime(2026, 11, 20, 12, tzinfo=UTC)
     assert dataset.presses.press.tolist() == [3, 4]
-    assert dataset.presses.counts.tolist() == [[-3.5, 1000.0], [900.0, 1400.0]]
+    assert dataset.presses.counts.tolist() == [[-3.5, 1000.0], [9.0, 1400.0]]
     assert np.isnan(dataset.presses.position_m).all()
     assert dataset.frames is None
     assert isinstance(dataset.surface(), Plane)
