@@ -78,6 +78,7 @@ APART = [
 """Read in a process of its own, as the library may crash; so here."""
 
 
+@pytest.mark.filterwarnings("ignore:Generating overly large repr")
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))

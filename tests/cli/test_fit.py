@@ -130,7 +130,7 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
 ) -> None:
     def fails(*_: object, checkpoint: Path, **__: object) -> None:
         checkpoint.mkdir()
-        (checkpoint / "turn-009.tmp").write_bytes(b"cut sho")
+        (checkpoint / ".turn-009.npz.part").write_bytes(b"cut sho")
         for turn in range(turns):
             (checkpoint / f"turn-{turn:03d}.npz").write_bytes(b"")
         raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "cal"))

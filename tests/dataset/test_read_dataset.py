@@ -74,9 +74,7 @@ def by_hand(folder: Path, presses: str, frames: str | None = None, description: 
 
 
 def test_the_least_that_a_dataset_is(tmp_path: Path) -> None:
-    by_hand(
-        tmp_path, "press,x_m,y_m,z_m,force_n,taxel_0_0,taxel_0_1\n3,,,,100,-3.5,1000\n4,,,,100,9,1400\n"
-    )
+    by_hand(tmp_path, "press,x_m,y_m,z_m,force_n,taxel_0_0,taxel_0_1\n3,,,,100,-3.5,1000\n4,,,,100,9,1400\n")
     dataset = read_dataset(tmp_path)
     assert [warning.got for warning in dataset.warnings] == ["at most one in any press"]
     sensor = dataset.meta.sensor
