@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import hypothesis
 import numpy as np
 import pytest
+from commands import Run, captured
 
 from skincal.dataset import (
     Dataset,
@@ -116,3 +118,9 @@ def shared() -> Path:
     if path is None:
         pytest.skip("no folder of practice data beside the project")
     return path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs a command; returns its exit status, standard output and standard error."""
+    return partial(captured, capsys)
