@@ -19,7 +19,6 @@ from sphinx.environment import BuildEnvironment
 from sphinx.util.docutils import SphinxDirective
 
 from skincal.effects import COVARIATES, EFFECTS, Effect, EffectParameter
-from skincal.effects.samples import DERIVED
 
 MADE = Path("_build", "made", "effects")
 
@@ -52,7 +51,7 @@ def _row(p: EffectParameter) -> str:
 
 def _recorded(effect: Effect) -> list[str]:
     """Covariates of an effect that a dataset records, not those that are worked out of others."""
-    return [name for name in effect.all_covariates if name not in DERIVED]
+    return [name for name in effect.all_covariates if COVARIATES[name].cure]
 
 
 class OneEffect(SphinxDirective):
@@ -63,7 +62,7 @@ class OneEffect(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """The text."""
         effect = EFFECTS[self.arguments[0]]
-        needs = ", ".join(f"`{COVARIATES[name]}`" for name in _recorded(effect)) or "none"
+        needs = ", ".join(f"`{COVARIATES[name].attribute}`" for name in _recorded(effect)) or "none"
         lines = [
             f"*{effect.meaning[0].upper()}{effect.meaning[1:]}.*",
             "",
