@@ -70,7 +70,7 @@ class FittedLaw:
 
     Attributes:
         law: the best values.
-        intervals: low and high of each of :data:`LAW`.
+        intervals: low and high of each number of the law, by name.
     """
 
     law: ContactLaw

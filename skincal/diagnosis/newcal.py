@@ -124,7 +124,7 @@ def new_calibration(
         calibration: that it comes from.
         observed: the session.
         fit: of base and effects to all presses.
-        covariance: of its numbers (:meth:`skincal.inference.fit.Fitter.covariance`).
+        covariance: of its numbers (:func:`skincal.diagnosis.shared_errors.covariance`).
         rng: of the draws.
         wild: rows of presses that were left out, as their images are out of all proportion.
         unexplained: whether something is left that no effect explains.

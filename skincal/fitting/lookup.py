@@ -37,7 +37,7 @@ def compiled(function: _Function) -> _Function:
 
 
 def inlined(function: _Function) -> _Function:
-    """Compile a function into those that call it, Python never: see :func:`skincal.model.press.jit.device`."""
+    """Compile a function into those that call it, Python never, as device functions of the model."""
     return cast(_Function, numba.njit(**_INLINED)(function))
 
 
