@@ -52,7 +52,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.counts,
         kinds,
         idle_means(dataset),
-        _joints(presses),
+        joint_angles(presses),
     )
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
@@ -69,7 +69,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     return replace(problem, contacts=contacts)
 
 
-def _joints(presses: Presses) -> Floats | None:
+def joint_angles(presses: Presses) -> Floats | None:
     """Joint angles (K, Q) in the holds [rad]; None where the session has none."""
     names = takewhile(lambda name: presses.column(name) is not None, (f"q_{i}" for i in count()))
     angles = [np.asarray(presses.column(name), dtype=np.float64) for name in names]

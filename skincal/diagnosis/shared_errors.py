@@ -8,10 +8,10 @@ they are put in at the end, as columns beside those that were fitted.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import count, takewhile
 
 import numpy as np
 
+from skincal.calibrate.problem import joint_angles
 from skincal.dataset import Dataset
 from skincal.effects import effect
 from skincal.fitting.posterior import GAIN_SIGMA
@@ -63,9 +63,8 @@ def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, F
     step = 1e-4
     points, _ = surface.wrap(pose, np.array([[0.0, 0.0], [step, 0.0], [0.0, step]]))
     places = (presses.position_m - points[0]) @ ((points[1:] - points[0]) / step).T
-    names = takewhile(lambda name: presses.column(name) is not None, (f"q_{i}" for i in count()))
-    joints = [np.asarray(presses.column(name), dtype=np.float64) for name in names]
-    posture = np.stack(joints, axis=1) if joints else np.zeros((len(places), 0))
+    joints = joint_angles(presses)
+    posture = np.zeros((len(places), 0)) if joints is None else joints
     rows = np.unique(fitter.press[fitter.press >= 0])
     rows = rows[np.isfinite(places[rows]).all(axis=1) & (rows < len(moves))]
     shape = fit.seen.values.shape
