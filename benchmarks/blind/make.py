@@ -31,7 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--suite", default="one", help="part of the session's name and seed (default one)")
     add("--effect", action="append", default=[], choices=list(EFFECTS), help="to hide; may come twice")
     add("--g", action="append", default=[], type=float, help="strength of each effect (default 0.5)")
-    add("--law", choices=LAWS, default="layer", help="of the contact (default layer)")
+    add("--law", choices=(*LAWS, "half_space"), default="layer", help="of the contact (default layer)")
     add("--protocol", choices=PROTOCOLS, default="full", help="default full")
     add("--seed", type=int, default=0)
     add("--open", action="store_true", help="write the label for everyone to read")

@@ -11,8 +11,10 @@ Record = dict[str, Any]
 
 _ROWS: Sequence[tuple[str, str, str, str]] = (
     ("none", "nothing hidden, elastic layer", "false alarms", "false_alarms"),
+    ("none", "", "an effect named", "wrong_names"),
     ("none", "", "an effect scores, p ≤ 0.01", "scores"),
     ("decoy", "decoys", "false alarms", "false_alarms"),
+    ("decoy", "", "an effect named", "wrong_names"),
     ("decoy", "", "an effect scores, p ≤ 0.01", "scores"),
     ("one", "one effect", "right class, g ≥ 0.4", "right_class_strong"),
     ("one", "", "right class, g 0.2 to 0.4", "right_class_weak"),
@@ -27,6 +29,19 @@ _ROWS: Sequence[tuple[str, str, str, str]] = (
     ("outside", "", "confidently wrong", "confidently_wrong"),
     ("poor", "poor data", "abstains or names the class", "abstains_or_names_the_class"),
     ("robust", "faults of sensor or rig", "as expected", "as_expected"),
+    *(
+        row
+        for suite, name in (
+            ("rest", "rest anywhere, coarse counts, noise that grows"),
+            ("third", "half space"),
+        )
+        for row in (
+            (suite, name, "an effect named, nothing hidden", "wrong_names"),
+            (suite, "", "unknown, nothing hidden", "unknown_though_empty"),
+            (suite, "", "right class, g ≥ 0.4", "right_class_strong"),
+            (suite, "", "right class, g 0.2 to 0.4", "right_class_weak"),
+        )
+    ),
 )
 
 

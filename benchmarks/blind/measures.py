@@ -67,14 +67,20 @@ def summary(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
 
 
 def _quiet(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
-    alarms = share((o.verdict != "none" for o in outcomes), at_most=0.05, also_wrong=len(failed))
+    names = share(bool(o.named) for o in outcomes)
+    alarms = share((o.verdict != "none" for o in outcomes), at_most=0.02, also_wrong=len(failed))
     kinds = sorted({str(o.label["decoy"]) for o in outcomes if o.label["decoy"]})
     by_kind = {
         kind: share(o.verdict != "none" for o in outcomes if o.label["decoy"] == kind) for kind in kinds
     }
     named = Counter(name for o in outcomes for name in (o.names or ([o.verdict] * (o.verdict != "none"))))
     scores = share(o.best_p <= SIGNIFICANT for o in outcomes)
-    found: Record = {"false_alarms": alarms, "scores": scores, "named": dict(named.most_common())}
+    found: Record = {
+        "false_alarms": alarms,
+        "wrong_names": names,
+        "scores": scores,
+        "named": dict(named.most_common()),
+    }
     return found | ({"by_kind": by_kind} if by_kind else {})
 
 
@@ -93,7 +99,7 @@ def _one(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     can_tell = [o for o in naming if o.hidden[0] not in o.cannot_see and len(o.named[0].consistent_with) == 1]
     return {
         "right_class_strong": share((o.right_class() for o in strong), at_least=0.95, also_wrong=lost_strong),
-        "right_class_weak": share((o.right_class() for o in weak), at_least=0.8, also_wrong=lost_weak),
+        "right_class_weak": share((o.right_class() for o in weak), at_least=0.85, also_wrong=lost_weak),
         "exact_name_where_it_can_be_told": share(
             (o.names[0] == o.hidden[0] for o in can_tell), at_least=0.85
         ),
@@ -117,7 +123,7 @@ def _one(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
 def _two(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     found = [sum(o.found(name) for name in o.hidden) for o in outcomes]
     return {
-        "both": share((n == 2 for n in found), at_least=0.7, also_wrong=len(failed)),
+        "both": share((n == 2 for n in found), at_least=0.8, also_wrong=len(failed)),
         "at_least_one": share((n >= 1 for n in found), at_least=0.95, also_wrong=len(failed)),
         "spurious_third": share((len(o.named) > 2 for o in outcomes), at_most=0.05, also_wrong=len(failed)),
         "any_wrong_name": share(bool(o.wrong()) for o in outcomes),
@@ -134,10 +140,10 @@ def _two(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
 
 def _outside(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     return {
-        "unknown": share((o.verdict == "unknown" for o in outcomes), at_least=0.8, also_wrong=len(failed)),
+        "unknown": share((o.verdict == "unknown" for o in outcomes), at_least=0.88, also_wrong=len(failed)),
         "confidently_wrong": share(
             (o.verdict == "effects" and not o.unexplained for o in outcomes),
-            at_most=0.1,
+            at_most=0.02,
             also_wrong=len(failed),
         ),
         "named_but_unexplained": share(o.verdict == "effects" and o.unexplained for o in outcomes),
@@ -173,6 +179,20 @@ def _robust(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     return {"as_expected": share(map(fine, outcomes), also_wrong=len(failed)), "by_kind": by_kind}
 
 
+def _mixed(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
+    """Sessions with nothing hidden and with one effect, in one suite."""
+    empty = [o for o in outcomes if not o.hidden]
+    strong = [o for o in outcomes if o.hidden and o.g >= _EDGE * STRONG_G]
+    weak = [o for o in outcomes if o.hidden and _EDGE * WEAK_G <= o.g < _EDGE * STRONG_G]
+    return {
+        "wrong_names": share((bool(o.named) for o in empty), at_most=0.02),
+        "unknown_though_empty": share(o.verdict == "unknown" for o in empty),
+        "right_class_strong": share((o.right_class() for o in strong), at_least=0.95, also_wrong=len(failed)),
+        "right_class_weak": share((o.right_class() for o in weak), at_least=0.85),
+        "named": dict(Counter(name for o in empty for name in o.names).most_common()),
+    }
+
+
 _SUITES: dict[str, Callable[[Sequence[Outcome], Sequence[Record]], Record]] = {
     "none": _quiet,
     "decoy": _quiet,
@@ -181,6 +201,8 @@ _SUITES: dict[str, Callable[[Sequence[Outcome], Sequence[Record]], Record]] = {
     "outside": _outside,
     "poor": _poor,
     "robust": _robust,
+    "rest": _mixed,
+    "third": _mixed,
 }
 
 
@@ -220,8 +242,8 @@ def gap_closed(outcomes: Sequence[Outcome]) -> Record:
     low, middle = np.quantile(parts, [0.1, 0.5])
     return {
         "of": len(parts),
-        "median": bounded(float(middle), at_least=0.9),
-        "percentile_10": bounded(float(low), at_least=0.7),
+        "median": bounded(float(middle), at_least=0.92),
+        "percentile_10": bounded(float(low), at_least=0.75),
     }
 
 

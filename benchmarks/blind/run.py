@@ -1,6 +1,6 @@
 """Runs the blind test: makes each session, fits it, diagnoses it, and keeps what ``skincal diagnose`` said.
 
-    python -m benchmarks.blind run --out DIR                        # all 644 sessions, hours
+    python -m benchmarks.blind run --out DIR                        # all sessions, hours
     python -m benchmarks.blind run --out DIR --suite none,decoy --limit 5
     python -m benchmarks.blind run --out DIR --quick                # without the grid of a fit: a fifth of the time
 

@@ -10,6 +10,8 @@ poor       60 static sessions and such in raster order, with and without an effe
 robust     36 glitches with an effect, taxels that jump together, taxels that die half-way
 rest       88 sensors that rest between 8 and 60 counts and clip nowhere, count in steps of 1 to 8, with noise that
               may grow: a quarter with nothing hidden, one effect in the others
+third      44 half spaces by the package ContactMechanics (`pip install ContactMechanics`), a law that nothing here
+              knows: half with nothing hidden, one effect in the others
 ======== ==== =====================================================================================================
 
 The classes are those of what a user would look for next: the *memory* of the skin, *drift* over the session, what
@@ -138,6 +140,12 @@ def _rest(rng: np.random.Generator, seed: int) -> list[Spec]:
     ]
 
 
+def _third(rng: np.random.Generator, seed: int) -> list[Spec]:
+    wanted = [((name, float(rng.choice(STRENGTHS[2:]))),) for name in EFFECTS]
+    hidden = [effect for k in rng.permutation(len(wanted)) for effect in ((), wanted[k])]
+    return [Spec("third", number, seed, law="half_space", effects=e) for number, e in enumerate(hidden)]
+
+
 SUITES: Mapping[str, Callable[[np.random.Generator, int], list[Spec]]] = {
     "none": _none,
     "decoy": _decoy,
@@ -147,6 +155,7 @@ SUITES: Mapping[str, Callable[[np.random.Generator, int], list[Spec]]] = {
     "poor": _poor,
     "robust": _robust,
     "rest": _rest,
+    "third": _third,
 }
 
 SIZES: Mapping[str, int] = {suite: len(specs(suite, 0)) for suite in SUITES}

@@ -18,6 +18,7 @@ from numba import njit
 
 from skincal.model import (
     Contacts,
+    FlatPunch,
     Indenter,
     Patch,
     Skin,
@@ -33,6 +34,8 @@ NODES = 22
 """Values of F / E in a table, even in the square root."""
 STEP_M = 2.5e-4
 """How far the places of the lattice lie apart [m]."""
+_FLAT_M = 1e-6
+"""A patch is flat if its points leave a plane by no more [m]."""
 _LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
 
 
@@ -127,6 +130,15 @@ def press_table(
         lattice: whether slopes by the place are wanted.
     """
     most = presses.most_n / elasticity_pa_per_m
+    if _covers(indenters, patch, presses):
+        own = weights.T @ patch.areas_m2 if weights is not None else _by_taxel(patch)
+        even = (
+            most[:, None, None]
+            * ((np.arange(NODES) / (NODES - 1)) ** 2)[:, None]
+            * own
+            / patch.areas_m2.sum()
+        )
+        return PressTable(np.stack([even, *[np.zeros_like(even)] * (5 if lattice else 0)]), most)
     places = _LATTICE if lattice else _LATTICE[:1]
     stack = [
         presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1)))
@@ -145,6 +157,26 @@ def press_table(
         (n + s - 2 * c) / (2 * h * h),
     ]
     return PressTable(np.stack([*terms, (ne - e - n + c) / (h * h)]), most)
+
+
+def _covers(indenters: tuple[Indenter, ...], patch: Patch, presses: Presses) -> bool:
+    """Return whether every press is a flat punch over all of a flat patch: then the load is even, by any law."""
+    if not len(presses.normals) or not all(isinstance(one, FlatPunch) for one in indenters):
+        return False
+    radius = np.array([one.radius_m for one in indenters if isinstance(one, FlatPunch)])[presses.indenter]
+    up = patch.normals[0]
+    flat = np.ptp(patch.points_m @ up) < _FLAT_M and (patch.normals @ up > 1 - 1e-9).all()
+    if not flat or not (presses.normals @ up > 1 - 1e-9).all():
+        return False
+    middle = (patch.points_m.min(axis=0) + patch.points_m.max(axis=0)) / 2
+    reach = np.linalg.norm(patch.points_m - middle, axis=1).max() + 2 * STEP_M
+    return bool((np.linalg.norm(presses.points_m - middle, axis=1) + reach <= radius).all())
+
+
+def _by_taxel(patch: Patch) -> FloatArray:
+    """(J,) area of each taxel's points [m²]."""
+    on = patch.taxel >= 0
+    return np.bincount(patch.taxel[on], patch.areas_m2[on], patch.layout.taxels)
 
 
 def _loads(

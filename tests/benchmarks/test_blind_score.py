@@ -77,7 +77,7 @@ def test_a_perfect_diagnosis_reaches_everything():
     assert suites["seconds"]["wall_median"] == 10
     text = as_markdown(suites)
     assert "**no**" not in text
-    assert "| two effects | both | 100 % (60 of 60) | 94 to 100 % | ≥ 70 % | yes |" in text
+    assert "| two effects | both | 100 % (60 of 60) | 94 to 100 % | ≥ 80 % | yes |" in text
 
 
 def test_a_silent_diagnosis_finds_nothing_and_alarms_nobody():

@@ -17,6 +17,7 @@ from benchmarks.blind.truth.catalogue import EFFECTS
 from benchmarks.blind.truth.chain import counts, read, shown
 from benchmarks.blind.truth.contact import SPACING_M, Foundation, Hardening, Layer
 from benchmarks.blind.truth.decoys import DECOYS
+from benchmarks.blind.truth.half_space import HalfSpace
 from benchmarks.blind.truth.images import ContactKind, ImageStore
 from benchmarks.blind.truth.outside import OUTSIDE
 from benchmarks.blind.truth.protocol import make_plan
@@ -95,6 +96,15 @@ def test_layer_gives_way_beside_the_contact(layer):
     at = np.sqrt(4.0 / E_PA_PER_M)
     deeper = np.interp(at, own.root, own.depth_m) / np.interp(at, foundation.root, foundation.depth_m)
     assert 0.9 < deeper < 1.6 and abs(deeper - 1) > 0.02
+
+
+def test_half_space_is_that_of_hertz():
+    pytest.importorskip("ContactMechanics", reason="pip install ContactMechanics")
+    law, radius = HalfSpace(), 2e-3
+    fields = law.fields(radius, 4e-9, None)
+    hertz = (4 / 3) * law.depth_m * np.sqrt(radius) * fields.depth_m[8:] ** 1.5
+    share = fields.root[8:] ** 2 / hertz
+    assert np.all((share > 0.88) & (share < 1.02))  # the finger is curved, and cells are coarse
 
 
 def test_thin_compressible_layer_is_a_foundation():

@@ -7,7 +7,17 @@ import pytest
 from effects.effect_sessions import FINGER, LAYOUT
 
 from skincal.inference.press_table import Presses, press_table
-from skincal.model import Contacts, FlatPunch, Patch, SensorPose, Skin, SkinParameters, Sphere, StressLaw
+from skincal.model import (
+    Contacts,
+    FlatPunch,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    SkinParameters,
+    Sphere,
+    StressLaw,
+)
 
 PATCH = Patch.build(
     FINGER, LAYOUT, SensorPose(y_m=0.0235, alpha_rad=0.05, beta_rad=0.02), 3.5e-4, 6e-3, "gauss"
@@ -48,3 +58,17 @@ def test_a_small_move_is_in_the_table():
     assert np.abs(E * table.at(np.arange(12), force / E, move) - want).max() < 0.005 * want.max()
     none = E * table.at(np.arange(12), force / E)
     assert np.abs(none - want).max() > 0.02 * want.max()
+
+
+@pytest.mark.parametrize("law", [None, StressLaw(1.2, 5e-4)])
+def test_even_pressure_needs_no_casting(law: StressLaw | None):
+    patch = Patch.build(Plane(), LAYOUT, SensorPose(y_m=0.0, alpha_rad=0.1), 3.5e-4, 6e-3, "gauss")
+    force, up = np.linspace(0.5, 4.0, 5), np.tile([0.0, 0.0, 1.0], (5, 1))
+    given = Presses(np.zeros((5, 3)), up, np.zeros(5, dtype=np.int64), np.full(5, 5.0))
+    table = press_table(patch, Plane(), (FlatPunch(0.05),), given, E, law)
+    want = Skin(patch, SkinParameters(E, 1.0), law=law).loads(
+        FlatPunch(0.05), Contacts(given.points_m, up, force)
+    )
+    got = E * table.at(np.arange(5), force / E, np.full((5, 2), 2e-4))
+    assert np.abs(got - want).max() < 1e-9 * want.max()
+    assert not np.any(table.terms[1:])

@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.blind.truth.contact import Foundation, Hardening, Law, Layer
-from benchmarks.blind.truth.images import ContactKind, ImageStore
+from benchmarks.blind.truth.contact import Foundation, Hardening, Layer
+from benchmarks.blind.truth.half_space import HalfSpace
+from benchmarks.blind.truth.images import ContactKind, ImageStore, Law
 from benchmarks.blind.truth.rig import FINGER_RADIUS_M, SPHERES_M, Floats, Ints, centres_m
 
 LARGEST_N, ALIKE_N = 8.0, 2.5
 LAWS = ("foundation", "layer")
+"""Of the suites but `third`, whose law is ``half_space``."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def image_store(law: Law, elasticity_pa_per_m: float) -> ImageStore:
 
 
 def draw_body(rng: np.random.Generator, law: str) -> Body:
-    """A body; ``law`` is ``foundation`` or ``layer``."""
+    """A body; ``law`` is ``foundation``, ``layer`` or ``half_space``."""
     elasticity = float(np.exp(rng.uniform(*np.log([2.4e8, 8e8]))))
     return Body(
         y_m=rng.uniform(22e-3, 25e-3),
@@ -138,9 +140,11 @@ def draw_body(rng: np.random.Generator, law: str) -> Body:
 
 
 def _draw_law(rng: np.random.Generator, law: str) -> Law:
-    """A foundation; or a layer, thin and compressible to nearly a half space, half of them under a coat."""
+    """A foundation, a half space, or a layer, thin and compressible to thick, half of the thick under a coat."""
     if law == "foundation":
         return Foundation()
+    if law == "half_space":
+        return HalfSpace()
     if rng.uniform() < 0.5:
         return Layer(rng.uniform(1e-3, 2.5e-3), rng.uniform(0.3, 0.48))
     return Layer(rng.uniform(3e-3, 8e-3), rng.uniform(0.42, 0.48), coat=rng.uniform(0.0, 0.6))

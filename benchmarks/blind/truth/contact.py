@@ -236,6 +236,3 @@ def _unfolded(quadrant: Floats) -> Floats:
     whole[middle : middle + reach, middle : middle + reach] = part
     half = whole + whole[::-1]
     return half + half[:, ::-1]
-
-
-Law = Foundation | Layer

@@ -14,7 +14,8 @@ from scipy import fft
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import map_coordinates, spline_filter
 
-from benchmarks.blind.truth.contact import SIDE, SPACING_M, Fields, Foundation, Hardening, Law
+from benchmarks.blind.truth.contact import SIDE, SPACING_M, Fields, Foundation, Hardening, Layer
+from benchmarks.blind.truth.half_space import HalfSpace
 from benchmarks.blind.truth.rig import SPHERES_M, TAXEL_M, Floats
 
 _LEVELS = 40
@@ -78,6 +79,9 @@ class Images:
         where = [np.minimum(level[near], _LEVELS - 1.0), *(p[near] for p in places)]
         found[near] = map_coordinates(coefficients, where, order=3, mode="mirror", prefilter=False)
         return np.maximum(found, 0.0)
+
+
+Law = Foundation | Layer | HalfSpace
 
 
 class ImageStore:

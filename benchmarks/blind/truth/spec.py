@@ -13,7 +13,7 @@ class Spec:
         suite: which part of the test it belongs to.
         number: within the suite.
         seed: of the test; session and seed together say everything.
-        law: ``foundation`` or ``layer``.
+        law: ``foundation``, ``layer`` or ``half_space``.
         protocol: ``full``, ``raster`` or ``static``.
         effects: names of the catalogue with the strength g that is wanted.
         outside: kind and g of an effect that the catalogue does not have.
