@@ -176,7 +176,7 @@ def _covers(indenters: tuple[Indenter, ...], patch: Patch, presses: Presses) -> 
 def _by_taxel(patch: Patch) -> FloatArray:
     """(J,) area of each taxel's points [m²]."""
     on = patch.taxel >= 0
-    return np.bincount(patch.taxel[on], patch.areas_m2[on], patch.layout.taxels)
+    return np.bincount(patch.taxel[on], patch.areas_m2[on], patch.layout.taxels).astype(np.float64)
 
 
 def _loads(
