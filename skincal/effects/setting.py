@@ -56,21 +56,12 @@ class Setting:
         return ((square > 0) & ~between.any(axis=-1)).astype(np.float64)
 
     @cached_property
-    def same_row(self) -> FloatArray:
-        """Indicator (J, J): one for two different taxels of one row, else zero."""
-        row = np.arange(self.taxels) // self.patch.layout.cols
-        return (row[:, None] == row) - np.eye(self.taxels)
-
-    @cached_property
-    def same_column(self) -> FloatArray:
-        """Indicator (J, J): one for two different taxels of one column, else zero."""
-        col = np.arange(self.taxels) % self.patch.layout.cols
-        return (col[:, None] == col) - np.eye(self.taxels)
-
-    @cached_property
-    def elsewhere(self) -> FloatArray:
-        """Indicator (J, J): one for two taxels that share neither row nor column, else zero."""
-        return 1.0 - np.eye(self.taxels) - self.same_row - self.same_column
+    def wires(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Indicators (J, J), one for two different taxels that share their row, their column, or neither."""
+        own = np.eye(self.taxels)
+        row, col = np.divmod(np.arange(self.taxels), self.patch.layout.cols)
+        same_row, same_column = (row[:, None] == row) - own, (col[:, None] == col) - own
+        return same_row, same_column, 1.0 - own - same_row - same_column
 
     def moved(self, samples: Samples, across_m: FloatArray, along_m: FloatArray) -> Samples:
         """Return samples with contacts moved over the surface; a free object moves along without turning.

@@ -40,7 +40,8 @@ BALL = Sphere(0.006)
 PUBLIC = {
     "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",
     "InputEffect", "LawEffect", "MemoryEffect", "Samples", "Setting", "SignalEffect", "SkinStream", "SpreadEffect",
-    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before",
+    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before", "start",
+    "start",
 }  # fmt: skip
 
 
@@ -138,13 +139,6 @@ def test_a_stream_remembers_over_a_sample_without_a_place(name: str):
     steps = np.vstack([stream.step(lost[k : k + 1]) for k in range(len(lost))])
     assert np.isnan(steps).any()
     np.testing.assert_allclose(steps, skin.values(lost), rtol=0, atol=1e-9)
-
-
-def test_a_stream_takes_loads_that_are_known_already():
-    skin = BASE.with_effects({"creep": {"amplitude": 0.3}, "taxel_offset": {"offset_counts": 2.0}})
-    stream, loads = SkinStream(skin), BASE.contact(SHORT).loads_n
-    steps = np.vstack([stream.step_loads(loads[k : k + 1], SHORT[k : k + 1]) for k in range(len(SHORT))])
-    np.testing.assert_allclose(steps, skin.values(SHORT), rtol=0, atol=1e-9)
 
 
 def test_a_stream_does_not_go_back_in_time():
