@@ -41,7 +41,6 @@ PUBLIC = {
     "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",
     "InputEffect", "LawEffect", "MemoryEffect", "Samples", "Setting", "SignalEffect", "SkinStream", "SpreadEffect",
     "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before", "start",
-    "start",
 }  # fmt: skip
 
 
