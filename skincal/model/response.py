@@ -23,6 +23,9 @@ _INVALID = {
     ),
 }
 
+_FIRST_INVALID = int(min(_INVALID))
+"""A plain number: numpy compares with members of an enumeration slowly."""
+
 
 class InvalidPressError(InputError, ValueError):
     """A press that the model has no answer for."""
@@ -61,10 +64,11 @@ def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: 
     Raises:
         InvalidPressError: one of the presses has such a status.
     """
-    if info[:, 6].max(initial=0.0) < Status.FINER_THAN_POINTS:
+    found = info[:, 6]
+    if not len(found) or found.max() < _FIRST_INVALID:
         return
     for status in statuses:
-        bad = np.flatnonzero(info[:, 6] == status)
+        bad = np.flatnonzero(found == status)
         if len(bad):
             k = bad[0]
             expected, fix = _INVALID[status]

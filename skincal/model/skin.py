@@ -146,4 +146,6 @@ class Skin:
         return self._spread(loads, indenter, contacts)
 
     def _spread(self, loads: FloatArray, indenter: Indenter, contacts: Contacts) -> FloatArray:
-        return loads if self.spreading is None else self.pressures(indenter, contacts).loads(self.spreading)
+        if self.contact is None or self.spreading is None:
+            return loads
+        return self.pressures(indenter, contacts).loads(self.spreading)

@@ -64,7 +64,8 @@ def press(
     tiled, compiled = patch.tiled, _routine or routine()
     loads, info = np.zeros((count, patch.layout.taxels)), np.zeros((count, INFO))
     where = _rows(contacts)
-    how = (elasticity_pa_per_m, *((1.0, 1.0) if law is None else (law.exponent, law.reference_m)))
+    exponent, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
+    how = elasticity_pa_per_m, exponent, reference
     told = (np.zeros(count, dtype=np.int64), *_NOTHING) if entries is None else entries
     through = min(indenter.depth_m, patch.depth_m)
     ground = tiled.points, tiled.taxel, tiled.border
