@@ -149,15 +149,6 @@ def test_a_stream_does_not_go_back_in_time():
     stream.step(SHORT[10:11])
 
 
-def test_streams_of_one_skin_do_not_know_of_each_other():
-    skin = skin_with("hysteresis")
-    one, two = SkinStream(skin), SkinStream(skin)
-    for k in range(len(SHORT) // 2):
-        one.step(SHORT[k : k + 1])
-    first = np.vstack([two.step(SHORT[k : k + 1]) for k in range(len(SHORT))])
-    np.testing.assert_allclose(first, skin.values(SHORT), atol=1e-9)
-
-
 def test_effects_that_lack_a_covariate_are_an_error_or_abstain():
     bare = Samples.of(SHORT.contacts, (SHORT.indenters, SHORT.indenter), touching=SHORT.touching)
     given = {n: e.at_strength(1.0, np.random.default_rng(0), LAYOUT) for n, e in EFFECTS.items()}
