@@ -74,13 +74,7 @@ class EffectSkin:
         *,
         missing: Missing = "error",
     ) -> Self:
-        """Return a skin with effects by name.
-
-        Args:
-            skin: the base model.
-            surface: surface that carries the skin.
-            effects: parameters by effect; omitted ones are neutral or default.
-            missing: see the attribute.
+        """Return a skin with effects by name: parameters by effect; omitted ones are neutral or default.
 
         Raises:
             InputError: unknown effects or parameters, or values out of bounds.
@@ -106,10 +100,11 @@ class EffectSkin:
     @cached_property
     def _law_skin(self) -> Skin:
         """The skin with an effect's stress law at the contact."""
-        laws = [
-            a.effect.law(a.values) for a in self.effects if isinstance(a.effect, LawEffect) and not a.neutral
-        ]
-        return replace(self.skin, law=laws[-1]) if laws else self.skin
+        skin = self.skin
+        for a in self.effects:
+            if isinstance(a.effect, LawEffect) and not a.neutral:
+                skin = replace(skin, law=a.effect.law(a.values))
+        return skin
 
     @cached_property
     def _weights(self) -> FloatArray | None:

@@ -101,11 +101,8 @@ def checked(
         InputError: unknown parameters, or values out of bounds.
     """
     known = {parameter.name: parameter for parameter in parameters}
-    problems = [
-        Problem(f"effect {effect}", f"parameters among {', '.join(known)}", f'"{name}"')
-        for name in given
-        if name not in known
-    ]
+    expected = f"parameters among {', '.join(known)}"
+    problems = [Problem(f"effect {effect}", expected, f'"{name}"') for name in given if name not in known]
     arrays: dict[str, FloatArray] = {}
     for name, parameter in known.items():
         array = np.array(given.get(name, parameter.neutral), dtype=np.float64)
@@ -134,10 +131,8 @@ def _problem(effect: str, parameter: EffectParameter, array: FloatArray, taxels:
         return Problem(place, "one number for each hand pose", f"shape {array.shape}")
     inside = (array >= parameter.low) & (array <= parameter.high)
     if not inside.all():
-        worst = array[~inside].ravel()[0] if array.ndim else array
-        return Problem(
-            place, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{float(worst):g}"
-        )
+        expected = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
+        return Problem(place, expected, f"{np.atleast_1d(array)[np.atleast_1d(~inside)][0]:g}")
     return None
 
 

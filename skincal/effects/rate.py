@@ -9,7 +9,7 @@ end of loading: a viscous stiffening may fade in the hold (small T) or last for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from skincal.effects.samples import LOAD, UNKNOWN, Samples
 from skincal.model.arrays import FloatArray
 
 
-@dataclass(frozen=True)
-class _Last:
+class _Last(NamedTuple):
     """The last moment of loading [s], and its press."""
 
     time_s: float

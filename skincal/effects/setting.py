@@ -74,8 +74,8 @@ class Setting:
             along_m: (K,) along +y [m].
         """
         contacts = samples.contacts
-        moves = samples.touching & np.isfinite(contacts.points_m).all(axis=1)
-        moves &= np.isfinite(contacts.normals).all(axis=1) & ((across_m != 0) | (along_m != 0))
+        known = np.isfinite(contacts.points_m).all(axis=1) & np.isfinite(contacts.normals).all(axis=1)
+        moves = samples.touching & known & ((across_m != 0) | (along_m != 0))
         if not moves.any():
             return samples
         old = self.surface.project(contacts.points_m[moves])
@@ -86,7 +86,6 @@ class Setting:
         normals[moves] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         changes = {"points_m": points, "normals": normals}
         if contacts.origins_m is not None:
-            origins = contacts.origins_m.copy()
-            origins[moves] += new - old
-            changes["origins_m"] = origins
+            changes["origins_m"] = contacts.origins_m.copy()
+            changes["origins_m"][moves] += new - old
         return replace(samples, contacts=replace(contacts, **changes))

@@ -1,4 +1,4 @@
-"""Where a search for an effect starts, for files of effects in other packages."""
+"""Starting points of searches, for files of effects in other packages."""
 
 from skincal.effects.parameter import Scene, Start, start
 

@@ -59,7 +59,7 @@ def test_spreading_is_that_of_a_gaussian():
     assert np.sqrt(np.mean((spread - v / 2 * laplace) ** 2)) < 0.2 * np.sqrt(np.mean(spread**2))
 
 
-def test_it_stands_beside_a_cover_that_spreads():
+def test_a_law_adds_to_the_spread_of_a_cover():
     """Both are small: together they change an image by what each changes alone, to first order."""
     samples, covered = Samples.of(CONTACTS, BALL), {"spread": {"width_m": 2e-4}}
 
